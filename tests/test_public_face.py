@@ -1,4 +1,4 @@
-"""The public face is the recorded one: what `docs/versioning.md` promises does not change by accident."""
+"""The public face is the recorded one: what `docs/reference/versions.md` promises does not change by accident."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ The public face is not the recorded one any more:
 
 {lines}
 
-If this was not meant: docs/versioning.md promises these names and signatures. Bring them back, or begin with _ what
-users shall not use. If it was meant: record it with
+If this was not meant: docs/reference/versions.md promises these names and signatures. Bring them back, or begin
+with _ what users shall not use. If it was meant: record it with
 
     python tests/support/record_public_api.py
 
 and commit that with the change and a line in CHANGELOG.md. From 1.0 on, what is taken away or changed has to be
-deprecated first: docs/versioning.md says how."""
+deprecated first: docs/reference/versions.md says how."""
 
 
 @pytest.fixture(scope="module")
@@ -71,5 +71,7 @@ FOR_OTHERS = ["runtime.RosLogger.findCaller", "runtime.MemoryTransport.open"]
 
 
 def test_pages_hide_nothing_and_tell_of_everything() -> None:
-    assert [page.name for page in (ROOT / "docs/api").glob("*.md") if "filters:" in page.read_text("utf-8")] == []
+    assert [
+        page.name for page in (ROOT / "docs/reference/api").glob("*.md") if "filters:" in page.read_text("utf-8")
+    ] == []
     assert sorted(all_untold()) == sorted(FOR_OTHERS)

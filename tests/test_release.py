@@ -56,7 +56,7 @@ def test_the_citation_says_what_the_project_says() -> None:
 @in_a_checkout
 def test_the_supported_cpythons_are_those_that_are_tried() -> None:
     supported = re.findall(r"Python :: (3\.\d+)\"", PROJECT)
-    (told,) = [row[1] for row in rows(ROOT / "docs/versioning.md") if row[0] == "CPython"]
+    (told,) = [row[1] for row in rows(ROOT / "docs/reference/versions.md") if row[0] == "CPython"]
     tried = jobs(ROOT / ".github/workflows/ci.yml")["machines"]["strategy"]["matrix"]["python"]
     assert told.split(", ") == supported and tried == [*supported, "3.14"]
     assert f'requires-python = ">={supported[0]}"' in PROJECT

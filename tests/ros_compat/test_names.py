@@ -1,7 +1,7 @@
 """Our rclpy has the names of the real one, with their kinds, parameters and values; exceptions are listed here.
 
-`tests/support/record_rclpy_names.py` records the real one and describes ours in the same words. docs/rclpy.md has the
-same tables; if it does not, a failed test prints the expected text.
+`tests/support/record_rclpy_names.py` records the real one and describes ours in the same words.
+docs/internals/parity.md has the same tables; if it does not, a failed test prints the expected text.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 from support.program_processes import run
 from support.record_rclpy_names import RECORD
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "rclpy.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "internals" / "parity.md"
 REAL: dict[str, dict[str, Any]] = json.loads(RECORD.read_text(encoding="utf-8"))
 MISSING = {
     "functions of C handles": (

@@ -1,4 +1,4 @@
-"""docs/rclpy.md agrees with `run_rclpy_tests.py` about rclpy's own tests: the counts fit the failures it explains."""
+"""docs/internals/parity.md and `run_rclpy_tests.py` agree about rclpy's own tests: the counts fit the failures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from support.run_rclpy_tests import REASONS
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "rclpy.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "internals" / "parity.md").read_text(encoding="utf-8")
 ROWS = {
     name: (int(passed), int(count), why)
     for name, passed, count, why in re.findall(r"^\| `(test_\w+\.py)` \| (\d+) of (\d+) \|(.*)\|$", PAGE, re.MULTILINE)

@@ -62,7 +62,7 @@ WAITS = re.compile(
 )
 """Notes that commands print on a busy machine while they wait."""
 FIRST_DOMAIN, DOMAINS = 10, 45
-"""Twice as many as `DOMAINS`, and none above 100: no other socket is given their ports (docs/guide/network.md)."""
+"""Twice as many as `DOMAINS`, and none above 100: no other socket is given their ports (docs/howto/network.md)."""
 _LOCAL_ENDPOINTS = ("tcp/127.0.0.1:", "tls/127.0.0.1:", "tcp/localhost:", "tls/localhost:", "tcp/[::1]:")
 _open_session = zenoh.open
 ON_ZENOH = {

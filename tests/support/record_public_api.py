@@ -2,9 +2,9 @@
 
 Run it as ``python tests/support/record_public_api.py``.
 
-`docs/versioning.md` promises not to change it without a word, and `test_public_face.py` compares. It is what the pages
-of `docs/api` show, read by griffe as these pages are made, without importing anything; the fixtures for pytest; and the
-commands with their options. What generated modules have is in `golden/generated`.
+`docs/reference/versions.md` promises not to change it silently, and `test_public_face.py` compares. It is what the
+pages of `docs/reference/api` show, read by griffe as these pages are made, without importing anything; the fixtures
+for pytest; and the commands with their options. What generated modules have is in `golden/generated`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _STATEMENTS = {"__enter__": "with", "__aenter__": "async with", "__iter__": "for
 def face() -> str:
     """The whole record."""
     package = griffe.load(PACKAGE, search_paths=[str(ROOT)], try_relative_path=False)
-    pages = {page.name: page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/api").glob("*.md"))}
+    pages = {page.name: page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/reference/api").glob("*.md"))}
     public = {name.rpartition(".")[2] for text in pages.values() for name, _ in _SHOWN.findall(text)}
     lines = []
     for page, text in pages.items():
-        lines += ["", f"# docs/api/{page}"]
+        lines += ["", f"# docs/reference/api/{page}"]
         for name, options in sorted(_SHOWN.findall(text)):
             settings = (yaml.safe_load(options) or {}).get("options", {})
             lines += _entry(name, _target(package[name]), settings, public)
@@ -53,7 +53,7 @@ def face() -> str:
 def all_untold() -> list[str]:
     """Yield public members of documented classes that have no description."""
     package = griffe.load(PACKAGE, search_paths=[str(ROOT)], try_relative_path=False)
-    pages = [page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/api").glob("*.md"))]
+    pages = [page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/reference/api").glob("*.md"))]
     lines = []
     for name, options in (entry for text in pages for entry in _SHOWN.findall(text)):
         settings = (yaml.safe_load(options) or {}).get("options", {})

@@ -7,8 +7,8 @@ folder, with an empty `__init__.py` (theirs asks for a build). Messages are thos
 `message_fixtures`: of the environment with a real rclpy that other tests made, or of the sources that `--test-msgs`
 names (github.com/ros2/rcl_interfaces, folder test_msgs). Each file has a process of its own, on this machine only.
 Printed are passed of all for each file, and why a test is not; `--failed` also prints what such tests say, `--table`
-the table of docs/rclpy.md. Ends with 1 when a test fails that nobody explained. Nothing is fetched, nothing of theirs
-is kept.
+the table of docs/internals/parity.md. Ends with 1 when a test fails without an explanation. Nothing is fetched,
+nothing of theirs is kept.
 """
 
 from __future__ import annotations

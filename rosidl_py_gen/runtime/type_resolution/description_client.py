@@ -114,7 +114,7 @@ async def request_type_description(
 async def _call_with_retry(
     scope: EntityScope, client: Client[srv.GetTypeDescription_Request, bytes], request: Any, timeout_s: float | None
 ) -> bytes:
-    """Return the first response; Fast DDS drops that to a client that it does not know yet (docs/interop.md)."""
+    """Return the first response; Fast DDS drops it for an unknown client (docs/internals/parity.md)."""
     calls = [asyncio.ensure_future(client.call(request, timeout_s))]
 
     def is_sent() -> bool:

@@ -1,4 +1,4 @@
-"""Access only with certificate or password, by the configurations of docs/guide/zenoh.md.
+"""Access only with certificate or password, by the configurations of docs/howto/zenoh.md.
 
 Everything is on loopback; sessions are plain ones of Zenoh.
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-EXAMPLES = {block.title: block.text for block in blocks(ROOT / "docs/guide/zenoh.md") if block.language == "json5"}
+EXAMPLES = {block.title: block.text for block in blocks(ROOT / "docs/howto/zenoh.md") if block.language == "json5"}
 ROUTER, SESSION = EXAMPLES["router.json5"], EXAMPLES["session.json5"]
 USERS, USER = EXAMPLES["router: what to add below transport"], EXAMPLES["session: what to add below transport"]
 
