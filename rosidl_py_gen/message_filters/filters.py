@@ -10,17 +10,18 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections import deque
-from contextlib import suppress
 from functools import partial
 from math import isfinite
 from types import CoroutineType
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.message_filters.blocking_calls import NoNodeScope
 from rosidl_py_gen.message_filters.header_stamp import StampError, header_stamp
 from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import Clock, Node, QoSProfile
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
 
 DEPTH = 10
 
@@ -56,13 +58,15 @@ class MessageFilter:
         self._waiting: deque[Any] = deque(maxlen=self._depth)
         self._waiters = Waiters()
         self._links: list[Registration] = []
-        self._watch_task: asyncio.Task[None] | None = None
         self._closed = False
         self._clock: Clock | None = None
         self.dropped = 0
         """Number of messages or sets that were dropped from full queues."""
         self._inputs = inputs
-        self._nodes: tuple[Node, ...] = tuple({id(node): node for one in inputs for node in one._nodes}.values())
+        self._nodes: tuple[Node, ...] = ()
+        self._scope: EntityScope | NoNodeScope = NoNodeScope()
+        """Scope of the first node, whose event loop runs the blocking methods."""
+        self._use_nodes(*(node for one in inputs for node in one._nodes))
         if callback is not None:
             self.register_callback(callback)
 
@@ -115,6 +119,7 @@ class MessageFilter:
         Raises:
             WaitTimeoutError: nothing arrived within `timeout_s`.
             ClosedError: the filter or a node that feeds it is closed.
+            CallbackInUseError: the filter has a callback.
         """
         self._require_no_callback()
         if await self._wait(timeout_s):
@@ -123,31 +128,31 @@ class MessageFilter:
             raise ClosedError(f"{self!r} is closed")
         raise WaitTimeoutError(f"{self!r} passed nothing for {timeout_s} s", "; ".join(await self._why_silent()))
 
+    receive_sync = blocking(receive)
+
     async def _why_silent(self) -> list[str]:
         return [reason for one in self._inputs for reason in await one._why_silent()]
 
     async def _wait(self, timeout_s: float | None) -> bool:
         """Return True if a message waits; False after the timeout or when the filter is closed."""
-        if not self._waiting and not self._closed and self._watch_task is None and self._nodes:
-            self._watch_task = asyncio.ensure_future(self._watch())
+        for node in self._nodes:
+            node._scope.loop_binding.adopt_running_loop()
         await self._waiters.wait(lambda: self._waiting or self._closed, timeout_s)
         return bool(self._waiting)
-
-    async def _watch(self) -> None:
-        """Close the filter when a node closes, as nothing else wakes its receivers up."""
-        waits = [asyncio.ensure_future(_wait_node_closed(node)) for node in self._nodes]
-        try:
-            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
-            self.close()
-        finally:
-            for wait in waits:
-                wait.cancel()
 
     def _require_no_callback(self) -> None:
         if len(self._outputs):
             raise CallbackInUseError(f"{self!r} has a callback; its messages cannot be received as well")
 
     # --------------------------------------------------------------------------------------------------------- chains
+
+    def _use_nodes(self, *nodes: Node) -> None:
+        """Set the nodes that feed the filter; it closes with the first one that closes. Raises `ClosedError`."""
+        self._nodes = tuple(dict.fromkeys(nodes))
+        for node in self._nodes:
+            node._scope.register(self)
+        if self._nodes:
+            self._scope = self._nodes[0]._scope
 
     def _use_stamps(
         self, clear: Callable[[], None], allow_headerless: bool = False, clock: Clock | None = None
@@ -180,10 +185,8 @@ class MessageFilter:
         self._closed = True
         for link in self._links:
             link.close()
-        if self._watch_task is not None:
-            with suppress(RuntimeError):  # no running loop
-                if self._watch_task.get_loop() is asyncio.get_running_loop():
-                    self._watch_task.cancel()
+        for node in self._nodes:
+            node._scope.unregister(self)
         self._waiters.wake()
 
     def __repr__(self) -> str:
@@ -213,7 +216,7 @@ class Subscriber(MessageFilter):
         **options: Any,
     ) -> None:
         self._setup(None, DEPTH, ())
-        self._nodes = (node,)
+        self._use_nodes(node)
         self._msg_type = msg_type
         self._has_bytes = bool(options.get("raw"))
         self.subscription = node.create_subscription(msg_type, topic, self.signal_message, qos, **options)
@@ -301,11 +304,6 @@ async def _await_all(coroutines: list[Coroutine[Any, Any, None]], failures: list
     for failure in (*failures, *results):
         if failure is not None:
             raise failure
-
-
-async def _wait_node_closed(node: Node) -> None:
-    async for _ in node.graph_changes():
-        pass
 
 
 def check_filters(name: str, *filters: object) -> tuple[MessageFilter, ...]:

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.message_filters.blocking_calls import NoNodeScope
 from rosidl_py_gen.message_filters.filters import call_all
-from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
+from rosidl_py_gen.runtime import ClosedError, Durability, Duration, QoSProfile
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
 from rosidl_py_gen.tf.frame_tree import FrameTree
 from rosidl_py_gen.tf.frames import FrameInfo, Link
@@ -24,7 +26,7 @@ from rosidl_py_gen.tf.transform import Transform
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime import Node, TimeJump
+    from rosidl_py_gen.runtime import Node, Subscription, TimeJump
 
 DEPTH = 100
 _UNLIMITED_QUEUE = 1 << 31
@@ -35,8 +37,12 @@ T = TypeVar("T")
 class TransformBuffer:
     """Transforms of the last seconds, and the static ones.
 
+    Methods that return at once use the transforms that have arrived. Without a running event loop, as in a script,
+    they first insert the received ones, so a script may also sleep and then look up.
+
     Example:
-        ``buffer = TransformBuffer(node)``, then ``await buffer.wait_for_transform("map", "base_link")``.
+        ``buffer = TransformBuffer(node)``, then ``await buffer.wait_for_transform("map", "base_link")``; in a plain
+        script ``buffer.wait_for_transform_sync("map", "base_link")``.
 
     Args:
         node: subscribes to ``/tf`` and ``/tf_static``; with None, `set_transform` is the only source. If the node's
@@ -50,6 +56,9 @@ class TransformBuffer:
         self._waiters = Waiters()
         self._callbacks: RegistrationSet[Callable[[], Coroutine[Any, Any, None] | None]] = RegistrationSet()
         self._tasks: set[asyncio.Future[None]] = set()  # async callbacks that `set_transform` started
+        self._subscriptions: tuple[Subscription[Any], ...] = ()
+        self._node = node
+        self._scope = NoNodeScope() if node is None else node._scope
         if node is not None:
             self._subscribe(node)
 
@@ -67,10 +76,24 @@ class TransformBuffer:
 
         cls: Any = get_message("tf2_msgs/msg/TFMessage")
         latched = QoSProfile(depth=DEPTH, durability=Durability.TRANSIENT_LOCAL)
-        for topic, is_static, qos in (("/tf", False, DEPTH), ("/tf_static", True, latched)):
-            callback = partial(insert_all, is_static=is_static)
-            node.create_subscription(cls, topic, callback, qos, concurrency=_UNLIMITED_QUEUE)
+        self._subscriptions = tuple(
+            node.create_subscription(
+                cls, topic, partial(insert_all, is_static=is_static), qos, concurrency=_UNLIMITED_QUEUE
+            )
+            for topic, is_static, qos in (("/tf", False, DEPTH), ("/tf_static", True, latched))
+        )
+        node._scope.register(Registration(self._waiters.wake))
         node.clock.create_jump_callback(post=on_time_jump, on_clock_change=True, min_backward=Duration(nanoseconds=-1))
+
+    def _receive(self) -> None:
+        """Insert the received transforms, unless an event loop runs, which inserts them."""
+        for subscription in self._subscriptions:
+            subscription._deliver_without_loop()
+
+    def __repr__(self) -> str:
+        with self._lock:
+            frames = len(self._tree.frames())
+        return f"<TransformBuffer of {frames} frames>"
 
     # ---------------------------------------------------------------------------------------------------- feeding
 
@@ -129,6 +152,7 @@ class TransformBuffer:
                 `TransformError`.
             InvalidTransformError: a frame is empty or begins with ``/``.
         """
+        self._receive()
         with self._lock:
             stamp, translation, rotation = self._tree.lookup(target, source, 0 if time is None else nanoseconds(time))
         return Transform(target, source, stamp, np.array(translation), np.array(rotation))
@@ -140,6 +164,7 @@ class TransformBuffer:
 
         Its stamp is that of `target`. Raises as `lookup_transform`.
         """
+        self._receive()
         with self._lock:
             self._tree.require(target=target, source=source, fixed=fixed)
         before = self.lookup_transform(fixed, source, source_time)
@@ -162,10 +187,13 @@ class TransformBuffer:
         """Wait until `transform` is possible, and return its result.
 
         Raises:
-            TransformTimeoutError: as `wait_for_transform`.
+            ConversionError: the message has no header, or cannot be transformed.
+            TransformTimeoutError, ClosedError: as `wait_for_transform`.
         """
         transform = await self.wait_for_transform(target, *frame_and_stamp(message), timeout_s=timeout_s)
         return transform.transform(message)
+
+    wait_and_transform_sync = blocking(wait_and_transform)
 
     def can_transform(self, target: str, source: str, time: Any = None) -> bool:
         """Return True if `lookup_transform` returns a transform."""
@@ -183,7 +211,9 @@ class TransformBuffer:
         Raises:
             TransformTimeoutError: the transform was not known within `timeout_s`; the text has the last reason.
             InvalidTransformError: a frame is empty or begins with ``/``.
+            ClosedError: the node is closed, also while waiting.
         """
+        scope = None if self._node is None else self._node._scope
         transform: Transform | None = None
         reason = ""
 
@@ -193,14 +223,21 @@ class TransformBuffer:
                 transform = self.lookup_transform(target, source, time)
             except TransformError as error:
                 reason = str(error)
+                if scope is not None and scope.closed:
+                    raise ClosedError(f"node {scope.node_name} of the transform buffer is closed") from error
             return transform is not None
 
+        if scope is not None:
+            scope.loop_binding.adopt_running_loop()
         await self._waiters.wait(has_transform, timeout_s)
         if transform is None:
             raise TransformTimeoutError(f"after {timeout_s:.6g} s: {reason}")
         return transform
 
+    wait_for_transform_sync = blocking(wait_for_transform)
+
     def frames(self) -> dict[str, FrameInfo]:
         """Return all known frames, with parent, times and number of transforms."""
+        self._receive()
         with self._lock:
             return self._tree.frames()

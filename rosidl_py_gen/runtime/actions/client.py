@@ -13,6 +13,7 @@ import uuid
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
+from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
@@ -43,7 +44,6 @@ from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError, ServerLostError, service_endpoint_qos
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError, with_reason
 from rosidl_py_gen.runtime.time.values import Time, read_stamp, timeout_to_ns
 from rosidl_py_gen.runtime.transport.match_cache import MatchCache

@@ -13,6 +13,7 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeVar
 
+from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.waiters import complete_threadsafe, set_result_if_pending
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.entities.flow_control import PendingRequest, RequestFlowControl, RequestTimedOutError
@@ -23,7 +24,6 @@ from rosidl_py_gen.runtime.entities.service_common import (
     ServiceEndpoint,
     incompatible_peer_text,
 )
-from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.timeout_table import TimeoutTable
 from rosidl_py_gen.runtime.time.deadline import Deadline, with_reason
 from rosidl_py_gen.runtime.transport.service_api import NoReply

@@ -10,11 +10,13 @@ drops are logged, unless its depth is 1, which means that only the newest messag
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar
 
+from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.signatures import require_signature
-from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.base.waiters import Waiters, current_loop
 from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.entities.entity_scope import Throttle, entity_repr, pluralize
 from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes
@@ -22,7 +24,6 @@ from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError, Pollable
 from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
-from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.loop.user_functions import require_callable, require_concurrency
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
@@ -274,6 +275,21 @@ class Subscription(PollableEntity, Generic[T]):
         """Call back for the samples that DDS has received, without waiting until the loop reads them."""
         self._reader.fetch()
         self._call_back()
+
+    def _deliver_without_loop(self) -> None:
+        """Call back for the received messages, unless an event loop runs, which does it. Thread: any."""
+        scope = self._scope
+        if self._closed or scope.closed or scope.loop_binding.is_running or not self._is_ready():
+            return
+
+        async def call_back() -> None:
+            self._call_back()
+
+        with suppress(ClosedError):  # by another thread
+            if current_loop() is None:
+                scope.run_blocking(call_back(), self, "callbacks")
+            else:
+                scope.loop_binding.call_in_loop(self._call_back)
 
     def _on_data(self) -> Callable[[], None] | None:
         """Sink of the reader. Thread: loop."""

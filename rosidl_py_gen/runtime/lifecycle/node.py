@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
+from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime.entities.message_types import message_type
 from rosidl_py_gen.runtime.lifecycle.state_machine import LifecycleMachine, LifecyclePublisher
 from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbackReturn
-from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.node.node import Node
 from rosidl_py_gen.runtime.transport.qos import as_profile
 

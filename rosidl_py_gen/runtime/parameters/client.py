@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, overload
 
+from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.msgs.rcl_interfaces.srv import (
@@ -31,7 +32,6 @@ from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
 from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.parameters.batches import read_all
 from rosidl_py_gen.runtime.parameters.files import read_parameter_file
 from rosidl_py_gen.runtime.parameters.messages import (

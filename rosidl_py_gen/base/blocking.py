@@ -14,7 +14,7 @@ R = TypeVar("R")
 
 
 def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Callable[Concatenate[S, P], R]:
-    """Return the blocking form of a method of a class that has an `EntityScope` as ``_scope``.
+    """Return the blocking form of a method of a class whose ``_scope`` has ``run_blocking``, as `EntityScope` has.
 
     It raises `WouldDeadlockError` on the event loop's thread, and else as the method.
     """

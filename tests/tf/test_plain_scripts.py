@@ -1,0 +1,274 @@
+"""Transform buffers and filters in programs without an event loop, and in threads next to one."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from support.node_fixtures import World, python_process, until
+from support.transform_frames import LEVEL, S, filled, message, moved
+
+from rosidl_py_gen import get_message, message_filters, tf
+from rosidl_py_gen.message_filters import ApproximateTimeSynchronizer, Cache, MessageFilter, Subscriber
+from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, WaitTimeoutError, WouldDeadlockError
+from rosidl_py_gen.tf import (
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformBuffer,
+    TransformFilter,
+    TransformTimeoutError,
+    UnknownFrameError,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
+SCRIPT = """
+from rosidl_py_gen.runtime import Node
+from rosidl_py_gen.tf import TransformBuffer
+
+with Node("where_is_the_lidar") as node:
+    buffer = TransformBuffer(node)
+    transform = buffer.wait_for_transform_sync("map", "lidar", timeout_s=20)
+    print(transform.translation)
+"""
+SLEEPING_SCRIPT = """
+import time
+from rosidl_py_gen.runtime import Node
+from rosidl_py_gen.tf import TransformBuffer
+
+with Node("where_is_the_lidar") as node:
+    buffer = TransformBuffer(node)
+    while not buffer.can_transform("map", "lidar"):
+        time.sleep(0.05)
+    print(buffer.lookup_transform("map", "lidar").translation, sorted(buffer.frames()))
+"""
+
+
+@pytest.fixture
+def robot(dds: World) -> Iterator[None]:
+    """A robot on DDS that moves and has a lidar, served by a thread."""
+    node = dds.node("robot")
+    StaticTransformBroadcaster(node).send(Transform("base_link", "lidar", 0, np.array([0.2, 0.0, 0.5]), LEVEL))
+    moving = TransformBroadcaster(node)
+    stop = threading.Event()
+
+    def drive() -> None:
+        while not stop.wait(0.05):
+            moving.send(Transform("map", "base_link", node.clock.now().nanoseconds, np.array([3.0, 1.0, 0.0]), LEVEL))
+
+    driving = threading.Thread(target=drive)
+    driving.start()
+    yield
+    stop.set()
+    driving.join()
+
+
+@pytest.mark.parametrize(
+    ("script", "output"),
+    [
+        (SCRIPT, "[3.2 1.  0.5]\n"),
+        (SLEEPING_SCRIPT, "[3.2 1.  0.5] ['base_link', 'lidar', 'map']\n"),
+    ],
+)
+def test_a_script_of_ten_lines_looks_up_a_transform_of_a_robot(robot: None, script: str, output: str) -> None:
+    with python_process(script) as process:
+        printed, errors = process.communicate(timeout=60)
+    assert (printed, errors, process.returncode) == (output, "", 0)
+
+
+def test_every_awaitable_method_has_a_blocking_form() -> None:
+    found = {
+        f"{owner.__name__}.{name}": hasattr(owner, f"{name}_sync")
+        for module in (tf, message_filters)
+        for owner in vars(module).values()
+        if inspect.isclass(owner)
+        for name, member in inspect.getmembers(owner, inspect.iscoroutinefunction)
+        if not name.startswith("_")
+    }
+    assert {"TransformBuffer.wait_for_transform", "TransformFilter.receive", "Cache.receive"} <= found.keys()
+    assert [name for name, has_blocking_form in found.items() if not has_blocking_form] == []
+
+
+@pytest.mark.every_transport
+def test_a_buffer_waits_without_a_loop(world: World) -> None:
+    robot, viewer = world.pair()
+    buffer = TransformBuffer(viewer)
+    static, moving = StaticTransformBroadcaster(robot), TransformBroadcaster(robot)
+    static.send(moved("base_link", "lidar", x=0.5))
+    assert np.allclose(buffer.wait_for_transform_sync("base_link", "lidar", timeout_s=10).translation, [0.5, 0, 0])
+    moving._publisher.wait_for_subscribers_sync(10)
+    moving.send([moved("map", "base_link", 1, 1), moved("map", "base_link", 3, 3)])
+    point = buffer.wait_and_transform_sync(message("PointStamped", "lidar", 2), "map", timeout_s=10)
+    assert point.header.frame_id == "map" and point.point.x == 2.5
+    with pytest.raises(TransformTimeoutError, match=r'after 0\.05 s: .* "nowhere" is not known'):
+        buffer.wait_for_transform_sync("map", "nowhere", timeout_s=0.05)
+
+
+@pytest.mark.every_transport
+def test_a_script_that_sleeps_finds_what_arrived(world: World) -> None:
+    robot, viewer = world.pair()
+    buffer, moving = TransformBuffer(viewer), TransformBroadcaster(robot)
+    seen: list[float] = []
+    TransformFilter(Subscriber(viewer, PointStamped, "points"), buffer, "map", lambda one: seen.append(one.point.x))
+    points = robot.create_publisher(PointStamped, "points")
+    moving._publisher.wait_for_subscribers_sync(10)
+    points.wait_for_subscribers_sync(10)
+    points.publish(message("PointStamped", "lidar", 1))
+    with pytest.raises(UnknownFrameError):
+        buffer.lookup_transform("map", "lidar")
+    for second in (1, 2):
+        moving.send(moved("map", "lidar", second, second))
+        end_s = time.monotonic() + 10
+        while not buffer.can_transform("map", "lidar", second * S) and time.monotonic() < end_s:
+            time.sleep(0.01)
+        assert buffer.lookup_transform("map", "lidar").translation[0] == second
+    moving.send(moved("map", "camera", 1))
+    while "camera" not in buffer.frames() and time.monotonic() < end_s:
+        time.sleep(0.01)
+    assert buffer.lookup_transform_full("lidar", 2 * S, "camera", 1 * S, "map").translation[0] == -2
+    assert seen == [0]
+
+
+async def test_a_thread_next_to_the_loop_waits_and_the_loop_itself_refuses(memory: World) -> None:
+    robot, viewer = memory.pair()
+    buffer, moving = TransformBuffer(viewer), TransformBroadcaster(robot)
+    pairs = ApproximateTimeSynchronizer([Subscriber(viewer, PointStamped, topic) for topic in "ab"], slop_s=0.1)
+    with pytest.raises(WouldDeadlockError, match=r"wait_for_transform_sync of <TransformBuffer of 0 frames> inside"):
+        buffer.wait_for_transform_sync("map", "lidar")
+    with pytest.raises(WouldDeadlockError, match="wait_and_transform_sync"):
+        buffer.wait_and_transform_sync(PointStamped(), "map")
+    with pytest.raises(WouldDeadlockError, match=r"receive_sync of <ApproximateTimeSynchronizer> inside"):
+        pairs.receive_sync()
+    waiting = asyncio.ensure_future(asyncio.to_thread(buffer.wait_for_transform_sync, "map", "lidar", timeout_s=30))
+    receiving = asyncio.ensure_future(asyncio.to_thread(pairs.receive_sync, 30))
+    await until(lambda: bool(buffer._waiters) and bool(pairs._waiters))
+    moving.send(moved("map", "lidar", 1, 4))
+    for topic in "ab":
+        robot.create_publisher(PointStamped, topic).publish(message("PointStamped", stamp_s=1))
+    assert (await waiting).translation[0] == 4
+    assert len(await receiving) == 2
+
+
+def test_objects_without_a_node_wait_for_other_threads() -> None:
+    buffer, source = TransformBuffer(), MessageFilter()
+    pairs = ApproximateTimeSynchronizer([source], slop_s=1)
+
+    def feed() -> None:
+        while not buffer._waiters:
+            time.sleep(0.01)
+        buffer.set_transform(moved("map", "lidar", 1, 4))
+        while not pairs._waiters:
+            time.sleep(0.01)
+        source.signal_message(message("PointStamped", stamp_s=1))
+
+    feeding = threading.Thread(target=feed)
+    feeding.start()
+    assert buffer.wait_for_transform_sync("map", "lidar", timeout_s=30).translation[0] == 4
+    assert pairs.receive_sync(30).header.stamp.sec == 1
+    feeding.join()
+    with pytest.raises(WaitTimeoutError, match=r"passed nothing for 0\.01 s"):
+        pairs.receive_sync(0.01)
+    assert repr(filled()) == "<TransformBuffer of 6 frames>"
+
+    async def refused() -> None:
+        with pytest.raises(WouldDeadlockError):
+            buffer.wait_for_transform_sync("map", "lidar")
+        with pytest.raises(WouldDeadlockError):
+            pairs.receive_sync()
+
+    asyncio.run(refused())
+
+
+@pytest.mark.every_transport
+def test_a_script_receives_pairs_of_nodes_in_several_contexts(world: World) -> None:
+    camera, left, right = (world.node(name) for name in ("camera", "left", "right"))
+    inputs = [Subscriber(left, PointStamped, "left"), Subscriber(right, PointStamped, "right")]
+    pairs, cache = ApproximateTimeSynchronizer(inputs, slop_s=0.1), Cache(inputs[1], 5)
+    publishers = [camera.create_publisher(PointStamped, topic) for topic in ("left", "right")]
+    for publisher in publishers:
+        publisher.wait_for_subscribers_sync(10)
+    for second in (1, 2):
+        for publisher in publishers:
+            publisher.publish(message("PointStamped", stamp_s=second))
+        assert [one.header.stamp.sec for one in pairs.receive_sync(10)] == [second, second]
+        assert cache.receive_sync(10).header.stamp.sec == second
+
+    async def one_more() -> None:
+        for publisher in publishers:
+            publisher.publish(message("PointStamped", stamp_s=3))
+        assert [one.header.stamp.sec for one in await pairs.receive(10)] == [3, 3]
+
+    asyncio.run(one_more())
+    inputs[0].register_callback(print)
+    with pytest.raises(CallbackInUseError):
+        inputs[0].receive_sync(1)
+
+
+def test_a_closed_node_ends_the_waits_of_other_threads(memory: World) -> None:
+    viewer = memory.node("viewer")
+    buffer, errors = TransformBuffer(viewer), []
+    pairs = ApproximateTimeSynchronizer([Subscriber(viewer, PointStamped, "a")], slop_s=1)
+
+    def wait(method: Any, *arguments: object) -> None:
+        with pytest.raises(ClosedError) as raised:
+            method(*arguments)
+        errors.append(raised.value)
+
+    threads = [
+        threading.Thread(target=wait, args=arguments)
+        for arguments in ((buffer.wait_for_transform_sync, "map", "lidar"), (pairs.receive_sync,))
+    ]
+    for thread in threads:
+        thread.start()
+    while not (buffer._waiters and pairs._waiters):
+        time.sleep(0.01)
+    viewer.close()
+    for thread in threads:
+        thread.join(10)
+    assert len(errors) == 2
+    with pytest.raises(ClosedError, match="node /viewer is closed"):
+        buffer.wait_for_transform_sync("map", "lidar")
+    assert not buffer.can_transform("map", "lidar")
+
+
+async def test_a_closed_node_ends_a_wait_on_the_loop(memory: World) -> None:
+    viewer = memory.node("viewer")
+    buffer = TransformBuffer(viewer)
+    waiting = asyncio.ensure_future(buffer.wait_for_transform("map", "lidar"))
+    await asyncio.sleep(0.1)
+    viewer.close()
+    with pytest.raises(ClosedError, match="node /viewer of the transform buffer is closed"):
+        await waiting
+
+
+def test_a_filter_of_a_closed_node_is_refused(memory: World) -> None:
+    viewer = memory.node("viewer")
+    subscriber = Subscriber(viewer, PointStamped, "a")
+    viewer.close()
+    with pytest.raises(ClosedError, match="node /viewer is closed"):
+        Cache(subscriber)
+
+
+def test_a_failure_of_a_callback_ends_a_lookup_with_on_error_raise(memory: World) -> None:
+    robot = memory.node("robot")
+    viewer = memory.node("viewer", on_error="raise")
+    buffer, moving = TransformBuffer(viewer), TransformBroadcaster(robot)
+    moving._publisher.wait_for_subscribers_sync(10)
+
+    def fail() -> None:
+        raise LookupError("of the callback")
+
+    registration = buffer.register_callback(fail)
+    moving.send(moved("map", "lidar", 1, 4))
+    with pytest.raises(LookupError, match="of the callback"):
+        buffer.lookup_transform("map", "lidar")
+    registration.close()
+    assert buffer.lookup_transform("map", "lidar").translation[0] == 4
