@@ -17,6 +17,9 @@ from rosidl_py_gen.errors import printable
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+_COLUMN_GAP = 3
+"""Number of spaces between the columns of a table."""
+
 
 def is_terminal() -> bool:
     """Return True if standard output is a terminal with colours; ``NO_COLOR`` is respected."""
@@ -98,11 +101,13 @@ def values(texts: Sequence[str], as_json: bool) -> None:
         lines(texts)
 
 
-def table(rows: Iterable[Sequence[str]], *headings: str, fields_of_wide_rows: bool = False) -> None:
+def table(rows: Iterable[Sequence[str]], *headings: str, has_names: bool = True) -> None:
     """Print a table that fits into the terminal; elsewhere columns separated by tabs, without headings.
 
+    Cells wrap at spaces only, so names are never broken. A table that does not fit has a line for each cell.
+
     Args:
-        fields_of_wide_rows: print a table that is wider than the terminal as one line for each field.
+        has_names: the first cell is the name of a row, and stands above the others where each cell has its line.
     """
     headings = tuple(map(printable_line, headings))
     rows = [[printable_line(cell) for cell in row] for row in rows]
@@ -110,31 +115,47 @@ def table(rows: Iterable[Sequence[str]], *headings: str, fields_of_wide_rows: bo
         sys.stdout.writelines("\t".join(row) + "\n" for row in rows)
         sys.stdout.flush()
         return
+    columns = shutil.get_terminal_size().columns
+    widths = _column_widths([headings, *rows], columns, may_wrap=has_names)
+    if widths is None:
+        _lines_of_cells(rows, headings, has_names)
+        return
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    if fields_of_wide_rows and _width([headings, *rows]) > shutil.get_terminal_size().columns:
-        _fields(rows, headings)
-        return
     styled = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
-    for heading in headings:
-        styled.add_column(Text(heading), overflow="fold")  # rich interprets markup in a str
+    for heading, width in zip(headings, widths, strict=True):
+        styled.add_column(Text(heading), width=width)  # rich interprets markup in a str
     for row in rows:
         styled.add_row(*(Text(cell) for cell in row))
-    Console(no_color=not is_terminal(), highlight=False).print(styled)
+    Console(no_color=not is_terminal(), highlight=False, width=columns).print(styled)
 
 
-def _width(rows: Sequence[Sequence[str]]) -> int:
-    """Return the width of a table in terminal columns, with three spaces between its columns."""
+def _column_widths(rows: Sequence[Sequence[str]], columns: int, *, may_wrap: bool) -> list[int] | None:
+    """Return widths at which a table fits and no word is broken, with three spaces between columns; None if none do."""
     from rich.cells import cell_len
 
-    return sum(max(map(cell_len, column)) + 3 for column in zip(*rows, strict=True)) - 3
+    cells = [*zip(*rows, strict=True)]
+    widths = [max(map(cell_len, column)) for column in cells]
+    smallest = [max(cell_len(word) for cell in column for word in (cell.split() or [""])) for column in cells]
+    excess = sum(widths) + _COLUMN_GAP * (len(widths) - 1) - columns
+    while excess > 0:
+        number = max(range(len(widths)), key=lambda one: widths[one] - smallest[one])
+        slack = widths[number] - smallest[number]
+        if not (may_wrap and slack):
+            return None
+        widths[number] -= min(excess, slack)
+        excess -= slack
+    return widths
 
 
-def _fields(rows: Iterable[Sequence[str]], headings: Sequence[str]) -> None:
-    longest = max(map(len, headings))
+def _lines_of_cells(rows: Iterable[Sequence[str]], headings: Sequence[str], has_names: bool) -> None:
+    skipped = int(has_names)
+    longest = max(map(len, headings[skipped:]), default=0)
     for number, row in enumerate(rows, 1):
-        line(f"row {number}", "bold")
-        block("\n".join(f"  {name.ljust(longest)}  {cell}" for name, cell in zip(headings, row, strict=True)))
+        line(row[0] if has_names else f"row {number}", "bold")
+        cells = [*zip(headings, row, strict=True)][skipped:]
+        if cells:
+            block("\n".join(f"  {name.ljust(longest)}  {cell}" for name, cell in cells))

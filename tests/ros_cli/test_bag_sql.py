@@ -163,10 +163,10 @@ def test_rows_wider_than_the_terminal_are_a_line_for_each_field(
     monkeypatch.setenv("NO_COLOR", "1")
     rows = [["1", "x" * 30, "[b]\x1b"], ["22", "漢", ""]]
     monkeypatch.setenv("COLUMNS", "40")
-    terminal_output.table(rows, "a", "bb", "[red]c", fields_of_wide_rows=True)
+    terminal_output.table(rows, "a", "bb", "[red]c", has_names=False)
     right = ["row 1", "  a       1", f"  bb      {'x' * 30}", "  [red]c  [b]\ufffd"]
     assert capsys.readouterr().out.split("\n") == [*right, "row 2", "  a       22", "  bb      漢", "  [red]c  ", ""]
     monkeypatch.setenv("COLUMNS", "44")
-    terminal_output.table(rows, "a", "bb", "[red]c", fields_of_wide_rows=True)
+    terminal_output.table(rows, "a", "bb", "[red]c", has_names=False)
     shown = capsys.readouterr().out.splitlines()
     assert len(shown) == 4 and all(name in shown[0] for name in ("a", "bb", "[red]c"))

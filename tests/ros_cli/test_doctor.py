@@ -18,6 +18,7 @@ import pytest
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 from support.node_fixtures import until
+from support.terminals import on_terminal
 
 from rosidl_py_gen.ros_cli.doctor import machine as doctor_machine
 from rosidl_py_gen.ros_cli.doctor import network as doctor_network
@@ -43,7 +44,22 @@ def levels(findings: Iterable[Finding], word: str) -> list[str]:
     return [one.level for one in findings if word in one.text]
 
 
+def assert_each_line_has_a_level(lines: list[str], *expected: str) -> None:
+    words = {line.split(" ")[0] for line in lines}
+    assert {*expected} <= words <= {"ok", "warning", "error"}, lines
+
+
 # ------------------------------------------------------------------------------------------------------------ as a run
+
+
+@pytest.mark.real_time("commands are processes")
+async def test_each_line_begins_with_a_level_also_at_80_columns(dds: World) -> None:
+    dds.node("a_node_with_a_name_that_is_as_long_as_it_may_sensibly_be_here", "/robot")
+    for options in ((), ("--report",)):
+        done = await on_terminal("doctor", "--spin-time", "1.25", *options, ROS_STATIC_PEERS="127.0.0.1")
+        assert done.code == 0
+        assert_each_line_has_a_level(done.lines, "ok")
+        assert any("1 participant, 1 node" in line for line in done.lines)
 
 
 async def test_a_good_machine_with_peers_is_well(network: World, tool: Tool) -> None:
@@ -75,7 +91,7 @@ async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) ->
     done, report = await asyncio.gather(
         tool("doctor", "--spin-time", "1.25"), tool("doctor", "--report", "--spin-time", "1.25")
     )
-    assert "warning  2 nodes have the same name: /same" in done.out
+    assert "warning  peers: 2 nodes have the same name: /same" in done.out
     refused = "no messages on /scan from /same to /same: their quality of service is incompatible. ERROR: Best effort"
     assert (refused in done.out) == (network.kind == "dds")  # on Zenoh they connect
     assert "types differ, std_msgs/msg/String and std_msgs/msg/Bool" in done.out
@@ -93,9 +109,11 @@ async def test_what_is_broken_ends_with_one_and_no_traceback(tool: Tool) -> None
     )
     for done in (domain, uri, zenoh):
         assert done.code == 1 and "Traceback" not in done.err + done.out
-    assert "broken   ROS_DOMAIN_ID must be a whole number from 0 to 232" in domain.out
+    assert "error    settings: ROS_DOMAIN_ID must be a whole number from 0 to 232" in domain.out
     assert "CYCLONEDDS_URI is not well-formed XML" in uri.out and "Secret" not in uri.out
-    assert "broken   Zenoh does not start: ZENOH_SESSION_CONFIG_URI='/no/such.json5'" in zenoh.out
+    assert "error    peers: Zenoh does not start: ZENOH_SESSION_CONFIG_URI='/no/such.json5'" in zenoh.out
+    for done in (domain, uri, zenoh):
+        assert_each_line_has_a_level(done.out.splitlines(), "error")
     assert off.code == 0 and any("discovery is off" in row["text"] for row in json.loads(off.out)["peers"])
 
 

@@ -161,4 +161,4 @@ def _show(result: Result, output: str | None) -> None:
             terminal_output.note(f"printed only the first {_MAX_ROWS} rows; --format csv prints all")
             break
         rows.append(row)
-    terminal_output.table(rows, *result.columns, fields_of_wide_rows=True)
+    terminal_output.table(rows, *result.columns, has_names=False)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import sys
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,8 +16,9 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-_STYLES = {OK: "", NOTE: "cyan", WARNING: "yellow", BROKEN: "bold red"}
-_INDENT = 11
+_WORDS = {OK: "ok", NOTE: "warning", WARNING: "warning", BROKEN: "error"}
+"""First word of each line of text, by level. Only JSON tells a note, which is often no problem, from a warning."""
+_STYLES = {OK: "", NOTE: "yellow", WARNING: "yellow", BROKEN: "bold red"}
 
 
 @click.command("doctor")
@@ -33,7 +32,7 @@ _INDENT = 11
 async def doctor(network: options.NetworkOptions, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
     """Check this installation, the settings, the network and its peers.
 
-    The exit code is 1 if a finding is broken; a warning may be a problem.
+    Each line begins with ok, warning or error. The exit code is 1 if there is an error; a warning may be a problem.
 
     \b
     rosidl-py doctor
@@ -152,22 +151,14 @@ def _row(finding: Finding) -> dict[str, Any]:
     return {**row, **({"data": finding.data} if finding.data else {})}
 
 
-def _print(name: str, findings: list[Finding], *, as_report: bool) -> None:
-    terminal_output.line(name.capitalize(), "" if as_report else "bold")
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 100 if as_report else 10_000
+def _print(section: str, findings: list[Finding], *, as_report: bool) -> None:
+    """Print a line for each finding and each advice; all begin with the word of the level."""
     for finding in findings:
-        terminal_output.block(_wrapped(f"  {finding.level:<8} ", finding.text, width), _STYLES[finding.level])
+        word, style = _WORDS[finding.level], "" if as_report else _STYLES[finding.level]
+        _print_line(word, f"{section}: {finding.text}", style)
         if finding.advice:
-            terminal_output.block(_wrapped(" " * _INDENT + "-> ", finding.advice, width))
+            _print_line(word, f"-> {finding.advice}", style)
 
 
-def _wrapped(head: str, text: str, width: int) -> str:
-    import textwrap
-
-    return textwrap.fill(
-        " ".join(text.split()),
-        max(width, 30),
-        initial_indent=head,
-        subsequent_indent=" " * len(head),
-        break_on_hyphens=False,
-    )
+def _print_line(word: str, text: str, style: str) -> None:
+    terminal_output.line(f"{word:<7}  {' '.join(text.split())}", style)
