@@ -1,64 +1,26 @@
-"""Messages as a numpy structured array or pandas DataFrame: a column for each path of fields.
-
-Paths are ``pose.position.x``, ``position[1]``, a slice ``ranges[0:10]``, all ``ranges[:]``, and the same for lists of
-messages: ``transforms[0].transform.translation.x``.
-"""
+"""Messages as a numpy structured array or pandas DataFrame: a column for each path of `base.field_columns`."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from importlib import import_module
-from itertools import groupby, islice
-from operator import attrgetter
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity
-from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.stamps import stamp_ns
+from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH, Column, FieldPathError, Get, message_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Sequence
 
     from rosidl_py_gen.bags.common import BagMessage
-    from rosidl_py_gen.cdr.message import Field
 
-Get: TypeAlias = "Callable[[Any], Any]"
-Op: TypeAlias = "str | Get"
-"""Name of an attribute, or a function of a value."""
-_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-_PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
-_VARIABLE_LENGTH = -1
 _MAX_TIME_NS = (1 << 63) - 1
-_MAX_COLUMNS = 10_000
-_MAX_LISTED_NAMES = 500
 # One long value makes every row long, so a column may take at most this many times its contents, or this many bytes.
 _MAX_PADDING_FACTOR = 16
 _MIN_LIMITED_BYTES = 1 << 26
 _PAD_ADVICE = "pass another pad, or read this field in another call"
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """Column of a table.
-
-    Attributes:
-        get: returns the value of a message; raises IndexError if a sequence is too short.
-        kind: numpy's letter; ``U`` for text.
-        length: number of values in a row: None for a single value, `_VARIABLE_LENGTH` if it varies.
-    """
-
-    name: str
-    get: Get
-    kind: str
-    length: int | None = None
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return () if self.length is None else (self.length,)
 
 
 def table(
@@ -70,9 +32,9 @@ def table(
 ) -> np.ndarray[Any, np.dtype[np.void]]:
     """Return a structured array of messages of `classes`, which have equal columns; see `BagReader.to_arrays`."""
     try:
-        columns = _columns(classes[0], fields)
-        getters = {cls: _getters(columns, _columns(cls, fields), pad) for cls in classes}
-    except BagError as error:
+        columns = message_columns(classes[0], fields)
+        getters = {cls: _getters(columns, message_columns(cls, fields), pad) for cls in classes}
+    except (BagError, FieldPathError) as error:
         raise BagError(f"{where}: {error}") from None
     times, rows = [], []
     for item in messages:
@@ -103,9 +65,9 @@ def _getters(expected: list[Column], columns: list[Column], pad: Any) -> list[Ge
 def _copying_getter(column: Column, pad: Any) -> Get:
     """Return a function that copies sequences of variable length, as views would retain the whole message."""
     get, kind, length = column.get, column.kind, column.length
-    if length is None or (pad is not None and length != _VARIABLE_LENGTH):
+    if length is None or (pad is not None and length != VARIABLE_LENGTH):
         return get
-    if length == _VARIABLE_LENGTH:
+    if length == VARIABLE_LENGTH:
         return (lambda message: list(get(message))) if kind == "U" else (lambda message: np.array(get(message), kind))
 
     def fixed(message: Any) -> Any:
@@ -125,144 +87,6 @@ def _value_or_pad(column: Column, get: Get, message: Any, pad: Any, place: str) 
             text = f"has {error.args[0]} elements; pass pad= to fill missing elements"
             raise BagError(f"{place}: {column.name}: {text}") from None
         return None if column.length is None else []
-
-
-def _columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
-    if fields is None:
-        columns = list(islice(_scalar_columns(cls, "", []), _MAX_COLUMNS + 1))
-        if len(columns) > _MAX_COLUMNS:
-            raise BagError(f"more than {_MAX_COLUMNS} columns; pass fields=")
-        return columns
-    paths = [fields] if isinstance(fields, str) else fields
-    return list({column.name: column for path in paths for column in _columns_of_path(cls, path)}.values())
-
-
-def _scalar_columns(cls: type[Any], path: str, ops: list[Op], length: int | None = None) -> Iterator[Column]:
-    """Yield columns of all numbers, texts and times, except those in arrays."""
-    for field in cls._TYPE.fields:
-        if field.type.arity is Arity.SCALAR:
-            yield from _value_columns(field, f"{path}{field.ros_name}", [*ops, field.py_name], length)
-
-
-def _value_columns(field: Field, name: str, ops: list[Op], length: int | None) -> Iterator[Column]:
-    if field.cls is None:
-        primitive = PRIMITIVES.get(field.type.base)
-        yield Column(name, _combined(ops), "U" if primitive is None else primitive.numpy, length)
-    elif field.cls._TYPE.name in _TIMES:
-        yield Column(name, _combined([*ops, stamp_ns]), "i8", length)
-    else:
-        yield from _scalar_columns(field.cls, f"{name}.", ops, length)
-
-
-def _columns_of_path(cls: type[Any], path: str) -> list[Column]:
-    ops: list[Op] = []
-    length, at, done = None, cls, ""
-    parts = path.split(".")
-    for number, part in enumerate(parts, 1):
-        match = _PART.fullmatch(part)
-        field = next((one for one in at._TYPE.fields if match and one.ros_name == match[1]), None)
-        if match is None or field is None:
-            raise BagError(_unknown_path_text(cls, at, path, done))
-        here = done + part
-        ops.append(field.py_name)
-        if field.type.arity is not Arity.SCALAR:
-            if match[2] is None:
-                if length is not None:
-                    raise BagError(f"{here}: a path must have at most one slice; pass an index")
-                length = _slice(field, match, ops)
-            else:
-                ops.append(_index(field, int(match[2]), here))
-        elif "[" in part:
-            raise BagError(f"{here}: {done}{field.ros_name} is a single {field.type.base} without elements")
-        if number == len(parts):
-            return list(_value_columns(field, path, ops, length))
-        if field.cls is None:
-            raise BagError(f"{path}: {here} is {field.type.base}, which has no fields")
-        at, done = field.cls, f"{here}."
-    raise AssertionError(path)  # split() gives one part at least
-
-
-def _index(field: Field, index: int, here: str) -> Get:
-    if field.type.arity is Arity.ARRAY and not -field.type.capacity <= index < field.type.capacity:
-        raise BagError(f"{here}: the array has {field.type.capacity} elements")
-
-    def element(values: Any) -> Any:
-        try:
-            return values[index]
-        except IndexError:
-            raise IndexError(len(values)) from None
-
-    return element
-
-
-def _slice(field: Field, match: re.Match[str], ops: list[Op]) -> int:
-    """Add a slice to `ops`; return the number of elements of a row, or `_VARIABLE_LENGTH`."""
-    start, stop = (int(text) if text else None for text in (match[3], match[4]))
-    if field.type.arity is Arity.ARRAY:
-        begin, end, _ = slice(start, stop).indices(field.type.capacity)
-        length = max(0, end - begin)
-        if stop is not None and stop > field.type.capacity:
-            raise BagError(f"{match[0]}: the array has {field.type.capacity} elements")
-    else:
-        is_fixed = stop is not None and 0 <= (start or 0) <= stop
-        length = (stop or 0) - (start or 0) if is_fixed else _VARIABLE_LENGTH
-    ops.append(_SliceMarker(slice(start, stop)))
-    return length
-
-
-class _SliceMarker:
-    """Slice of a sequence; operations after it apply to each element."""
-
-    def __init__(self, part: slice) -> None:
-        self.part = part
-
-    def __call__(self, values: Any) -> Any:
-        return values[self.part]
-
-
-def _combined(ops: list[Op]) -> Get:
-    """Combine operations; those after a slice apply to each of its elements."""
-    at = next((number for number, op in enumerate(ops, 1) if isinstance(op, _SliceMarker)), len(ops))
-    before, behind = _chain(ops[:at]), ops[at:]
-    if not behind:
-        return before
-    rest = _chain(behind)
-    return lambda message: [rest(element) for element in before(message)]
-
-
-def _chain(ops: list[Op]) -> Get:
-    """Combine operations; consecutive attributes use one `attrgetter`, the most frequent case."""
-    steps: list[Get] = []
-    for is_name, group in groupby(ops, lambda op: isinstance(op, str)):
-        names: list[Any] = list(group)
-        steps += [attrgetter(".".join(names))] if is_name else names
-    first, others = steps[0], steps[1:]
-    if not others:
-        return first
-
-    def get(message: Any) -> Any:
-        value = first(message)
-        for step in others:
-            value = step(value)
-        return value
-
-    return get
-
-
-def _unknown_path_text(cls: type[Any], at: type[Any], path: str, done: str) -> str:
-    columns = list(islice(_path_names(cls), _MAX_LISTED_NAMES))
-    plain = re.sub(r"\[[^\]]*\]", "[:]", path)
-    below = [name for name in columns if name.startswith(re.sub(r"\[[^\]]*\]", "[:]", done))] or columns
-    return f"no column {path}{did_you_mean(plain, columns)}; columns are {', '.join(below)[:500]}"
-
-
-def _path_names(cls: type[Any], path: str = "", depth: int = 0) -> Iterator[str]:
-    for field in cls._TYPE.fields:
-        name = path + field.ros_name + ("" if field.type.arity is Arity.SCALAR else "[:]")
-        if field.cls is None or field.cls._TYPE.name in _TIMES or depth > 20:
-            yield name
-        else:
-            yield from _path_names(field.cls, f"{name}.", depth + 1)
 
 
 def _as_array(
@@ -299,7 +123,7 @@ def _padded_column(column: Column, values: list[Any], pad: Any) -> tuple[str, tu
             pad = _typed_pad(column, pad)
             values = [pad if value is None else value for value in values]
         return _text_kind(values) if column.kind == "U" else column.kind, (), values
-    if length == _VARIABLE_LENGTH:
+    if length == VARIABLE_LENGTH:
         if pad is None:
             return "O", (), values
         length = max(map(len, values), default=0)
