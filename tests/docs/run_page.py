@@ -84,8 +84,9 @@ class Page:
                 reason = error if isinstance(error, PageError) else repr(error)
                 raise PageError(f"{self.path.name}:{block.line}: {reason}") from error
         for process, reader, block in self.processes:
+            ended = asyncio.ensure_future(process.wait())  # its output ends earlier
+            await asyncio.wait([ended], timeout=5)  # a program that spins goes on
             with contextlib.suppress(ProcessLookupError):
-                await asyncio.wait([reader], timeout=5)  # a program that spins goes on
                 process.send_signal(signal.SIGINT)
             await asyncio.wait_for(asyncio.gather(process.wait(), reader), PATIENCE_S)
             if process.returncode not in (0, -signal.SIGINT):
