@@ -111,15 +111,11 @@ def is_in(module: str, packages: tuple[str, ...]) -> bool:
     return any(module == package or module.startswith(f"{package}.") for package in packages)
 
 
-@pytest.fixture(scope="module")
-def trees() -> dict[str, ast.Module]:
-    """All modules that are not generated, parsed; released after the tests of this file."""
-    paths = {module_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
-    return {
-        module: ast.parse(path.read_text(encoding="utf-8"))
-        for module, path in paths.items()
-        if not is_in(module, ("msgs",))
-    }
+def parsed_modules() -> Iterator[tuple[str, ast.Module]]:
+    """Parse all modules that are not generated, one at a time: together the trees take 100 MB."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if not is_in(module := module_of(path), ("msgs",)):
+            yield module, ast.parse(path.read_text(encoding="utf-8"))
 
 
 def _used(tree: ast.AST) -> Iterator[tuple[int, str]]:
@@ -133,10 +129,10 @@ def _used(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.value
 
 
-def test_restricted_functions_are_used_where_they_may_be(trees: dict[str, ast.Module]) -> None:
+def test_restricted_functions_are_used_where_they_may_be() -> None:
     wrong = [
         f"{module}:{line}: {name}"
-        for module, tree in trees.items()
+        for module, tree in parsed_modules()
         for line, name in _used(tree)
         for pattern, modules in RESTRICTED.items()
         if re.fullmatch(pattern, name) and not is_in(module, modules)
@@ -144,7 +140,7 @@ def test_restricted_functions_are_used_where_they_may_be(trees: dict[str, ast.Mo
     assert wrong == []
 
 
-def test_third_party_packages_are_those_of_the_contract(trees: dict[str, ast.Module]) -> None:
+def test_third_party_packages_are_those_of_the_contract() -> None:
     tomllib = pytest.importorskip("tomllib")  # of Python 3.11
     settings = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     contract = next(one for one in settings["contracts"] if one["id"] == "third-party")
@@ -153,7 +149,7 @@ def test_third_party_packages_are_those_of_the_contract(trees: dict[str, ast.Mod
     of_rclpy = {*settings["root_packages"], *messages, "rosidl_parser"}
     found = {
         (module, name.partition(".")[0])
-        for module, tree in trees.items()
+        for module, tree in parsed_modules()
         for node in ast.walk(tree)
         for name in (
             [alias.name for alias in node.names]
@@ -207,21 +203,21 @@ def _is_set(node: ast.Attribute) -> bool:
     return isinstance(node.ctx, ast.Store)
 
 
-def test_no_module_touches_what_is_private_to_others(trees: dict[str, ast.Module]) -> None:
+def test_no_module_touches_what_is_private_to_others() -> None:
     more = {"runtime": SHARED_IN_RUNTIME, "ros_compat": SHARED_IN_SHIM}
     wrong = [
         f"{module}:{node.lineno}: {ast.unparse(node)}"
-        for module, tree in trees.items()
+        for module, tree in parsed_modules()
         if module != KNOWS_LAYOUTS
         for node in _private_uses(tree, SHARED | more.get(module.partition(".")[0], set()))
     ]
     assert wrong == []
 
 
-def test_no_two_classes_share_a_name(trees: dict[str, ast.Module]) -> None:
+def test_no_two_classes_share_a_name() -> None:
     """Classes of `ros_compat` have rclpy's names."""
     modules: dict[str, list[str]] = {}
-    for module, tree in trees.items():
+    for module, tree in parsed_modules():
         for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef) and not is_in(module, ("ros_compat",)):
                 modules.setdefault(node.name, []).append(module)

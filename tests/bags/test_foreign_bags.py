@@ -333,8 +333,11 @@ def test_threads_that_unpack_at_once_do_not_mix_it_up(tmp_path: Path, mode: str)
     if mode == "MESSAGE":
         packed(tmp_path / "bag", mode)
     with BagReader(tmp_path / "bag") as reader, ThreadPoolExecutor(8) as threads:
-        read = [threads.submit(lambda: [item.message.data for item in reader]) for _ in range(16)]
-        assert all(one.result() == texts for one in read)
+
+        def agrees() -> bool:
+            return all(item.message.data == text for item, text in zip(reader, texts, strict=True))
+
+        assert all(agreed.result() for agreed in [threads.submit(agrees) for _ in range(16)])
 
 
 def test_two_definitions_of_one_name_in_a_database_are_told_apart_by_hash(tmp_path: Path) -> None:

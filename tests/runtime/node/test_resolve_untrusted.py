@@ -87,7 +87,7 @@ async def test_a_source_costs_no_more_than_its_length(memory: World, line: str, 
 async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> None:
     told = fresh()
     answer = told.answer()
-    answer.type_description.type_description.fields *= 100_000
+    answer.type_description.type_description.fields *= 30_000
     told_by(memory, told, answer=lambda request: answer)
     with pytest.raises(TypeDescriptionError, match=r"/robot describes .* in \d{7} bytes; expected at most 1048576"):
         await memory.node("asker").resolve_type("t", timeout_s=20)
