@@ -22,7 +22,6 @@ import numpy as np
 
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.tables import write_dataset
-from rosidl_py_gen.tables.dataset_writer import ROW_GROUP_BYTES
 
 IMUS = 1_000_000
 
@@ -225,4 +224,4 @@ def memory(what: str, path: Path) -> None:
             for _ in reader.batches("/imu"):
                 pass
     more = (kilobytes("VmHWM") - before) / 1024
-    print(f"memory, {what} of {IMUS} Imu: {more:.0f} MB more; a row group has {ROW_GROUP_BYTES >> 20} MB")
+    print(f"memory, {what} of {IMUS} Imu: {more:.0f} MB more; a row group has 16 MB")

@@ -163,11 +163,11 @@ class InvalidNameError(RosidlError, ValueError):
     """A name is not allowed in ROS."""
 
     def __init__(self, text: str, *, name: str = "", index: int | None = None, reason: str = "") -> None:
-        self.name = name
+        self.name: str = name
         """The name; empty if it is not a text."""
-        self.index = index
+        self.index: int | None = index
         """Index of the first invalid character; None if the whole name is invalid."""
-        self.reason = reason
+        self.reason: str = reason
         """The rule that the name breaks, without name and index; empty if the error text has it."""
         super().__init__(text)
 

@@ -13,7 +13,15 @@ from dataclasses import replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
-from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, BagWarning, RawMessage, SkippedMessages
+from rosidl_py_gen.bags.common import (
+    BagError,
+    BagMessage,
+    BagTopic,
+    BagWarning,
+    DamagedPart,
+    RawMessage,
+    SkippedMessages,
+)
 from rosidl_py_gen.bags.decoder import decoder_of
 from rosidl_py_gen.bags.definition_lookup import (
     NO_FIELDS,
@@ -28,7 +36,6 @@ from rosidl_py_gen.bags.remote import bag_path
 from rosidl_py_gen.bags.storage.bag_files import open_files
 from rosidl_py_gen.bags.storage.damage import SkippedParts
 from rosidl_py_gen.bags.storage.storage_api import (
-    MAX_UNPACKED_BYTES,
     BagChannel,
     RawTuple,
     TableInput,
@@ -86,14 +93,14 @@ class BagReader:
         path: str | os.PathLike[str],
         *,
         validate_crcs: bool = True,
-        max_decompressed_bytes: int = MAX_UNPACKED_BYTES,
+        max_decompressed_bytes: int = 1_073_741_824,
         search_path: SearchFolders = (),
         typestore: Typestore | None = None,
         skip_damaged: bool = False,
     ) -> None:
         self.path = bag_path(path)
         skipped = SkippedParts()
-        self.damaged = skipped.parts
+        self.damaged: list[DamagedPart] = skipped.parts
         """Damaged parts of MCAP files that were skipped so far; a `BagWarning` reports each of the first 20."""
         self._resources = ExitStack()
         self.skipped: dict[str, SkippedMessages] = {}
@@ -110,13 +117,13 @@ class BagReader:
             self.topics: dict[str, BagTopic] = topics_by_name(self.channels)
             """Recorded topics by name; the first definition of a topic that has several."""
             spans = [span for file in self._files if (span := file.span()) is not None]
-            self.start_ns = min((first for first, _ in spans), default=0)
+            self.start_ns: int = min((first for first, _ in spans), default=0)
             """Log time of the first message, nanoseconds since 1970; 0 without messages."""
-            self.end_ns = max((last for _, last in spans), default=0)
+            self.end_ns: int = max((last for _, last in spans), default=0)
             """Log time of the last message."""
-            self.has_index = all(file.is_whole for file in self._files)
+            self.has_index: bool = all(file.is_whole for file in self._files)
             """False after a crash of the recorder: the files are then read completely to find messages."""
-            self.unread_bytes = sum(file.unread_bytes for file in self._files)
+            self.unread_bytes: int = sum(file.unread_bytes for file in self._files)
             """Size of unfinished records at the end of files, as after a crash; each is reported by a `BagWarning`."""
             for file, lost in zip(self.files, (storage.unread_bytes for storage in self._files), strict=True):
                 if lost:
@@ -355,7 +362,7 @@ class BagReader:
         start_ns: int | None = None,
         end_ns: int | None = None,
         on_error: Literal["raise", "skip"] = "raise",
-        batch_bytes: int = 1 << 21,
+        batch_bytes: int = 2_097_152,
     ) -> Any:
         """Return the messages of a topic as a ``pyarrow.RecordBatchReader``, which polars, pandas and DuckDB accept.
 

@@ -28,9 +28,8 @@ def encode(message: Message) -> bytes:
     Raises:
         EncodeError: a value does not fit its type; names the field path. The message is not changed.
         TypeNotFoundError: the argument is not a generated message.
-
-    Source: docs/internals/protocol.md 2.
     """
+    # Source: docs/internals/protocol.md 2.
     try:
         return message._encode()
     except AttributeError:
@@ -50,9 +49,8 @@ def decode(cls: type[M], data: Readable, *, copy: bool = False, arrays: bool = F
     Raises:
         DecodeError: the data is not valid; names field path and byte offset.
         TypeNotFoundError: `cls` is not a generated message class.
-
-    Source: docs/internals/protocol.md 2.
     """
+    # Source: docs/internals/protocol.md 2.
     try:
         return cls._decode(data, copy, arrays)
     except AttributeError:

@@ -28,9 +28,8 @@ def type_hash(subject: object) -> str:
 
     Raises:
         TypeNotFoundError: the argument is not a generated class.
-
-    Source: docs/internals/protocol.md 3.
     """
+    # Source: docs/internals/protocol.md 3.
     return _info(subject)[2]
 
 

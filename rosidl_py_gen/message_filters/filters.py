@@ -31,10 +31,8 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.runtime import Clock, Node, QoSProfile
+    from rosidl_py_gen.runtime import Clock, Node, QoSProfile, Subscription
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-
-DEPTH = 10
 
 
 class MessageFilter:
@@ -47,7 +45,7 @@ class MessageFilter:
         queue_size: maximum number of messages that wait to be received, or for an async callback.
     """
 
-    def __init__(self, callback: Callable[..., object] | None = None, *, queue_size: int = DEPTH) -> None:
+    def __init__(self, callback: Callable[..., object] | None = None, *, queue_size: int = 10) -> None:
         self._setup(callback, queue_size, ())
 
     def _setup(
@@ -210,16 +208,18 @@ class Subscriber(MessageFilter):
         node: Node,
         msg_type: type[Message] | str,
         topic: str,
-        qos: QoSProfile | int = DEPTH,
+        qos: QoSProfile | int = 10,
         *,
         callback: Callable[..., object] | None = None,
         **options: Any,
     ) -> None:
-        self._setup(None, DEPTH, ())
+        self._setup(None, 10, ())
         self._use_nodes(node)
         self._msg_type = msg_type
         self._has_bytes = bool(options.get("raw"))
-        self.subscription = node.create_subscription(msg_type, topic, self.signal_message, qos, **options)
+        self.subscription: Subscription[Any] = node.create_subscription(
+            msg_type, topic, self.signal_message, qos, **options
+        )
         """Subscription, which has `dropped`, `publisher_count` and `wait_for_publishers`."""
         if callback is not None:
             self.register_callback(callback)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.message_filters.filters import DEPTH, MessageFilter, check_filters, slop_to_ns
+from rosidl_py_gen.message_filters.filters import MessageFilter, check_filters, slop_to_ns
 from rosidl_py_gen.message_filters.sync_policies import ApproximateMatcher, ExactMatcher
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class TimeSynchronizer(MessageFilter):
         inputs: Iterable[MessageFilter],
         callback: Callable[..., object] | None = None,
         *,
-        queue_size: int = DEPTH,
+        queue_size: int = 10,
     ) -> None:
         filters = _filters(inputs)
         self._setup(callback, queue_size, filters, len(filters))
@@ -85,7 +85,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         callback: Callable[..., object] | None = None,
         *,
         slop_s: float,
-        queue_size: int = DEPTH,
+        queue_size: int = 10,
         allow_headerless: bool = False,
         clock: Clock | None = None,
     ) -> None:

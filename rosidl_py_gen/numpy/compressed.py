@@ -29,15 +29,12 @@ _ENCODINGS = {"L": "mono8", "RGB": "rgb8", "RGBA": "rgba8", "I;16": "mono16", "I
 _OTHER_MODES = {"1": "L", "P": "RGB", "PA": "RGBA", "LA": "RGBA", "CMYK": "RGB", "YCbCr": "RGB", "RGBX": "RGB"}
 _DEPTH_HEADER = struct.Struct("<iff")
 """Header of compressed_depth_image_transport before the PNG: a format, and two parameters of 32FC1."""
-_QUALITY = 95
 _MAX_GRAY = 65535
-MAX_PIXELS = 64_000_000
-"""Default limit of the pixels of a decompressed picture."""
 
 
 @reads_message("a sensor_msgs/msg/CompressedImage")
 def compressedimage_to_array(
-    image: Any, *, to: str | None = None, max_pixels: int = MAX_PIXELS
+    image: Any, *, to: str | None = None, max_pixels: int = 64_000_000
 ) -> np.ndarray[Any, np.dtype[Any]]:
     """Return the pixels of a ``sensor_msgs/msg/CompressedImage``: JPEG, PNG, TIFF, WebP, or a depth image.
 
@@ -128,7 +125,7 @@ def array_to_compressedimage(
     encoding: str | None = None,
     *,
     format: str = "jpeg",
-    quality: int = _QUALITY,
+    quality: int = 95,
     header: Message | None = None,
     cls: type[M] | None = None,
 ) -> M:

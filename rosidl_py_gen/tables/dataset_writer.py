@@ -38,7 +38,6 @@ LARGE_TYPES = {
     "theora_image_transport/msg/Packet",
 }
 """Messages of these types, and messages that contain them, are large."""
-ROW_GROUP_BYTES = 1 << 24
 _MAX_FILE_NAME = 255
 """Maximum length of a name in Linux, macOS and Windows, in characters."""
 _BATCH_BYTES = 1 << 20
@@ -84,7 +83,7 @@ def write_dataset(
     on_error: str = "raise",
     overwrite: bool = False,
     compression: str = "zstd",
-    row_group_bytes: int = ROW_GROUP_BYTES,
+    row_group_bytes: int = 16_777_216,
     progress: Callable[[int], None] | None = None,
 ) -> DatasetReport:
     """Write the topics of a bag as a Parquet dataset, partitioned by topic and bag; several bags may share it.
@@ -190,7 +189,7 @@ class StagedDataset:
         name: str,
         overwrite: bool = False,
         compression: str = "zstd",
-        row_group_bytes: int = ROW_GROUP_BYTES,
+        row_group_bytes: int = 16_777_216,
         suffix: str = "",
         folder_of: Callable[[str], str] = _quoted,
     ) -> None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.message_filters.filters import (
-    DEPTH,
     MessageFilter,
     call_all,
     check_filters,
@@ -58,7 +57,7 @@ class TransformFilter(MessageFilter):
         target: str | Iterable[str],
         callback: Callable[[Any], object] | None = None,
         *,
-        queue_size: int = DEPTH,
+        queue_size: int = 10,
         tolerance_s: float = 0.0,
         on_drop: Callable[[Any, RosidlError], object] | None = None,
     ) -> None:

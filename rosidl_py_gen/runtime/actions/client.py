@@ -78,7 +78,7 @@ class ClientGoal(Generic[ActionT_co]):
         cancel: Callable[[bytes, float | None], Coroutine[Any, Any, None]],
         scope: EntityScope,
     ) -> None:
-        self.goal_id = goal_id
+        self.goal_id: bytes = goal_id
         """16 bytes."""
         self._goal: Any = goal
         self._cancel = cancel
@@ -206,11 +206,11 @@ class ActionClient(CompositeEntity, Generic[ActionT_co]):
         super().__init__(scope, type_hash_check=type_hash_check)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = timeout_to_ns("server_lost_timeout_s", server_lost_timeout_s)
-        self.name = names.action
+        self.name: str = names.action
         """Fully qualified name of the action."""
-        self.action_type = action_type.ros_name
+        self.action_type: str = action_type.ros_name
         """``pkg/action/Name``."""
-        self.action_class = action_type.cls
+        self.action_class: type[Action[Any, Any, Any]] = action_type.cls
         """The generated class, with `Goal`, `Result` and `Feedback`."""
         self._type = action_type
         self._is_available: MatchCache[bool] = MatchCache(scope.graph, lambda _: not self._missing())

@@ -110,7 +110,7 @@ class CancelRequest(Generic[ActionT_co]):
     """Request to cancel one goal, from `ActionServer.cancel_requests`."""
 
     def __init__(self, goal: ServerGoal[ActionT_co], reply: asyncio.Future[bool]) -> None:
-        self.goal = goal
+        self.goal: ServerGoal[ActionT_co] = goal
         """Goal that the client wants to cancel."""
         self._reply = reply
 

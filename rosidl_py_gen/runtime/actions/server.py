@@ -29,6 +29,7 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
+    from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.argument_checks import Policy
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
@@ -54,11 +55,11 @@ class ActionServer(CompositeEntity, Generic[ActionT_co]):
         type_hash_check: TypeCheck | None = None,
     ) -> None:
         require_server_options(names.action, execute, goal_callback, cancel_callback, goal_policy)
-        self.name = names.action
+        self.name: str = names.action
         """Fully qualified name of the action."""
-        self.action_type = action_type.ros_name
+        self.action_type: str = action_type.ros_name
         """``pkg/action/Name``."""
-        self.action_class = action_type.cls
+        self.action_class: type[Action[Any, Any, Any]] = action_type.cls
         """The generated class, with `Goal`, `Result` and `Feedback`."""
         super().__init__(scope, type_hash_check=type_hash_check)
         self._type = action_type

@@ -112,7 +112,7 @@ class ServerGoal(Generic[ActionT_co]):
         self._goals = goals
         self._request: Any = request
         self._record = GoalRecord()
-        self.goal_id = goal_id
+        self.goal_id: bytes = goal_id
         """16 bytes."""
 
     @property

@@ -77,7 +77,8 @@ GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingPro
         (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
     }
 )
-"""Next status for each status and event; a missing pair is an error. Source: docs/internals/protocol.md 8.2."""
+"""Next status for each status and event; a missing pair is an error."""
+# Source: docs/internals/protocol.md 8.2.
 TERMINAL_STATUS_OF = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
 """Final status for each event that ends a goal."""
 

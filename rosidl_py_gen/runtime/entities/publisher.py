@@ -50,15 +50,15 @@ class Publisher(Entity, Generic[T]):
         mode = checked_mode(type_hash_check, scope.type_hash_check)
         super().__init__(scope)
         self._loop_binding = scope.loop_binding
-        self.topic = topic
+        self.topic: str = topic
         """Fully qualified name, after expansion and remapping."""
-        self.message_type = message_type.ros_name
+        self.message_type: str = message_type.ros_name
         """``pkg/msg/Name``."""
         is_bare = qos.avoid_ros_namespace_conventions
         spec = EndpointSpec(topic, self.message_type, qos, message_type.type_hash, scope.number, is_bare)
         scope.discovery.refresh()
         peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.topic_key, writers=False)]
-        self.qos = resolve_best_available(qos, publisher=True, peers=peers)
+        self.qos: QoSProfile = resolve_best_available(qos, publisher=True, peers=peers)
         """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._encode = message_type.encode
         self._topic_key = spec.topic_key

@@ -79,7 +79,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         self._server = server
         self._origin = origin
         self._times_ns = times_ns
-        self.message = message
+        self.message: RequestT = message
         """Request message."""
         """Request of the client, to be answered with `respond`."""
         self._responded = False

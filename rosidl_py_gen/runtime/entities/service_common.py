@@ -58,11 +58,11 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
     ) -> None:
         self._mode = checked_mode(type_hash_check, scope.type_hash_check)
         super().__init__(scope)
-        self.name = name
+        self.name: str = name
         """Fully qualified service name, after expansion and remapping."""
-        self.service_type = service_type.ros_name
+        self.service_type: str = service_type.ros_name
         """``pkg/srv/Name``."""
-        self.qos = service_endpoint_qos(qos)
+        self.qos: QoSProfile = service_endpoint_qos(qos)
         """Profile in use; its history is always keep-all."""
         self._type = service_type
         self._is_client = is_client

@@ -86,11 +86,11 @@ class Subscription(PollableEntity, Generic[T]):
         if callback is not None:
             require_signature(callback, subject, "the message", hint=_INFO_HINT)
         super().__init__(scope)
-        self.topic = topic
+        self.topic: str = topic
         """Fully qualified name, after expansion and remapping."""
-        self.message_type = message_type.ros_name
+        self.message_type: str = message_type.ros_name
         """``pkg/msg/Name``."""
-        self.undecodable = 0
+        self.undecodable: int = 0
         """Number of samples that could not be decoded."""
         self._decode: Callable[[Payload], T] = message_type.decode
         self._callback = None if callback is None else UserCallback(scope, callback, subject)
@@ -112,7 +112,7 @@ class Subscription(PollableEntity, Generic[T]):
         )
         scope.discovery.refresh()
         peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.topic_key, writers=True)]
-        self.qos = resolve_best_available(qos, publisher=False, peers=peers)
+        self.qos: QoSProfile = resolve_best_available(qos, publisher=False, peers=peers)
         """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._topic_key = spec.topic_key
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))

@@ -47,9 +47,9 @@ class Timer(PollableEntity):
         self._waiters = Waiters()
         self._tick: list[Duration] = []
         """Result of the next tick, shared by all waiters; empty until then."""
-        self.missed = 0
+        self.missed: int = 0
         """Number of periods that were skipped."""
-        self.call_count = 0
+        self.call_count: int = 0
         """Number of calls or ticks."""
         self._clock_timer = ClockTimer(clock, self._schedule, lambda: scope.loop_binding.loop, self._on_due)
         self._start_registration = scope.loop_binding.on_bind(self._clock_timer.arm_threadsafe)

@@ -22,7 +22,7 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class LifecycleNode(Node):
-    """Node that peers configure, activate and shut down; arguments as `Node`. Source: docs/internals/protocol.md 12.2.
+    """Node that peers configure, activate and shut down; arguments as `Node`.
 
     Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Each ``on_...`` may be plain
     or async, gets the previous state, and returns a `TransitionCallbackReturn` or a number TRANSITION_CALLBACK_... .

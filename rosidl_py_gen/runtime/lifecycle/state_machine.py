@@ -73,7 +73,7 @@ class LifecyclePublisher(Publisher[T]):
         event_callbacks: PublisherEventCallbacks | None = None,
     ) -> None:
         self._is_active = is_active
-        self.silenced = 0
+        self.silenced: int = 0
         """Number of messages that were dropped because the node was not active."""
         super().__init__(scope, message_type, topic, qos, event_callbacks=event_callbacks)
 

@@ -21,9 +21,9 @@ class AsyncQueue(Generic[T]):
         self._items: deque[T] = deque(maxlen=depth)
         self._waiters = Waiters()
         self._error: BaseException | None = None
-        self.closed = False
+        self.closed: bool = False
         """True after `close`; remaining items can still be read."""
-        self.dropped = 0
+        self.dropped: int = 0
         """Number of items that were dropped because the queue was full."""
 
     def _push(self, item: T) -> None:

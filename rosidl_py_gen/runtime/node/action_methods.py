@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import DictMessage
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
 
-RESULT_TIMEOUT_S = 900.0
-"""Default of rclpy."""
-
 
 class ActionMethods(NodeBase):
     """Action methods of `Node`."""
@@ -38,7 +35,7 @@ class ActionMethods(NodeBase):
         *,
         goal_callback: Callable[[GoalT], object] | None = None,
         cancel_callback: Callable[[ServerGoal[ActionT]], object] | bool = True,
-        result_timeout_s: float = RESULT_TIMEOUT_S,
+        result_timeout_s: float = 900.0,
         goal_policy: Policy = "parallel",
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
@@ -55,7 +52,7 @@ class ActionMethods(NodeBase):
         *,
         goal_callback: Callable[[DictMessage], object] | None = None,
         cancel_callback: Callable[[ServerGoal[UntypedAction]], object] | bool = True,
-        result_timeout_s: float = RESULT_TIMEOUT_S,
+        result_timeout_s: float = 900.0,
         goal_policy: Policy = "parallel",
         type_hash_check: TypeCheck | None = None,
     ) -> ActionServer[UntypedAction]: ...
@@ -67,7 +64,7 @@ class ActionMethods(NodeBase):
         *,
         goal_callback: Callable[[Any], object] | None = None,
         cancel_callback: Callable[[ServerGoal[Any]], object] | bool = True,
-        result_timeout_s: float = RESULT_TIMEOUT_S,
+        result_timeout_s: float = 900.0,
         goal_policy: Policy = "parallel",
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,

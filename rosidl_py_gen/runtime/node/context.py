@@ -31,8 +31,8 @@ class Context:
 
     Args:
         domain_id: None uses ``ROS_DOMAIN_ID``, else 0.
-        discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None uses the environment
-            (docs/internals/protocol.md 10.6).
+        discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None uses
+            ``ROS_AUTOMATIC_DISCOVERY_RANGE``, else ``"subnet"``.
         args: command line that may contain ``--ros-args``; None uses `sys.argv`.
         announce_delay_s: time for which changes of own nodes are collected before they are announced to peers.
         on_error: default of the nodes' `on_error`; see `Node`.
@@ -68,7 +68,7 @@ class Context:
             raise TypeError(f"loop_runner must be a LoopRunner, got {loop_runner!r:.100}")
         self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s, loop_runner)
         self._guards: list[FailureGuard] = []
-        self.arguments = list(core.ros_arguments.program)
+        self.arguments: list[str] = list(core.ros_arguments.program)
         """Arguments without those of ROS; like `sys.argv`, they begin with the program's name."""
         self.settings: DomainSettings = core.settings
         """Settings that result from arguments and environment."""

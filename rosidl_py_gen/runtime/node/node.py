@@ -56,8 +56,6 @@ if TYPE_CHECKING:
 
 MessageT = TypeVar("MessageT", bound=Message)
 
-_DEFAULT_DEPTH = 10
-
 
 class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods, ParameterMethods):
     """ROS 2 node.
@@ -149,7 +147,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             raise
         self._creation_loop_id = id(current_loop())
         self._guards: list[FailureGuard] = []
-        self.clock = self._scope.make_clock()
+        self.clock: Clock = self._scope.make_clock()
         """ROS time; system time until simulated time is switched on."""
         core.adopt(self)
         for sentence in own_arguments.warnings:
@@ -220,7 +218,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self,
         msg_type: type[MessageT],
         topic: str,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
@@ -230,7 +228,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self,
         msg_type: str,
         topic: str,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
@@ -239,7 +237,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self,
         msg_type: type[Message] | str,
         topic: str,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
@@ -276,7 +274,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         msg_type: type[MessageT],
         topic: str,
         callback: Callable[[MessageT], object] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         raw: Literal[False] = False,
         arrays: bool = False,
@@ -291,7 +289,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         msg_type: type[Message] | str,
         topic: str,
         callback: Callable[[bytes], object] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         raw: Literal[True],
         ignore_local: bool = False,
@@ -305,7 +303,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         msg_type: str,
         topic: str,
         callback: Callable[[DictMessage], object] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         raw: Literal[False] = False,
         ignore_local: bool = False,
@@ -318,7 +316,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         msg_type: type[Message] | str,
         topic: str,
         callback: Callable[[Any], object] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         raw: bool = False,
         arrays: bool = False,

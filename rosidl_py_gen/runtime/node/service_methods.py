@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 RequestT = TypeVar("RequestT", bound=Message)
 ResponseT = TypeVar("ResponseT", bound=Message)
 
-_DEFAULT_DEPTH = 10
-
 
 class ServiceMethods(NodeBase):
     """Service methods of `Node`."""
@@ -32,7 +30,7 @@ class ServiceMethods(NodeBase):
         srv_type: type[Service[RequestT, ResponseT]],
         name: str,
         handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
@@ -43,7 +41,7 @@ class ServiceMethods(NodeBase):
         srv_type: str,
         name: str,
         handler: Callable[[DictMessage], DictMessage | Awaitable[DictMessage]] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         type_hash_check: TypeCheck | None = None,
     ) -> ServiceServer[DictMessage, DictMessage]: ...
@@ -52,7 +50,7 @@ class ServiceMethods(NodeBase):
         srv_type: type[Service[Any, Any]] | str,
         name: str,
         handler: Callable[[Any], Any] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
@@ -91,20 +89,20 @@ class ServiceMethods(NodeBase):
         self,
         srv_type: type[Service[RequestT, ResponseT]],
         name: str,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
     ) -> Client[RequestT, ResponseT]: ...
     @overload
     def create_client(
-        self, srv_type: str, name: str, qos: QoSLike = _DEFAULT_DEPTH, *, type_hash_check: TypeCheck | None = None
+        self, srv_type: str, name: str, qos: QoSLike = 10, *, type_hash_check: TypeCheck | None = None
     ) -> Client[DictMessage, DictMessage]: ...
     def create_client(
         self,
         srv_type: type[Service[Any, Any]] | str,
         name: str,
-        qos: QoSLike = _DEFAULT_DEPTH,
+        qos: QoSLike = 10,
         *,
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,

@@ -140,7 +140,7 @@ class ParameterClient(CompositeEntity):
     """
 
     def __init__(self, scope: EntityScope, names: NodeNames, node: str) -> None:
-        self.node = names.resolve_topic(node)
+        self.node: str = names.resolve_topic(node)
         """Fully qualified name of the remote node."""
         super().__init__(scope)
         self._names = names

@@ -55,16 +55,17 @@ class Clock:
         self,
         clock_type: ClockType = ClockType.ROS_TIME,
         *,
-        system_ns: Callable[[], int] = time.time_ns,
-        steady_ns: Callable[[], int] = time.monotonic_ns,
-        on_failure: Callable[[str], None] = report_failure,
+        system_ns: Callable[[], int] | None = None,
+        steady_ns: Callable[[], int] | None = None,
+        on_failure: Callable[[str], None] | None = None,
     ) -> None:
-        self.clock_type = ClockType(clock_type)
+        self.clock_type: ClockType = ClockType(clock_type)
         """Type of the clock; times of different types cannot be compared."""
-        self._source_ns = steady_ns if self.clock_type is ClockType.STEADY_TIME else system_ns
+        is_steady = self.clock_type is ClockType.STEADY_TIME
+        self._source_ns = (steady_ns or time.monotonic_ns) if is_steady else (system_ns or time.time_ns)
         self._override_ns = 0
         self._active = False
-        self._on_failure = on_failure
+        self._on_failure = on_failure or report_failure
         self._jump_callbacks: RegistrationSet[_JumpCallbacks] = RegistrationSet()
 
     def __repr__(self) -> str:

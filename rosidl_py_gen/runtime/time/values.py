@@ -33,7 +33,9 @@ class TimeRangeError(RosidlError, ValueError):
 
 
 class ClockType(IntEnum):
-    """Type of a clock; numbers of rcl (docs/internals/protocol.md 9.6)."""
+    """Type of a clock; numbers of rcl."""
+
+    # Source: docs/internals/protocol.md 9.6.
 
     ROS_TIME = 1
     SYSTEM_TIME = 2

@@ -58,8 +58,8 @@ class MemoryTransport:
         >>> talker = Node("talker", context=Context(transport=transport))  # doctest: +SKIP
     """
 
-    def __init__(self, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
-        self.clocks = clocks
+    def __init__(self, clocks: ClockFunctions | None = None) -> None:
+        self.clocks = clocks or SYSTEM_CLOCKS
         self._lock = threading.RLock()
         self._counter = itertools.count(1)
         self._number = next(_TRANSPORT_NUMBERS)

@@ -125,10 +125,10 @@ class QoSProfile:
     depth: int = 10
     reliability: Reliability = Reliability.RELIABLE
     durability: Durability = Durability.VOLATILE
-    deadline_ns: int = UNSPECIFIED_NS
-    lifespan_ns: int = UNSPECIFIED_NS
+    deadline_ns: int = 0
+    lifespan_ns: int = 0
     liveliness: Liveliness = Liveliness.SYSTEM_DEFAULT
-    liveliness_lease_ns: int = UNSPECIFIED_NS
+    liveliness_lease_ns: int = 0
     avoid_ros_namespace_conventions: bool = False
 
     def __post_init__(self) -> None:
@@ -193,7 +193,8 @@ class QoSProfile:
         return self._with_liveliness(Liveliness.MANUAL_BY_TOPIC, lease_s)
 
     def no_ros_prefix(self) -> QoSProfile:
-        """Use the topic name without the prefix `rt/` (docs/internals/protocol.md 4)."""
+        """Use the topic name without the prefix `rt/`."""
+        # Source: docs/internals/protocol.md 4.
         return replace(self, avoid_ros_namespace_conventions=True)
 
     def _with_liveliness(self, kind: Liveliness, lease_s: float | None) -> QoSProfile:

@@ -55,9 +55,8 @@ def check_compatible(offered: QoSProfile, requested: QoSProfile) -> Compatibilit
 
     As in rmw, there are no warnings if there is an error. Unlike rmw, an infinite duration counts as unspecified:
     discovered profiles contain infinite ones, and DDS matches them.
-
-    Source: docs/internals/protocol.md 7.6.
     """
+    # Source: docs/internals/protocol.md 7.6.
     errors = _mismatches(offered, requested)
     if errors:
         text = "".join(f"ERROR: {text};" for _, text in errors)

@@ -57,9 +57,9 @@ class ZenohRouter:
         except zenoh.ZError as error:
             where = ", ".join(endpoints) or "no endpoint"
             raise TransportError(f"no Zenoh router on {where}: {error_text(error)}") from None
-        self.zid = str(self._session.info.zid())
+        self.zid: str = str(self._session.info.zid())
         """Id of the router, hexadecimal."""
-        self.endpoints = self._locators() or endpoints
+        self.endpoints: list[str] = self._locators() or endpoints
         """Endpoints that sessions can connect to; each address of this machine for a wildcard address."""
 
     def __enter__(self) -> Self:
