@@ -212,8 +212,11 @@ class Page:
             output.write(line.decode())
 
     async def expect(self, lines: list[str]) -> None:
-        """Wait until the block before has printed these lines first; ``…`` stands for anything, alone for any lines."""
-        patterns = [re.escape(line).replace("…", ".*") + "\n" if line != "…" else "(?:.*\n)*?" for line in lines]
+        """Wait until the block before has printed these lines first; ``…`` stands for anything, alone for any lines.
+
+        Spaces and tabs at the end of lines do not count.
+        """
+        patterns = [re.escape(line).replace("…", ".*") + "[ \\t]*\n" if line != "…" else "(?:.*\n)*?" for line in lines]
         pattern = "".join(patterns)
         for _ in range(int(PATIENCE_S / 0.02)):
             if re.match(pattern, self.output.getvalue()):
