@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.names.rclpy_hints import HINTS
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-MIGRATION = (ROOT / "docs" / "migration.md").read_text(encoding="utf-8")
+FROM_RCLPY = (ROOT / "docs" / "start" / "from-rclpy.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def node() -> Iterator[Any]:
 def test_hints_are_few_and_not_for_names_that_exist(node: Any) -> None:
     assert len(HINTS) <= 40
     assert {name for name in HINTS if name in dir(Node)} == set()
-    section = MIGRATION.partition("## Names that you may type")[2].partition("\n## ")[0]
+    section = FROM_RCLPY.partition("## Names side by side")[2]
     assert {name for name in HINTS if f"`{name}`" not in section} == set()
 
 

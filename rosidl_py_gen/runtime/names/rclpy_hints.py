@@ -1,6 +1,6 @@
 """Most frequently used names of rclpy, with their replacements, for the errors about unknown attributes.
 
-docs/migration.md lists all others.
+docs/start/from-rclpy.md lists all others.
 """
 
 from __future__ import annotations
