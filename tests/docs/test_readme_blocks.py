@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -14,6 +15,8 @@ from pathlib import Path
 import pytest
 from support.markdown_pages import ROOT, Block, blocks
 from support.node_fixtures import World, domain_id
+
+from rosidl_py_gen.runtime import SENSOR_DATA
 
 README = ROOT / "README.md"
 SHOWN = [block for block in blocks(README) if not block.hidden]
@@ -28,41 +31,62 @@ ENVIRONMENT = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the packages that the README generates."""
     made = tmp_path_factory.mktemp("newcomer")
-    (line,) = [line for block in SHOWN for line in block.text.splitlines() if line.startswith("rosidl-py-gen ")]
-    command = [sys.executable, "-m", "rosidl_py_gen.generator_cli", *shlex.split(line)[1:]]
+    parts = [part.strip() for block in SHOWN if block.language == "sh" for part in re.split(r"&&|\n", block.text)]
+    (arguments,) = [shlex.split(part)[1:] for part in parts if part.startswith("rosidl-py-gen ") and "--out" in part]
+    command = [sys.executable, "-m", "rosidl_py_gen.generator_cli", *arguments]
     subprocess.run(command, cwd=made, env=ENVIRONMENT, check=True, capture_output=True)
-    return made
+    return made / arguments[arguments.index("--out") + 1]
 
 
-def start(folder: Path, block: Block) -> subprocess.Popen[str]:
-    (folder / "pasted.py").write_text(block.text, encoding="utf-8")
-    environment = {**ENVIRONMENT, "ROS_DOMAIN_ID": str(domain_id())}
+def start(packages: Path, block: Block) -> subprocess.Popen[str]:
+    program = packages.parent / "pasted.py"
+    program.write_text(block.text, encoding="utf-8")
+    paths = os.pathsep.join([str(packages), str(ROOT)])
+    environment = {**ENVIRONMENT, "PYTHONPATH": paths, "ROS_DOMAIN_ID": str(domain_id())}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen([sys.executable, "pasted.py"], cwd=folder, env=environment, text=True, **pipes)
+    return subprocess.Popen([sys.executable, program], cwd=packages.parent, env=environment, text=True, **pipes)
 
 
-def test_there_are_programs_of_both_kinds() -> None:
-    ends = [then is not None and then.language == "text" for _, then in PROGRAMS]
-    assert ends.count(True) >= 2 and ends.count(False) >= 1
+def test_there_are_programs_of_each_kind() -> None:
+    assert [kind_of(block, then) for block, then in PROGRAMS] == ["reads", "relays", "prints"]
+
+
+def kind_of(block: Block, then: Block | None) -> str:
+    """Return what the program needs: a message of /scan, messages of /chatter until Ctrl-C, or nothing."""
+    if "/scan" in block.text:
+        return "reads"
+    return "prints" if then is not None and then.language == "text" else "relays"
+
+
+async def relay(dds: World) -> None:
+    publisher = dds.node("newcomer").create_publisher("std_msgs/msg/String", "chatter")
+    loud = dds.nodes[-1].create_subscription("std_msgs/msg/String", "chatter_loud")
+    assert await publisher.wait_for_subscribers(20) and await loud.wait_for_publishers(20)
+    answer = asyncio.ensure_future(loud.receive(20))
+    while not answer.done():  # the program may not know our subscription yet
+        publisher.publish({"data": "hello"})
+        await asyncio.wait([answer], timeout=0.2)
+    assert answer.result()["data"] == "HELLO"
 
 
 @pytest.mark.parametrize(("block", "then"), PROGRAMS, ids=lambda block: f"line {block.line}" if block else "end")
 async def test_a_program_runs_alone(dds: World, folder: Path, block: Block, then: Block | None) -> None:
+    kind, expected = kind_of(block, then), then.text if then is not None and then.language == "text" else ""
     running = start(folder, block)
     try:
-        if then is None or then.language != "text":  # it goes on until Ctrl-C
-            publisher = dds.node("newcomer").create_publisher("std_msgs/msg/String", "chatter")
-            loud = dds.nodes[-1].create_subscription("std_msgs/msg/String", "chatter_loud")
-            assert await publisher.wait_for_subscribers(20) and await loud.wait_for_publishers(20)
-            answer = asyncio.ensure_future(loud.receive(20))
-            while not answer.done():  # the program may not know our subscription yet
-                publisher.publish({"data": "hello"})
-                await asyncio.wait([answer], timeout=0.2)
-            assert answer.result()["data"] == "HELLO"
+        if kind == "relays":
+            await relay(dds)
             running.send_signal(signal.SIGINT)
-        output, errors = await asyncio.to_thread(running.communicate, timeout=40)
+        ended = asyncio.ensure_future(asyncio.to_thread(running.communicate, timeout=40))
+        if kind == "reads":
+            publisher = dds.node("lidar").create_publisher("sensor_msgs/msg/LaserScan", "/scan", SENSOR_DATA)
+            while not ended.done():
+                publisher.publish({"header": {"frame_id": "laser"}})
+                await asyncio.wait([ended], timeout=0.2)
+        output, errors = await ended
     finally:
         running.kill()
-    expected = then.text if then is not None and then.language == "text" else ""
-    assert (running.returncode, output) == (0, expected), errors
+    assert running.returncode == 0, errors
+    assert "'frame_id': 'laser'" in output if kind == "reads" else output == expected, errors

@@ -1,4 +1,4 @@
-"""The reference compilers, started once for all tests of this folder."""
+"""The reference compilers, started once for all tests of this folder, and a search path without installed packages."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ from collections.abc import Iterator
 import pytest
 from support.rosidl_oracle import Rosidl
 
+from rosidl_py_gen.compiler.frontend import search_path
+
 
 @pytest.fixture(scope="session")
 def rosidl() -> Iterator[Rosidl]:
     processes = Rosidl()
     yield processes
     processes.close()
+
+
+@pytest.fixture(autouse=True)
+def no_installed_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide message packages of the environment, such as those that the README's first command installs."""
+    monkeypatch.setattr(search_path, "_installed", lambda: iter(()))
