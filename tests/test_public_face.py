@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import re
+from importlib import import_module
 
 import pytest
 from support.record_public_api import RECORD, ROOT, all_untold, difference, face
@@ -75,3 +77,15 @@ def test_pages_hide_nothing_and_tell_of_everything() -> None:
         page.name for page in (ROOT / "docs/reference/api").glob("*.md") if "filters:" in page.read_text("utf-8")
     ] == []
     assert sorted(all_untold()) == sorted(FOR_OTHERS)
+
+
+@pytest.mark.parametrize("module", ["runtime", "tf", "message_filters", "bags", "runtime.pytest_plugin"])
+def test_awaitable_methods_without_a_blocking_form_say_why(module: str) -> None:
+    found = vars(import_module(f"rosidl_py_gen.{module}"))
+    classes = [value for name, value in found.items() if inspect.isclass(value) and not name.startswith("_")]
+    for cls in (one for one in classes if one.__module__.startswith("rosidl_py_gen.")):
+        for name in (name for name in dir(cls) if not name.startswith("_")):
+            method = inspect.getattr_static(cls, name)
+            if inspect.iscoroutinefunction(method) or inspect.isasyncgenfunction(method):
+                text = inspect.getdoc(method) or ""
+                assert hasattr(cls, f"{name}_sync") or "no blocking form" in " ".join(text.split()), f"{cls}.{name}"

@@ -54,7 +54,10 @@ class RosErrors:
         self._expected.append((kind, match))
 
     async def wait(self, count: int = 1, timeout_s: float = 5.0) -> list[BaseException]:
-        """Wait until at least `count` exceptions were raised, and return all; raises `WaitTimeoutError`."""
+        """Wait until at least `count` exceptions were raised, and return all; raises `WaitTimeoutError`.
+
+        There is no blocking form, because the callbacks run on the test's event loop.
+        """
         import asyncio
 
         from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError

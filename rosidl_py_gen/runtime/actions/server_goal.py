@@ -144,11 +144,16 @@ class ServerGoal(Generic[ActionT_co]):
         return self._record.cancel_requested
 
     async def wait_for_cancel(self) -> None:
-        """Wait until `is_cancel_requested` is true."""
+        """Wait until `is_cancel_requested` is true.
+
+        There is no blocking form: a plain execute function checks `is_cancel_requested` between two steps of its work.
+        """
         await self._record.changed.wait(lambda: self._record.cancel_requested)
 
     async def started(self) -> bool:
         """Wait until a queued or deferred goal is EXECUTING.
+
+        There is no blocking form, because goals start on the event loop; an execute function runs only after the start.
 
         Returns:
             False if the goal was cancelled before it started, or the server was closed.

@@ -60,6 +60,8 @@ class Timer(PollableEntity):
 
         If the timer is due already, return at once; further missed ticks are skipped.
 
+        There is no blocking form, because timers run on the event loop; a plain script can use `time.sleep`.
+
         Raises:
             CallbackInUseError: the timer has a callback.
             ClosedError: the timer was closed, also while waiting.

@@ -15,6 +15,7 @@ class AsyncQueue(Generic[T]):
     """Queue of at most `depth` items, or all. Thread: any, except for iterating.
 
     A full queue drops its oldest item. Items are delivered even after `close`. Several readers share the items.
+    Iterating has no blocking form, because items arrive on the event loop; `take` reads without waiting.
     """
 
     def __init__(self, depth: int | None = None) -> None:

@@ -138,7 +138,11 @@ class AdaptiveSubscription(Generic[T]):
         self._subscription = self._subscribe()
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
-        """Return the next message; raises like `Subscription.receive_with_info`."""
+        """Return the next message; raises like `Subscription.receive_with_info`.
+
+        There is no blocking form, because a task on the event loop watches the publishers; a script can use
+        `Node.wait_for_message_sync`.
+        """
         deadline = Deadline(timeout_s)
         while not self._rest:
             subscription = self._subscription

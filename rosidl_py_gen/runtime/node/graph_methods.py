@@ -182,7 +182,11 @@ class GraphMethods(NodeBase):
     wait_for_node_sync = blocking(wait_for_node)
 
     async def graph_changes(self) -> AsyncIterator[int]:
-        """Yield an increasing number after changes of the graph, several quick ones at once; ends with the node."""
+        """Yield an increasing number after changes of the graph, several quick ones at once; ends with the node.
+
+        There is no blocking form, because the graph changes on the event loop; `wait_for_node_sync` and
+        `wait_for_subscribers_sync` wait for one change.
+        """
         scope, graph = self._scope, self._scope.graph
         version = graph.version
 

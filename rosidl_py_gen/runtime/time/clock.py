@@ -153,6 +153,7 @@ class Clock:
         """Sleep until this clock reads `until` or later.
 
         While simulated time has not started (the clock reads 0) no sleep ends. A jump back makes the sleep longer.
+        There is no blocking form, because a clock has no event loop that could run while it waits.
 
         Returns:
             False if the sleep ended because ROS time was activated or deactivated, as in rclpy: `until` has no meaning
@@ -173,6 +174,9 @@ class Clock:
         """Sleep for a duration, or seconds, by this clock; returns as `sleep_until`.
 
         The sleep starts when simulated time has started. A jump to before its start restarts it.
+
+        There is no blocking form, because a clock has no event loop that could run while it waits; `time.sleep` waits
+        in real time.
 
         Raises:
             TypeError: `duration` is not a `Duration` and not a number.

@@ -28,7 +28,10 @@ class Rate:
         self._was_active = clock.ros_time_is_active
 
     async def sleep(self) -> None:
-        """Wait for the end of the current period; the first call starts the first one."""
+        """Wait for the end of the current period; the first call starts the first one.
+
+        There is no blocking form, because a clock has no event loop that could run while it waits.
+        """
         schedule, active = self._schedule, self._clock.ros_time_is_active
         if schedule is None or active != self._was_active:  # first call, or the source has changed since the last one
             self._schedule = schedule = self._clock._schedule(self._period_ns, self._clock.now_ns())
