@@ -33,6 +33,8 @@ def chart(text: str, encode: str, decode: str) -> str:
             f'<rect x="{x}" y="10" width="15" height="15" fill="{color}"/>',
             f'<text x="{x + 22}" y="23" fill="{text}">{word}</text>',
         ]
+    note = "time, as a multiple of rosidl-py-gen's"
+    lines.append(f'<text x="{LEFT + 200}" y="23" fill="{text}">{note}</text>')
     for row, (library, times) in enumerate(TIMES.items()):
         y = TOP + row * PITCH
         lines.append(f'<text x="{LEFT - 10}" y="{y + 20}" fill="{text}" text-anchor="end">{library}</text>')

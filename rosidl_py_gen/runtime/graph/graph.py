@@ -32,6 +32,7 @@ BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
 _MAX_NAME_CHARS = 600
 """Maximum length of a node name in texts; ROS allows 255 for a name and 245 for its namespace."""
 NamesAndTypes = list[tuple[str, list[str]]]
+"""Names of topics, services or actions, each with its types."""
 
 
 class EndpointType(IntEnum):

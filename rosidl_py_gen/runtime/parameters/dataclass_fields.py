@@ -67,13 +67,21 @@ class Width:
 
 
 Int8 = Annotated[int, Width(8)]
+"""Integer from -128 to 127, as the type of a field of a parameter class."""
 Int16 = Annotated[int, Width(16)]
+"""Integer from -32768 to 32767, as the type of a field of a parameter class."""
 Int32 = Annotated[int, Width(32)]
+"""Integer from -2147483648 to 2147483647, as the type of a field of a parameter class."""
 Int64 = Annotated[int, Width(64)]
+"""Integer from -2^63 to 2^63 - 1, as the type of a field of a parameter class."""
 UInt8 = Annotated[int, Width(8, signed=False)]
+"""Integer from 0 to 255, as the type of a field of a parameter class."""
 UInt16 = Annotated[int, Width(16, signed=False)]
+"""Integer from 0 to 65535, as the type of a field of a parameter class."""
 UInt32 = Annotated[int, Width(32, signed=False)]
+"""Integer from 0 to 4294967295, as the type of a field of a parameter class."""
 UInt64 = Annotated[int, Width(64, signed=False)]
+"""Integer from 0 to 2^64 - 1, as the type of a field of a parameter class."""
 
 
 @dataclass(slots=True)

@@ -203,14 +203,23 @@ class QoSProfile:
 
 
 DEFAULT = QoSProfile()
+"""Profile of most topics: reliable, volatile, the last 10 samples."""
 SENSOR_DATA = QoSProfile().keep_last(5).best_effort()
+"""Profile of sensors: best effort, the last 5 samples. Subscriptions receive from reliable publishers as well."""
 SERVICES_DEFAULT = QoSProfile()
+"""Profile of services; equal to `DEFAULT`."""
 PARAMETERS = QoSProfile().keep_last(1000)
+"""Profile of parameter services; as `DEFAULT`, with the last 1000 samples."""
 PARAMETER_EVENTS = QoSProfile().keep_last(1000)
+"""Profile of ``/parameter_events``: reliable, the last 1000 samples."""
 ROSOUT = QoSProfile().keep_last(1000).transient_local().lifespan(10)
+"""Profile of ``/rosout``: transient local, the last 1000 samples of the last 10 seconds."""
 ACTION_STATUS = QoSProfile().keep_last(1).transient_local()
+"""Profile of the status of actions: transient local, the last sample."""
 CLOCK = QoSProfile().keep_last(1).best_effort()
+"""Profile of ``/clock``: best effort, the last sample."""
 SYSTEM_DEFAULT = QoSProfile(History.SYSTEM_DEFAULT, 0, Reliability.SYSTEM_DEFAULT, Durability.SYSTEM_DEFAULT)
+"""Profile with the defaults of the middleware."""
 BEST_AVAILABLE = QoSProfile(
     reliability=Reliability.BEST_AVAILABLE,
     durability=Durability.BEST_AVAILABLE,
@@ -218,6 +227,7 @@ BEST_AVAILABLE = QoSProfile(
     liveliness=Liveliness.BEST_AVAILABLE,
     liveliness_lease_ns=BEST_AVAILABLE_NS,
 )
+"""Profile that adapts to the existing endpoints when an endpoint is created, so that it matches as many as possible."""
 
 QoSLike = int | QoSProfile
 """Profile, or keep-last depth of the default profile."""
