@@ -49,7 +49,7 @@ def test_nothing_private_is_recorded(found: str) -> None:
 @pytest.mark.parametrize(
     "lines",
     [
-        "class runtime.MemoryTransport\n    __init__(clocks: ClockFunctions = SYSTEM_CLOCKS)\n",
+        "class runtime.MemoryTransport\n    __init__(clocks: ClockFunctions | None = None)\n",
         "class runtime.ClientGoal\n    accepted_stamp: Time | None\n",  # made by a client: no constructor
         "class runtime.Subscription\n    (async for)\n    def close() -> None\n",
         "    def get_parameter(name: str) -> PythonValue\n    def get_parameter(name: str, type: type[T], ",
