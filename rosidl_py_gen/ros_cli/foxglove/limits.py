@@ -1,4 +1,4 @@
-"""Limits for viewers of ``foxglove``, as listed in docs/commands/foxglove.md.
+"""Limits for viewers of ``foxglove``, the main ones of which are in docs/howto/live-view.md.
 
 The event loop serves every viewer, so no viewer may occupy it for long or make the process grow. What exceeds a limit
 is refused with a status that names the number; a viewer that does not read what is sent to it is disconnected.
