@@ -64,7 +64,7 @@ def test_an_example_is_short_says_how_to_run_it_and_is_on_the_page(path: Path) -
     head = text.split('"""')[1]
     assert len(text.splitlines()) <= 80
     assert "Seen" in head and (f"python examples/{path.name}" in head or f"pytest {path.name}" in head)
-    assert path.name.removeprefix("test_") in (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+    assert path.name.removeprefix("test_") in (ROOT / "docs/howto/index.md").read_text(encoding="utf-8")
 
 
 def start(name: str, *arguments: str) -> subprocess.Popen[str]:
