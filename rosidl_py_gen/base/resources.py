@@ -33,6 +33,7 @@ _EXTRA_OF = {
     "upath": "tables",
     "distributed": "cluster",
     "PIL": "images",
+    "matplotlib": "plot",
     "transforms3d": "transformations",
 }
 """Modules that only extras install."""

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _COMMANDS = {
     "action": ("action", "Actions: list, info, send goals."),
-    "bag": ("bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql."),
+    "bag": ("bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql, plot."),
     "completion": ("completion_script", "Print the completion script of a shell."),
     "doctor": ("doctor.check", "Check this installation, the settings, the network and its peers."),
     "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
@@ -53,7 +53,7 @@ _COMMANDS = {
     "run": ("program_runner.command", "Run a program written for rclpy without changes."),
     "service": ("service", "Services: list, type, call, info, echo."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
-    "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, type, find."),
+    "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find."),
     "zenoh-router": ("zenoh_router", "Run a Zenoh router for nodes on rmw_zenoh."),
 }
 

@@ -1,0 +1,124 @@
+"""``bag plot``: fields of recorded messages over time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.plotting.output import plot_options, require_output, show_plot
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel
+
+
+@click.command("plot")
+@click.argument(
+    "words",
+    nargs=-1,
+    required=True,
+    type=click.Path(),
+    metavar="BAG... /TOPIC FIELD...",
+    shell_complete=options.bag_completion("topic"),
+)
+@options.seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning.")
+@options.seconds("--duration", "duration_s", help="Duration of the selected part.")
+@plot_options
+@options.skip_damaged
+@options.paths
+@verb
+def plot(
+    words: Sequence[str],
+    offset_s: float,
+    duration_s: float | None,
+    wall_clock: bool,
+    by_stamp: bool,
+    in_terminal: bool,
+    out: str | None,
+    skips: bool,
+    paths: Sequence[str],
+) -> int:
+    """Plot fields of topics over time: as a file, in a window, or in the terminal if there is no display.
+
+    FIELD is pose.pose.position.x, ranges[0], ranges[0:5], or a message such as twist.linear, which gives a line for
+    each of its numbers. Further topics get a plot below. Of several bags each starts at 0 s, unless --wall-clock is
+    used. Files and windows need the extra plot.
+
+    \b
+    rosidl-py bag plot drive /imu angular_velocity
+    rosidl-py bag plot drive /imu linear_acceleration.x /odom twist.twist.linear.x --out drive.svg
+    """
+    require_output(out)
+    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
+    from rosidl_py_gen.ros_cli.plotting.lines import topics_and_fields
+
+    with ExitStack() as stack:
+        bags: list[BagReader] = []
+        rest = list(words)
+        while rest and (not bags or _is_bag(rest[0], bags[0])):
+            bags.append(stack.enter_context(BagReader(rest.pop(0), search_path=paths, skip_damaged=skips)))
+        topics = topics_and_fields(rest)
+        if not topics:
+            raise CommandError(f"expected a topic and fields after the bag; {_topics_text(bags[0])}")
+        panels: list[PlotPanel] = []
+        skipped = False
+        for bag in bags:
+            prefix = f"{bag.path.name}: " if len(bags) > 1 else ""
+            panels += _panels(bag, topics, prefix, by_stamp, offset_s, duration_s, skips)
+            skipped = skipped or bool(bag.damaged or bag.skipped)
+        axis = TimeAxis(is_wall_clock=wall_clock, by_stamp=by_stamp, own_starts=len(bags) > 1)
+        show_plot(panels, axis, out, in_terminal)
+    return DAMAGED if skipped else 0
+
+
+def _is_bag(word: str, first: BagReader) -> bool:
+    """Return True if a word after the first bag is another bag, and not one of its topics or a field."""
+    from rosidl_py_gen.bags.remote import is_url
+
+    return is_url(word) or (word not in first.topics and os.path.exists(word))
+
+
+def _topics_text(bag: BagReader) -> str:
+    return f"topics of {bag.path}: {', '.join(sorted(bag.topics)) or 'none'}"
+
+
+def _panels(
+    bag: BagReader,
+    topics: Sequence[tuple[str, list[str]]],
+    prefix: str,
+    by_stamp: bool,
+    offset_s: float,
+    duration_s: float | None,
+    skips: bool,
+) -> list[PlotPanel]:
+    """Return the panels of one bag, which is read once."""
+    from rosidl_py_gen.ros_cli.bag.display import progress_bar
+    from rosidl_py_gen.ros_cli.bag.selection import select_part
+    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TopicLines
+
+    part = select_part(bag, [name for name, _ in topics], offset_s, duration_s)
+    lines: dict[str, TopicLines] = {}
+    for name, fields in topics:
+        panel = PlotPanel(prefix + name)
+        lines[name] = TopicLines(panel, name, fields, by_stamp=by_stamp, note=terminal_output.note)
+        for channel in bag.channels:
+            if channel.name == name:
+                lines[name].use(bag.message_class(channel))
+    on_error = "skip" if skips else "raise"
+    total = sum(bag.topics[name].count or 0 for name in lines)
+    with progress_bar(total) as show:
+        messages = bag.messages(part.topics, start_ns=part.start_ns, end_ns=part.end_ns, on_error=on_error)  # type: ignore[arg-type]
+        for number, message in enumerate(messages):
+            lines[message.topic].add(message.message, message.log_time)
+            if not number % 1000:
+                show(number)
+    for name, one in lines.items():
+        if not one.panel.count:
+            raise CommandError(f"{bag.path} has no messages on {name} in the selected time")
+    return [one.panel for one in lines.values()]

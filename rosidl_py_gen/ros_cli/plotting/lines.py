@@ -1,0 +1,246 @@
+"""Data of a plot: lines of a bounded number of points, which are filled from fields of messages.
+
+A line stores every point until it has too many. Then it divides its time range into buckets, each about as wide as a
+pixel, and retains of each bucket the first, the smallest, the largest and the last point.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from rosidl_py_gen.base.field_columns import Column, FieldPathError, message_columns
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
+from rosidl_py_gen.ros_cli import CommandError
+
+Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
+BUCKETS = 2000
+"""Buckets of a line. A plot is about 1500 pixels wide; more buckets take time and memory without a visible effect."""
+_MAX_POINTS = 8 * BUCKETS
+MAX_ELEMENTS = 20
+"""Maximum number of lines of one array; more cannot be told apart."""
+MAX_LINES = 100
+_MAX_LISTED = 60
+_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+_HEADER = "std_msgs/msg/Header"
+
+
+class PlotLine:
+    """Line of one number over time. Values that are infinite become NaN, which interrupts the line."""
+
+    def __init__(self, label: str, *, is_steps: bool = False) -> None:
+        self.label, self.is_steps = label, is_steps
+        self._times, self._values = array("d"), array("d")
+
+    def add(self, time_s: float, value: float) -> None:
+        """Add a point."""
+        self._times.append(time_s)
+        self._values.append(value)
+        if len(self._times) >= _MAX_POINTS:
+            times, values = reduced(*self.points(), BUCKETS)
+            self._times, self._values = array("d", times.tobytes()), array("d", values.tobytes())
+
+    def retain_last(self, duration_s: float) -> None:
+        """Remove points that are much older than a duration before the last one."""
+        if not self._times or self._times[0] >= self._times[-1] - 1.25 * duration_s:
+            return
+        times, values = self.points()
+        kept = times >= times[-1] - duration_s
+        self._times = array("d", times[kept].tobytes())
+        self._values = array("d", values[kept].tobytes())
+
+    def points(self) -> tuple[Floats, Floats]:
+        """Return times and values by time, with NaN for infinite values."""
+        times, values = np.array(self._times), np.array(self._values)
+        values[~np.isfinite(values)] = np.nan
+        if (np.diff(times) < 0).any():
+            order = np.argsort(times, kind="stable")
+            times, values = times[order], values[order]
+        return times, values
+
+
+def reduced(times: Floats, values: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return at most four points of each of `count` buckets of time: the first, smallest, largest and last.
+
+    Args:
+        times: rising times; values that are not numbers count only as the first and last ones.
+    """
+    if len(times) <= 4 * count:
+        return times, values
+    width = (times[-1] - times[0]) / count or 1.0
+    buckets = np.minimum((times - times[0]) // width, count - 1)
+    starts = np.flatnonzero(np.diff(buckets, prepend=-1.0))
+    ends = np.append(starts[1:], len(times)) - 1
+    owner = np.repeat(np.arange(len(starts)), ends - starts + 1)
+    by_value = np.lexsort((values, owner))  # NaN comes last
+    sizes = np.add.reduceat(np.isfinite(values).astype(np.intp), starts)
+    smallest = by_value[starts]
+    largest = by_value[starts + np.maximum(sizes, 1) - 1]
+    chosen = np.unique(np.concatenate((starts, smallest, largest, ends)))
+    return times[chosen], values[chosen]
+
+
+@dataclass(slots=True)
+class PlotPanel:
+    """Lines of one topic, which share an axis.
+
+    Attributes:
+        count: number of the messages.
+        start_s: time of the first one, seconds since 1970.
+    """
+
+    title: str
+    lines: list[PlotLine] = field(default_factory=list)
+    count: int = 0
+    start_s: float = 0.0
+
+
+class TopicLines:
+    """Adds the fields of a topic's messages to the lines of a panel.
+
+    Args:
+        topic: name for error texts.
+        paths: fields; none means the only number that the messages have.
+        by_stamp: use the time of ``header.stamp`` instead of the time that is passed to `add`.
+        note: called with a sentence about elements that are not drawn.
+    """
+
+    def __init__(
+        self,
+        panel: PlotPanel,
+        topic: str,
+        paths: Sequence[str],
+        *,
+        by_stamp: bool = False,
+        note: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self.panel = panel
+        self._topic, self._paths, self._by_stamp, self._note = topic, paths, by_stamp, note
+        self._columns: dict[type[Any], list[Column]] = {}
+        self._lines: dict[str, PlotLine] = {}
+        self._noted: set[str] = set()
+        self._last: list[PlotLine] = []
+
+    def use(self, cls: type[Any]) -> None:
+        """Prepare for messages of a class; raises `CommandError` for fields that cannot be drawn."""
+        if cls in self._columns:
+            return
+        if self._by_stamp and not has_stamp(cls):
+            raise CommandError(f"messages of {self._topic} have no header with a stamp: {cls._TYPE.name}")
+        self._columns[cls] = columns = numeric_columns(cls, self._topic, self._paths)
+        for column in columns:
+            if column.length is None:
+                self._line(column, column.name)
+
+    def add(self, message: Any, time_ns: int) -> None:
+        """Add a message that was received at a time."""
+        if type(message) not in self._columns:
+            self.use(type(message))
+        if self._by_stamp:
+            time_ns = stamp_ns(message.header.stamp)
+        time_s = time_ns / NS_PER_S
+        panel = self.panel
+        panel.start_s = time_s if not panel.count else min(panel.start_s, time_s)
+        panel.count += 1
+        for column in self._columns[type(message)]:
+            try:
+                value = column.get(message)
+            except IndexError:  # a sequence without this element
+                continue
+            scale = NS_PER_S if column.is_time else 1
+            if column.length is None:
+                self._lines[column.name].add(time_s, value / scale)
+                continue
+            for name, element in _elements(column, value, self._note_once):
+                self._line(column, name).add(time_s, element / scale)
+
+    def _line(self, column: Column, name: str) -> PlotLine:
+        line = self._lines.get(name)
+        if line is None:
+            line = self._lines[name] = PlotLine(name, is_steps=column.kind == "bool_")
+            self.panel.lines.append(line)
+            if len(self.panel.lines) > MAX_LINES:
+                raise CommandError(f"{self._topic}: more than {MAX_LINES} lines; name fewer fields")
+        return line
+
+    def _note_once(self, text: str) -> None:
+        if text not in self._noted:
+            self._noted.add(text)
+            self._note(text)
+
+
+def _elements(column: Column, values: Any, note: Callable[[str], object]) -> Iterator[tuple[str, Any]]:
+    """Yield name and value of the first elements of an array."""
+    before, _, after = column.name.partition("[") if ":" in column.name else (column.name, "", "]")
+    part, _, after = after.partition("]")
+    start = part.partition(":")[0].strip()
+    first = int(start) if start and not start.startswith("-") else 0
+    if len(values) > MAX_ELEMENTS:
+        advice = f"{before}[{first + MAX_ELEMENTS}:{first + 2 * MAX_ELEMENTS}]"
+        note(f"{column.name}: only the first {MAX_ELEMENTS} elements are drawn; name others, such as {advice}{after}")
+    for number, value in enumerate(islice(values, MAX_ELEMENTS), first):
+        yield f"{before}[{number}]{after}", value
+
+
+def has_stamp(cls: type[Any]) -> bool:
+    """Return True if messages of a class have a ``header`` with a stamp."""
+    return any(one.ros_name == "header" and str(one.type) == _HEADER for one in cls._TYPE.fields)
+
+
+def numeric_columns(cls: type[Any], topic: str, paths: Sequence[str]) -> list[Column]:
+    """Return the columns with the numbers of fields; raises `CommandError`, whose text names the numeric fields.
+
+    The texts in a message are skipped; a field that is a text is an error.
+    """
+    names = list(islice(_numeric_names(cls), _MAX_LISTED + 1))
+    listed = ", ".join(names[:_MAX_LISTED]) + (", ..." if len(names) > _MAX_LISTED else "")
+    numeric = f"numeric fields of {cls._TYPE.name}: {listed or 'none'}"
+    if not paths:
+        names = [name for name in names if not name.startswith("header.")]
+        if len(names) != 1:
+            raise CommandError(f"{topic}: expected a field after the topic; {numeric}")
+        paths = names
+    found: dict[str, Column] = {}
+    for path in paths:
+        try:
+            columns = message_columns(cls, [path])
+        except FieldPathError as error:
+            reason = str(error).partition("; columns are ")[0].replace("no column", "no field", 1)
+            raise CommandError(f"{topic}: {reason}; {numeric}") from None
+        numbers = [column for column in columns if column.kind != "U"]
+        if not numbers:
+            raise CommandError(f"{topic}: {path} has no number, but text; {numeric}")
+        found.update((column.name, column) for column in numbers)
+    return list(found.values())
+
+
+def _numeric_names(cls: type[Any], prefix: str = "", depth: int = 0) -> Iterator[str]:
+    for one in cls._TYPE.fields:
+        name = prefix + one.ros_name + ("" if one.type.arity is Arity.SCALAR else "[0]")
+        if one.cls is None:
+            if one.type.base not in ("string", "wstring"):
+                yield name
+        elif one.cls._TYPE.name in _TIMES:
+            yield name
+        elif depth < 20:
+            yield from _numeric_names(one.cls, f"{name}.", depth + 1)
+
+
+def topics_and_fields(words: Iterable[str]) -> list[tuple[str, list[str]]]:
+    """Return the topics of ``/topic FIELD... /other FIELD...`` with their fields; raises `CommandError`."""
+    topics: dict[str, list[str]] = {}
+    at: list[str] | None = None
+    for word in words:
+        if word.startswith("/"):
+            at = topics.setdefault(word, [])
+        elif at is None:
+            raise CommandError(f"{word}: expected a topic such as /odom, which begins with a slash, before its fields")
+        else:
+            at.append(word)
+    return list(topics.items())

@@ -1,0 +1,133 @@
+"""Output of a plot: a file, a window, or the terminal."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from rosidl_py_gen.base.resources import install_command, require_modules
+from rosidl_py_gen.ros_cli import terminal_output
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
+    from rosidl_py_gen.ros_cli.plotting.figure import PlotWindow
+    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel
+    from rosidl_py_gen.ros_cli.plotting.text_plot import StyledText
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_MAX_ROWS = 40
+
+
+def plot_options(command: F) -> F:
+    """Add the options that ``bag plot`` and ``topic plot`` share."""
+    for option in (
+        click.option("--wall-clock", is_flag=True, help="Local date and time on the time axis, instead of seconds."),
+        click.option("--stamp", "by_stamp", is_flag=True, help="Time of header.stamp, instead of the time of receipt."),
+        click.option("--terminal", "in_terminal", is_flag=True, help="Draw in the terminal, even if windows can open."),
+        click.option(
+            "-o",
+            "--out",
+            type=click.Path(dir_okay=False),
+            metavar="FILE",
+            help="Write a file; its ending selects the format: .png, .svg, .pdf, ... Needs the extra plot.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def require_output(out: str | None) -> None:
+    """Raise an error if `out` cannot be written: the extra ``plot`` is missing, or the ending is unknown."""
+    if out is not None:
+        require_modules("matplotlib")
+        from rosidl_py_gen.ros_cli.plotting.figure import require_format
+
+        require_format(out)
+
+
+def show_plot(panels: Sequence[PlotPanel], axis: TimeAxis, out: str | None, in_terminal: bool) -> None:
+    """Write the file, or show the window until it is closed, or print the plot."""
+    axis.begin(panels)
+    if out is not None:
+        from rosidl_py_gen.ros_cli.plotting.figure import write_figure
+
+        write_figure(panels, axis, out)
+        terminal_output.line(f"{count_text(panels)} in {out}")
+        return
+    with plot_window(len(panels), in_terminal) as window:
+        if window is not None:
+            window.show(panels, axis)
+            return
+    print_plot(panels, axis)
+
+
+def count_text(panels: Sequence[PlotPanel]) -> str:
+    """Return the number of messages and topics as text."""
+    count, topics = sum(panel.count for panel in panels), len(panels)
+    return f"{count} messages of {topics} topics" if topics > 1 else f"{count} messages of {panels[0].title}"
+
+
+@contextmanager
+def plot_window(count: int, in_terminal: bool) -> Iterator[PlotWindow | None]:
+    """Open a window for `count` panels; yields None if the plot is drawn in the terminal, with a note on the reason."""
+    from rosidl_py_gen.ros_cli.plotting.display import has_display
+
+    if in_terminal or not has_display():
+        yield None
+        return
+    if importlib.util.find_spec("matplotlib") is None:
+        terminal_output.note(f"a window needs matplotlib: {install_command('plot')}")
+        yield None
+        return
+    from rosidl_py_gen.ros_cli.plotting.figure import open_window
+
+    with open_window(count) as window:
+        if window is None:
+            terminal_output.note("matplotlib found no toolkit for windows, such as tkinter or PyQt6")
+        yield window
+
+
+def print_plot(panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
+    """Print the plot, with colours on a terminal."""
+    rows = _rows(panels, axis)
+    if terminal_output.is_terminal():
+        from rich.console import Console
+
+        Console(highlight=False).print(_rich_text(rows))
+        return
+    terminal_output.lines("".join(run.text for run in row).rstrip() for row in rows)
+
+
+@contextmanager
+def live_plot() -> Iterator[Callable[[Sequence[PlotPanel], TimeAxis], None]]:
+    """Yield a function that replaces the plot in the terminal; elsewhere it does nothing, and the caller prints it."""
+    if not terminal_output.is_terminal():
+        yield lambda panels, axis: None
+        return
+    from rich.console import Console
+    from rich.live import Live
+
+    with Live(console=Console(highlight=False), auto_refresh=False, transient=True) as live:
+        yield lambda panels, axis: live.update(_rich_text(_rows(panels, axis)), refresh=True)
+
+
+def _rows(panels: Sequence[PlotPanel], axis: TimeAxis) -> list[list[StyledText]]:
+    from rosidl_py_gen.ros_cli.plotting.text_plot import text_plot
+
+    size = shutil.get_terminal_size()
+    rows = min(size.lines - 2, _MAX_ROWS) if sys.stdout.isatty() else size.lines * len(panels)
+    return text_plot(panels, axis, max(20, size.columns), rows)
+
+
+def _rich_text(rows: Sequence[Sequence[StyledText]]) -> Any:
+    from rich.text import Text
+
+    lines = (Text.assemble(*((run.text, run.style) for run in row), no_wrap=True) for row in rows)
+    return Text("\n").join(lines)

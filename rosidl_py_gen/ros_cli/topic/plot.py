@@ -1,0 +1,190 @@
+"""``topic plot``: fields of received messages over time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack, ExitStack
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli.plotting.output import (
+    count_text,
+    live_plot,
+    plot_options,
+    plot_window,
+    print_plot,
+    require_output,
+    show_plot,
+)
+from rosidl_py_gen.ros_cli.topic import qos as topic_qos
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
+    from rosidl_py_gen.ros_cli.plotting.lines import TopicLines
+    from rosidl_py_gen.runtime import AdaptiveSubscription
+
+_WINDOW_INTERVAL_S = 0.05
+"""Time between two checks for events of the window, which seems to hang if it is longer."""
+_DRAW_INTERVAL_S = 0.25
+
+
+@click.command("plot")
+@click.argument(
+    "words", nargs=-1, required=True, metavar="/TOPIC FIELD...", shell_complete=options.completion("topics")
+)
+@options.seconds("--duration", "duration_s", help="Time to receive messages; without it until Ctrl-C.")
+@click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="Stop after N messages.")
+@options.seconds("--last", "last_s", help="Draw only this time before the latest message.")
+@plot_options
+@options.topic_timeout
+@topic_qos.qos_options
+@options.paths
+@options.node_options
+@verb
+def plot(
+    network: options.NetworkOptions,
+    words: Sequence[str],
+    duration_s: float | None,
+    times: int | None,
+    last_s: float | None,
+    wall_clock: bool,
+    by_stamp: bool,
+    in_terminal: bool,
+    out: str | None,
+    timeout_s: float | None,
+    qos: dict[str, Any],
+    paths: Sequence[str],
+) -> AsyncCommand:
+    """Plot fields of topics while messages arrive: in a window, or in the terminal if there is no display.
+
+    With --out the file is written at the end. FIELD is pose.pose.position.x, ranges[0], ranges[0:5], or a message such
+    as twist.linear, which gives a line for each of its numbers. Further topics get a plot below. Files and windows
+    need the extra plot.
+
+    \b
+    rosidl-py topic plot /imu angular_velocity
+    rosidl-py topic plot /imu linear_acceleration.x /odom twist.twist.linear.x --last 10
+    rosidl-py topic plot /battery percentage --duration 60 --out battery.png
+    """
+    require_output(out)
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
+    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
+    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TopicLines, topics_and_fields
+    from rosidl_py_gen.runtime import AdaptiveSubscription
+    from rosidl_py_gen.runtime import qos as presets
+
+    topics = topics_and_fields(words)
+    axis = TimeAxis(is_wall_clock=wall_clock, by_stamp=by_stamp, last_s=last_s)
+
+    async def main() -> int:
+        async with AsyncExitStack() as stack:
+            command_node = await stack.enter_async_context(CommandNode(network))
+            lines: list[TopicLines] = []
+            subscriptions: list[AdaptiveSubscription[Any]] = []
+            for topic, fields in topics:
+                name = full_topic_name(command_node, topic)
+                cls = await _message_class(command_node, name, timeout_s, paths)
+                one = TopicLines(PlotPanel(name), name, fields, by_stamp=by_stamp, note=terminal_output.note)
+                one.use(cls)
+                lines.append(one)
+                profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
+                subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
+                    command_node.node, name, cls, qos=profile, note=terminal_output.note
+                )
+                subscriptions.append(await stack.enter_async_context(subscription))
+            await _plot_live(lines, subscriptions, axis, duration_s, times, out, in_terminal)
+        return 0
+
+    return AsyncCommand(main(), endless=duration_s is None and times is None)
+
+
+async def _message_class(
+    command_node: CommandNode, topic: str, timeout_s: float | None, paths: Sequence[str]
+) -> type[Any]:
+    from rosidl_py_gen.ros_cli import type_resolution
+    from rosidl_py_gen.ros_cli.name_lookup import find_topic
+
+    name = await find_topic(command_node, topic, timeout_s)
+    return await type_resolution.message_class(command_node, name, paths=paths)
+
+
+async def _plot_live(
+    lines: Sequence[TopicLines],
+    subscriptions: Sequence[AdaptiveSubscription[Any]],
+    axis: TimeAxis,
+    duration_s: float | None,
+    times: int | None,
+    out: str | None,
+    in_terminal: bool,
+) -> None:
+    """Receive and draw until the time or number of messages is reached, the window is closed, or Ctrl-C."""
+    from rosidl_py_gen.ros_cli.command_node import first_of
+
+    panels = [one.panel for one in lines]
+
+    def is_complete() -> bool:
+        return times is not None and sum(panel.count for panel in panels) >= times
+
+    async def receive(one: TopicLines, subscription: AdaptiveSubscription[Any]) -> None:
+        while not is_complete():
+            message, info = await subscription.receive_with_info()
+            one.add(message, info.received_timestamp_ns)
+            if axis.last_s is not None:
+                for line in one.panel.lines:
+                    line.retain_last(axis.last_s)
+
+    cancelled: asyncio.CancelledError | None = None
+    with ExitStack() as stack:
+        window = None if out else stack.enter_context(plot_window(len(panels), in_terminal))
+        show: Callable[..., None] = lambda panels, axis: None  # noqa: E731
+        if window is None and out is None:
+            show = stack.enter_context(live_plot())
+
+        async def draw() -> None:
+            drawn, next_s = 0, 0.0
+            loop = asyncio.get_running_loop()
+            while window is None or window.is_open:
+                is_due = (total := sum(panel.count for panel in panels)) > drawn and loop.time() >= next_s
+                if is_due:
+                    axis.begin(panels)
+                    drawn, next_s = total, loop.time() + _DRAW_INTERVAL_S
+                if window is not None:
+                    window.update(panels if is_due else None, axis)
+                elif is_due:
+                    show(panels, axis)
+                await asyncio.sleep(_WINDOW_INTERVAL_S if window is not None else _DRAW_INTERVAL_S)
+
+        limit = [] if duration_s is None else [asyncio.sleep(duration_s)]
+        receiving = [receive(*pair) for pair in zip(lines, subscriptions, strict=True)]
+        try:
+            await first_of(*limit, draw(), *receiving)
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is None and duration_s is not None and not any(panel.count for panel in panels):
+        names = ", ".join(panel.title for panel in panels)
+        raise CommandError(f"no message on {names} in {duration_s:g} s")
+    _finish(panels, axis, out, window is None)
+    if cancelled is not None:
+        raise cancelled
+
+
+def _finish(panels: Sequence[Any], axis: TimeAxis, out: str | None, is_text: bool) -> None:
+    """Write the file, or print the last plot; topics without messages get a note."""
+    filled = [panel for panel in panels if panel.count]
+    for panel in panels:
+        if not panel.count:
+            terminal_output.note(f"no messages arrived on {panel.title}")
+    if not filled:
+        return
+    if out is not None:
+        show_plot(filled, axis, out, in_terminal=True)
+    elif is_text:
+        axis.begin(filled)
+        print_plot(filled, axis)
+    else:
+        terminal_output.line(count_text(filled))
