@@ -117,7 +117,7 @@ def test_help_has_an_example_and_names_of_values_and_commands_with_a_node_accept
         assert re.search(rf"rosidl-py (\w+ )?{command.name}\b", text), command.name
         names = {name for parameter in command.params for name in parameter.opts}
         assert ("--domain" in names) == ("--no-daemon" in names), command.name
-        shows_itself = {"completion", "play", "zenoh-router"} | {"sql"}  # which has --format json
+        shows_itself = {"completion", "play", "plot", "zenoh-router"} | {"sql"}  # which has --format json
         assert "--json" in names or command.name in shows_itself, command.name
 
 

@@ -12,7 +12,7 @@ bag = LazyGroup(
         "info": ("info", "Print the contents of a bag."),
         "migrate": ("migrate", "Convert a recording to changed definitions: fields are matched by name."),
         "play": (".playback.command", "Publish the messages of a bag with the recorded timing."),
-        "plot": ("plot", "Plot fields of topics over time: file, window or terminal."),
+        "plot": ("plot", "Plot fields of topics over time."),
         "record": (".recording.command", "Record topics until Ctrl-C or SIGTERM."),
         "reindex": ("reindex", "Recreate the metadata.yaml of a bag folder, as after a crash."),
         "sql": ("sql", "Query bags, or a dataset of `bag table`, with the SQL of DuckDB."),

@@ -43,11 +43,12 @@ def plot(
     skips: bool,
     paths: Sequence[str],
 ) -> int:
-    """Plot fields of topics over time: as a file, in a window, or in the terminal if there is no display.
+    """Plot fields of topics over time.
 
-    FIELD is pose.pose.position.x, ranges[0], ranges[0:5], or a message such as twist.linear, which gives a line for
-    each of its numbers. Further topics get a plot below. Of several bags each starts at 0 s, unless --wall-clock is
-    used. Files and windows need the extra plot.
+    The plot is written to --out, shown in a window, or drawn in the terminal if there is no display. FIELD is
+    pose.pose.position.x, ranges[0], ranges[0:5], or a message such as twist.linear, which gives a line for each of its
+    numbers. Further topics get a plot below. Of several bags each starts at 0 s, unless --wall-clock is used. Files and
+    windows need the extra plot.
 
     \b
     rosidl-py bag plot drive /imu angular_velocity

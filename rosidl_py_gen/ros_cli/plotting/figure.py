@@ -55,7 +55,7 @@ def draw(figure: Any, panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
     for panel, plot in zip(panels, plots, strict=True):
         lines = axis.drawn(panel)
         for line in lines:
-            _draw_line(plot, line, axis)
+            _draw_line(plot, line, axis, panel.title)
         plot.set_title(panel.title, loc="left")
         if len(lines) == 1:
             plot.set_ylabel(lines[0].label)
@@ -71,13 +71,13 @@ def draw(figure: Any, panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
     plots[-1].set_xlabel(axis.label)
 
 
-def _draw_line(plot: Any, line: DrawnLine, axis: TimeAxis) -> None:
+def _draw_line(plot: Any, line: DrawnLine, axis: TimeAxis, title: str) -> None:
     times = line.times if not axis.is_wall_clock else axis.dates(line.times)
     style = "steps-post" if line.is_steps else "default"
     finite = len(line.values) - int((line.values != line.values).sum())
     marker = "." if finite < 2 else None
     (drawn,) = plot.plot(times, line.values, label=line.label, linewidth=1, drawstyle=style, marker=marker)
-    drawn.set_gid(line.label)
+    drawn.set_gid(f"{title}.{line.label}")
 
 
 def _size(count: int) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack, ExitStack
 from typing import TYPE_CHECKING, Any
@@ -59,11 +58,11 @@ def plot(
     qos: dict[str, Any],
     paths: Sequence[str],
 ) -> AsyncCommand:
-    """Plot fields of topics while messages arrive: in a window, or in the terminal if there is no display.
+    """Plot fields of topics while messages arrive.
 
-    With --out the file is written at the end. FIELD is pose.pose.position.x, ranges[0], ranges[0:5], or a message such
-    as twist.linear, which gives a line for each of its numbers. Further topics get a plot below. Files and windows
-    need the extra plot.
+    The plot is drawn in a window, or in the terminal if there is no display; --out writes a file at the end. FIELD is
+    pose.pose.position.x, ranges[0], ranges[0:5], or a message such as twist.linear, which gives a line for each of its
+    numbers. Further topics get a plot below. Files and windows need the extra plot.
 
     \b
     rosidl-py topic plot /imu angular_velocity
@@ -123,6 +122,8 @@ async def _plot_live(
     in_terminal: bool,
 ) -> None:
     """Receive and draw until the time or number of messages is reached, the window is closed, or Ctrl-C."""
+    import asyncio
+
     from rosidl_py_gen.ros_cli.command_node import first_of
 
     panels = [one.panel for one in lines]

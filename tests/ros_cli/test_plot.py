@@ -1,0 +1,382 @@
+"""``rosidl-py bag plot`` and ``rosidl-py topic plot``: what is drawn is read back from pictures and text."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from support.docs_pictures import update_picture
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.ros_cli.plotting import output
+from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
+from rosidl_py_gen.ros_cli.plotting.lines import BUCKETS, PlotLine, PlotPanel, TopicLines, reduced
+from rosidl_py_gen.ros_cli.plotting.text_plot import text_plot
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from support.node_fixtures import World
+
+Bool: Any = get_message("std_msgs/msg/Bool")
+Float64: Any = get_message("std_msgs/msg/Float64")
+Imu: Any = get_message("sensor_msgs/msg/Imu")
+LaserScan: Any = get_message("sensor_msgs/msg/LaserScan")
+Odometry: Any = get_message("nav_msgs/msg/Odometry")
+String: Any = get_message("std_msgs/msg/String")
+START_NS = 1_700_000_000_000_000_000
+SVG = "{http://www.w3.org/2000/svg}"
+BLUE = np.array([31, 119, 180]) / 255
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("SSH_CONNECTION", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def wave(second: float) -> float:
+    return math.sin(2 * second) * 0.3 + 0.05 * math.sin(31 * second)
+
+
+def drive(path: Path, count: int = 800, step_ns: int = 10_000_000) -> str:
+    """Write a bag of 8 s: an IMU, an odometry that is slower, a switch and a scan."""
+    with BagWriter(path) as bag:
+        bag.add_topic("/words", String)
+        for number in range(count):
+            second, at = number * step_ns / 1e9, START_NS + number * step_ns
+            imu = Imu()
+            imu.header.stamp.sec, imu.header.stamp.nanosec = divmod(at - 5_000_000_000 + number * 1_000_000, 10**9)
+            imu.angular_velocity.x, imu.angular_velocity.z = wave(second), 0.6 * math.cos(second)
+            bag.write("/imu", imu, at)
+            if number % 10 == 0:
+                odometry = Odometry()
+                odometry.twist.twist.linear.x = min(1.0, second / 3)
+                bag.write("/odom", odometry, at)
+                bag.write("/on", Bool(data=second >= 4), at)
+                scan = LaserScan(ranges=[float("inf"), *(float(place) + second for place in range(24))])
+                bag.write("/scan", scan, at)
+    return str(path)
+
+
+def drawn_lines(path: Path) -> dict[str, list[np.ndarray[Any, Any]]]:
+    """Return the points of each line of an SVG, in its coordinates; a line that is interrupted has several pieces."""
+    lines: dict[str, list[np.ndarray[Any, Any]]] = {}
+    for group in ET.parse(path).iter(f"{SVG}g"):
+        name, paths = group.get("id", ""), group.findall(f"{SVG}path")
+        if name.startswith("/") and paths:
+            pieces = re.findall(r"M[^M]+", paths[0].get("d", ""))
+            numbers = ([float(text) for text in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", piece)] for piece in pieces)
+            lines[name] = [np.array(piece).reshape(-1, 2) for piece in numbers]
+    return lines
+
+
+def texts(path: Path) -> list[str]:
+    return ["".join(one.itertext()).strip() for one in ET.parse(path).iter(f"{SVG}text")]
+
+
+def check_drawn(points: np.ndarray[Any, Any], expected: Any, start_s: float, end_s: float) -> None:
+    """Check that a line in a picture is a function of time, whose ends are those of the line."""
+    seconds = start_s + (points[:, 0] - points[0, 0]) / (points[-1, 0] - points[0, 0]) * (end_s - start_s)
+    values = np.array([expected(second) for second in seconds])
+    slope, offset = np.polyfit(points[:, 1], values, 1)
+    assert slope < 0  # coordinates of SVG count downwards
+    assert np.abs(slope * points[:, 1] + offset - values).max() < 0.02 * np.ptp(values)
+
+
+def test_a_bag_becomes_a_picture(run_here: Any, tmp_path: Path) -> None:
+    bag, picture, drawing = drive(tmp_path / "drive"), tmp_path / "drive.png", tmp_path / "drive.svg"
+    words = ("/imu", "angular_velocity.x", "angular_velocity.z", "/odom", "twist.twist.linear.x")
+    for out in (picture, drawing):
+        code, said, err = run_here("bag", "plot", bag, *words, "--out", str(out))
+        assert (code, said, err) == (0, f"880 messages of 2 topics in {out}\n", "")
+    shown = texts(drawing)
+    assert {"/imu", "/odom", "time [s]", *words[1:3], words[4]} <= {*shown}
+    lines = drawn_lines(drawing)
+    assert [*lines] == ["/imu.angular_velocity.x", "/imu.angular_velocity.z", "/odom.twist.twist.linear.x"]
+    check_drawn(lines["/imu.angular_velocity.x"][0], wave, 0, 7.99)
+    check_drawn(lines["/imu.angular_velocity.z"][0], lambda second: 0.6 * math.cos(second), 0, 7.99)
+    check_drawn(lines["/odom.twist.twist.linear.x"][0], lambda second: min(1.0, second / 3), 0, 7.9)
+    from matplotlib.image import imread
+
+    pixels = imread(picture)
+    assert pixels.shape[1] == 1080
+    lower = pixels[len(pixels) // 2 :, :, :3]  # the odometry rises in its first three seconds
+    rows, columns = np.nonzero(np.abs(lower - BLUE).max(axis=2) < 0.05)
+    assert len(rows) > 250 and np.ptp(columns) > 200
+    assert np.corrcoef(rows, columns)[0, 1] < -0.95
+    update_picture("bag_plot_command.png", picture.read_bytes())
+
+
+def test_fields_are_numbers_switches_times_and_elements(run_here: Any, tmp_path: Path) -> None:
+    bag, out = drive(tmp_path / "drive.mcap"), tmp_path / "a.svg"
+    words = ("/on", "/scan", "ranges[0:3]", "ranges[-1]", "/imu", "header", "orientation_covariance[8]")
+    code, _, err = run_here("bag", "plot", bag, *words, "-o", str(out))
+    assert (code, err) == (0, "")
+    lines = drawn_lines(out)
+    ranges = [f"/scan.ranges[{number}]" for number in (0, 1, 2, -1)]
+    assert {*lines} == {"/on.data", *ranges, "/imu.header.stamp", "/imu.orientation_covariance[8]"}
+    steps = lines["/on.data"][0]
+    assert len({*steps[:, 1]}) == 2 and (np.diff(steps, axis=0) == 0).any(axis=1).all()  # across or upwards
+    check_drawn(lines["/scan.ranges[-1]"][0], lambda second: 23 + second, 0, 7.9)
+    check_drawn(lines["/imu.header.stamp"][0], lambda second: 1.1 * second, 0, 7.99)
+    code, _, err = run_here("bag", "plot", bag, "/scan", "ranges", "--out", str(out))
+    assert (code, err) == (0, "ranges: only the first 20 elements are drawn; name others, such as ranges[20:40]\n")
+    assert len(drawn_lines(out)) == 20
+
+
+def test_the_time_is_that_of_a_part_of_the_header_or_of_the_day(
+    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TZ", "UTC")
+    time.tzset()
+    bag, out = drive(tmp_path / "drive"), tmp_path / "a.svg"
+    part = ("/imu", "angular_velocity.x", "--start-offset", "2", "--duration", "3", "-o", str(out))
+    assert run_here("bag", "plot", bag, *part)[1] == f"300 messages of /imu in {out}\n"
+    check_drawn(drawn_lines(out)["/imu.angular_velocity.x"][0], wave, 2, 4.99)
+    assert run_here("bag", "plot", bag, *part, "--stamp")[0] == 0
+    check_drawn(drawn_lines(out)["/imu.angular_velocity.x"][0], wave, 2, 4.99)  # the stamps advance evenly, too
+    assert "time of header.stamp [s]" in texts(out)
+    assert run_here("bag", "plot", bag, *part, "--wall-clock")[0] == 0
+    assert {"22:13:22", "22:13:24", "2023-Nov-14 22:13"} & {*texts(out)}, texts(out)
+    code, said, _ = run_here("bag", "plot", bag, *part[:6], "--wall-clock")
+    assert code == 0 and re.search(r"2023-11-14 22:13:22 +time +2023-11-14 22:13:24\n$", said)
+    code, _, err = run_here("bag", "plot", bag, "/odom", "twist.twist.linear.x", "/on", "data", "--stamp")
+    assert (code, err) == (1, "error: messages of /on have no header with a stamp: std_msgs/msg/Bool\n")
+
+
+def test_several_bags_begin_at_zero_unless_the_axis_is_a_clock(run_here: Any, tmp_path: Path) -> None:
+    first, second = drive(tmp_path / "a", 100), drive(tmp_path / "b", 200)
+    out = tmp_path / "two.svg"
+    code, said, err = run_here("bag", "plot", first, second, "/imu", "angular_velocity.z", "--out", str(out))
+    assert (code, said, err) == (0, f"300 messages of 2 topics in {out}\n", "")
+    assert {"a: /imu", "b: /imu"} <= {*texts(out)}
+
+
+def test_the_terminal_shows_the_lines(run_here: Any, tmp_path: Path) -> None:
+    bag = drive(tmp_path / "drive")
+    code, said, err = run_here("bag", "plot", bag, "/odom", "twist.twist.linear")
+    rows = said.splitlines()
+    assert (code, err) == (0, "")
+    assert rows[0] == "/odom" and max(map(len, rows)) <= 80
+    assert rows[-3] == "  ━ twist.twist.linear.x  ━ twist.twist.linear.y  ━ twist.twist.linear.z"
+    assert re.fullmatch(r" +0\.00 +3\.95 time \[s\] +7\.90", rows[-1])
+    assert rows[1].startswith("1.00 ┤") and rows[-4].startswith("0.00 ┤")
+    body = [row.partition("┤")[2] or row.partition("│")[2] for row in rows[1:-3]]
+    dots = {(number, column) for number, row in enumerate(body) for column, char in enumerate(row) if char != " "}
+    width, height = 73, len(body)
+    for column in range(width):
+        level = min(1.0, 7.9 * column / (width - 1) / 3)
+        assert any(abs(row - (1 - level) * (height - 1)) <= 1.2 for row, at in dots if at == column)
+    assert all(row > 0 for row, column in dots if column < 20)  # not yet at the top
+    assert "\x1b" not in said
+
+
+def test_texts_are_drawn_within_their_width() -> None:
+    panel = PlotPanel("/\x1b[31mevil" + "x" * 300)
+    lines = TopicLines(panel, "/t", ["ranges"])
+    for number in range(5):
+        lines.add(LaserScan(ranges=[float("nan")] * 5 + [1e300 * number, -1e-300]), number)
+    rows = ["".join(run.text for run in row) for row in text_plot([panel], TimeAxis(), 40, 20)]
+    assert "\x1b" not in "".join(rows) and max(map(len, rows)) <= 40
+    empty = ["".join(run.text for run in row) for row in text_plot([PlotPanel("/t")], TimeAxis(), 60, 12)]
+    assert empty[0] == "/t" and len(empty) >= 7
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["/imu", "angular_velocityz"], 'no field angular_velocityz; did you mean "angular_velocity.z"?; numeric fi'),
+        (["/imu"], "expected a field after the topic; numeric fields of sensor_msgs/msg/Imu: header.stamp, ori"),
+        (["/imu", "header.frame_id"], "header.frame_id has no number, but text; numeric fields of sensor_msgs/msg/Imu"),
+        (["/words", "data"], "/words: data has no number, but text; numeric fields of std_msgs/msg/String: none\n"),
+        (["/imu", "angular_velocity.x.y"], "angular_velocity.x is float64, which has no fields; numeric fields"),
+        (["/imu", "orientation_covariance[9]"], "the array has 9 elements; numeric fields"),
+        (["/im", "x"], 'has no topic /im; did you mean "/imu"?'),
+        (["angular_velocity.x"], "angular_velocity.x: expected a topic such as /odom, which begins with a slash"),
+        ([], "expected a topic and fields after the bag; topics of "),
+        (["/imu", "angular_velocity", "--start-offset", "60"], "is 7.990 s long; expected a start offset within it"),
+        (
+            ["/imu", "angular_velocity", "--out", "a.xyz"],
+            "a.xyz: the ending selects the format; expected one of .png, .svg, ",
+        ),
+        (["/imu", "angular_velocity", "--out", "no/folder/a.png"], "no/folder/a.png: No such file or directory"),
+    ],
+)
+def test_errors_name_what_there_is(
+    words: list[str], reason: str, run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bag = drive(tmp_path / "drive")
+    code, said, err = run_here("bag", "plot", bag, *words)
+    assert (code, said) == (1, "") and reason in err and os.listdir() == ["drive"]
+
+
+def test_a_topic_without_messages_is_an_error(run_here: Any, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.add_topic("/f", Float64)
+        bag.write("/s", String(), 1)
+    code, _, err = run_here("bag", "plot", str(tmp_path / "a.mcap"), "/f")
+    assert code == 1 and err.endswith("a.mcap has no messages on /f in the selected time\n")
+
+
+def test_without_matplotlib_there_are_files_after_its_installation_and_text(
+    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import importlib.util
+
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "matplotlib" else find(name))
+    bag = drive(tmp_path / "drive")
+    code, _, err = run_here("bag", "plot", bag, "/on", "data", "--out", str(tmp_path / "a.png"))
+    assert code == 1 and re.search(r"needs matplotlib, which is not installed: pip install .*\[plot\]", err)
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.delenv("SSH_CONNECTION")
+    code, said, err = run_here("bag", "plot", bag, "/on", "data")
+    assert code == 0 and said.startswith("/on\n") and err.startswith("a window needs matplotlib: pip install ")
+    assert run_here("bag", "plot", bag, "/on", "data", "--terminal")[2] == ""
+
+
+def test_a_window_shows_the_plot_until_it_is_closed(
+    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import matplotlib.pyplot as plt
+
+    from rosidl_py_gen.ros_cli.plotting import figure
+
+    shown: list[Any] = []
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.delenv("SSH_CONNECTION")
+    bag = drive(tmp_path / "drive")
+    code, said, err = run_here("bag", "plot", bag, "/on", "data")
+    assert code == 0 and said.startswith("/on\n")  # matplotlib finds no toolkit
+    assert err == "matplotlib found no toolkit for windows, such as tkinter or PyQt6\n"
+    monkeypatch.setattr(plt, "get_backend", lambda: "tkagg")
+
+    def show(**settings: Any) -> None:
+        shown.append([one.get_title(loc="left") for one in plt.gcf().axes])
+
+    monkeypatch.setattr(plt, "show", show)
+    assert run_here("bag", "plot", bag, "/on", "data", "/odom", "twist.twist.linear.x") == (0, "", "")
+    assert shown == [["/on", "/odom"]] and not plt.get_fignums()
+    with figure.open_window(1) as window:
+        assert window is not None and window.is_open
+        window.update([PlotPanel("/t")], TimeAxis())
+        plt.close("all")
+        assert not window.is_open
+
+
+def test_extremes_stay_with_bounded_memory() -> None:
+    line, times = PlotLine("x"), np.arange(200_000) * 0.001
+    values = np.sin(times)
+    values[[1234, 150_001]] = 7.0, -9.0
+    values[5000:5100] = np.nan
+    for second, value in zip(times.tolist(), values.tolist(), strict=True):
+        line.add(second, value)
+    kept_times, kept = line.points()
+    assert len(kept) <= 8 * BUCKETS and (np.diff(kept_times) >= 0).all()
+    assert (np.nanmax(kept), np.nanmin(kept)) == (7.0, -9.0)
+    assert kept_times[np.nanargmax(kept)] == 1.234 and (kept_times[0], kept_times[-1]) == (times[0], times[-1])
+    known = np.isfinite(kept)
+    assert np.isin(kept[known], values).all()  # each is a point of the data
+    assert np.diff(kept_times).max() < 2 * 200 / BUCKETS  # spread over the whole time
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_reduced_lines_have_first_last_and_extremes_of_each_bucket(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    times = np.sort(random.uniform(0, 10, 5000))
+    values = np.where(random.random(5000) < 0.3, np.nan, random.normal(size=5000))
+    some_times, some = reduced(times, values, 50)
+    assert len(some) <= 200
+    for number in range(50):
+        start, end = (times[0] + np.ptp(times) * (number + part) / 50 for part in (0, 1))
+        inside = (times >= start + 1e-4) & (times <= end - 1e-4)
+        chosen = some[(some_times >= start - 1e-9) & (some_times <= end + 1e-9)]
+        assert np.nanmax(chosen) >= np.nanmax(values[inside]) and np.nanmin(chosen) <= np.nanmin(values[inside])
+    same = reduced(np.zeros(1000), np.arange(1000.0), 10)
+    assert same[1].tolist() == [0.0, 999.0]
+
+
+async def test_a_topic_is_plotted_while_it_is_received(memory: World, tool: Any, tmp_path: Path) -> None:
+    node = memory.node("robot", enable_rosout=False, parameter_events=False)
+    publisher, switch = node.create_publisher(Imu, "/imu"), node.create_publisher(Bool, "/on")
+    out = tmp_path / "live.svg"
+    words = ("/imu", "angular_velocity.x", "/on", "data", "--stamp")
+    with_stamps = await tool("topic", "plot", *words)
+    assert with_stamps.code == 1 and "messages of /on have no header with a stamp" in with_stamps.err
+    process = await tool.start("topic", "plot", *words[:4], "--out", str(out))
+    await publisher.wait_for_subscribers(5)
+    await switch.wait_for_subscribers(5)
+    for number in range(50):
+        imu = Imu()
+        imu.angular_velocity.x = float(number)
+        publisher.publish(imu)
+        switch.publish(Bool(data=number > 20))
+        await asyncio.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (0, f"100 messages of 2 topics in {out}\n")
+    lines = drawn_lines(out)
+    assert [*lines] == ["/imu.angular_velocity.x", "/on.data"]
+    heights = lines["/imu.angular_velocity.x"][0][:, 1]
+    assert (np.diff(heights) < 0).all()
+
+
+async def test_a_live_plot_ends_after_messages_or_seconds(memory: World, tool: Any, tmp_path: Path) -> None:
+    node = memory.node("robot", enable_rosout=False, parameter_events=False)
+    publisher = node.create_publisher(Float64, "/f")
+    process = await tool.start("topic", "plot", "/f", "-n", "3")
+    await publisher.wait_for_subscribers(5)
+    for number in range(4):
+        publisher.publish(Float64(data=number * 2.0))
+        await asyncio.sleep(0.1)
+    ended = await tool.end(process)
+    assert ended.code == 0 and ended.out.startswith("/f\n4.00 ┤") and "━ data\n" in ended.out
+    silent = await tool("topic", "plot", "/f", "data", "--duration", "2")
+    assert (silent.code, silent.err) == (1, "error: no message on /f in 2 s\n")
+    wrong = await tool("topic", "plot", "/f", "dat")
+    assert wrong.code == 1 and 'no field dat; did you mean "data"?' in wrong.err
+    missing = await tool("topic", "plot", "/g", "data", "--timeout", "0.2")
+    assert missing.code == 1 and "no topic /g was found" in missing.err
+    options = ("--duration", "10", "--last", "1", "--out", str(tmp_path / "a.png"))
+    process = await tool.start("topic", "plot", "/f", *options)
+    await publisher.wait_for_subscribers(5)
+    publisher.publish(Float64(data=1.0))
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (0, f"1 messages of /f in {tmp_path / 'a.png'}\n")
+
+
+async def test_a_terminal_is_redrawn(memory: World, tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[int] = []
+    monkeypatch.setattr(output.terminal_output, "is_terminal", lambda: True)
+    monkeypatch.setattr(output, "_rows", lambda panels, axis: drawn.append(panels[0].count) or [])
+    node = memory.node("robot", enable_rosout=False, parameter_events=False)
+    publisher = node.create_publisher(Float64, "/f")
+    process = await tool.start("topic", "plot", "/f", "--duration", "2")
+    await publisher.wait_for_subscribers(5)
+    for number in range(6):
+        publisher.publish(Float64(data=float(number)))
+        await asyncio.sleep(0.3)
+    assert (await tool.end(process)).code == 0
+    assert drawn == sorted(drawn) and len({*drawn}) >= 4 and drawn[-1] == 6
+
+
+def test_commands_start_without_matplotlib() -> None:
+    program = "import sys; from rosidl_py_gen.ros_cli import main\ntry: main(['bag', 'plot', '--help'])\n"
+    program += "finally: print([name for name in ('matplotlib', 'numpy') if name in sys.modules])"
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert ended.stdout.endswith("\n[]\n"), ended.stdout
