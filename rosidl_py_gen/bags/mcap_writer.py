@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from rosidl_py_gen import __version__, encode, type_hash, type_name
+from rosidl_py_gen import __version__, encode, type_hash
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
-from rosidl_py_gen.bags.metadata import qos_text
-from rosidl_py_gen.bags.splitting_writer import SplittingWriter
+from rosidl_py_gen.bags.splitting_writer import SplittingWriter, topic_of
 from rosidl_py_gen.bags.storage.storage_api import MAX_UNPACKED_BYTES
 from rosidl_py_gen.errors import EncodeError
-from rosidl_py_gen.type_loading.from_description import definition_text
 
 if TYPE_CHECKING:
     import os
@@ -54,15 +52,6 @@ class _Compression:
             yield
         finally:
             self._kind = self._usual
-
-
-def topic_of(topic: str, msg_type: type[Message], qos: Sequence[QoSProfile] = ()) -> BagTopic:
-    """Return the topic that a bag stores for a class; raises `TypeNotFoundError` if it is not a message class."""
-    text = definition_text(msg_type)
-    encoding = "ros2idl" if text.startswith("=") else "ros2msg"
-    return BagTopic(
-        topic, type_name(msg_type), text, encoding, type_hash=type_hash(msg_type), offered_qos=qos_text(qos)
-    )
 
 
 class BagWriter(SplittingWriter):
@@ -128,7 +117,7 @@ class BagWriter(SplittingWriter):
         """Register a topic, which is needed before serialized messages are written.
 
         Args:
-            msg_type: the class, or a `BagTopic` of a reader.
+            msg_type: the class, or a `BagTopic` of a reader, whose name and QoS may be others.
             qos: profiles of the publishers, which rosbag2 plays with.
 
         Raises:
@@ -136,7 +125,7 @@ class BagWriter(SplittingWriter):
             TypeNotFoundError: `msg_type` is not a message class.
         """
         self._require_open()
-        known = msg_type if isinstance(msg_type, BagTopic) else topic_of(topic, msg_type, qos)
+        known = topic_of(topic, msg_type, qos)
         before = self._topics.get(topic)
         if before is not None and (before.type_name, before.type_hash) != (known.type_name, known.type_hash):
             raise BagError(f"{topic} has the type {before.type_name} {before.type_hash}, not {known.type_name}")

@@ -6,22 +6,26 @@ that (`mcap_writer.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from zstandard import ZstdCompressor
 
-from rosidl_py_gen.bags.common import BagError, replace_durably
-from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, write_metadata
+from rosidl_py_gen import type_hash, type_name
+from rosidl_py_gen.bags.common import BagError, BagTopic, replace_durably
+from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, qos_text, write_metadata
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX
 from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.type_loading.from_description import definition_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.bags.common import BagTopic
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import QoSProfile
 
 CompressionMode = Literal["none", "file", "message"]
 _ZSTD_LEVEL = 1
@@ -49,6 +53,22 @@ def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
         raise
     source.unlink()
     return target
+
+
+def topic_of(topic: str, msg_type: type[Message] | BagTopic, qos: Sequence[QoSProfile] = ()) -> BagTopic:
+    """Return the topic that a bag stores for a class or for the topic of another bag.
+
+    Raises:
+        TypeNotFoundError: `msg_type` is not a message class.
+    """
+    if isinstance(msg_type, BagTopic):
+        renamed = msg_type if msg_type.name == topic else replace(msg_type, name=topic)
+        return replace(renamed, offered_qos=qos_text(qos)) if qos else renamed
+    text = definition_text(msg_type)
+    encoding = "ros2idl" if text.startswith("=") else "ros2msg"
+    return BagTopic(
+        topic, type_name(msg_type), text, encoding, type_hash=type_hash(msg_type), offered_qos=qos_text(qos)
+    )
 
 
 class SplittingWriter:

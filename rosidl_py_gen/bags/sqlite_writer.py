@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
+from rosidl_py_gen import type_hash
+from rosidl_py_gen.bags.common import BagError, checked_time, require_printable
 from rosidl_py_gen.bags.definition_lookup import same_definition
-from rosidl_py_gen.bags.splitting_writer import SplittingWriter
+from rosidl_py_gen.bags.splitting_writer import SplittingWriter, topic_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from rosidl_py_gen.bags.common import RawMessage
+    from rosidl_py_gen.bags.common import BagTopic, RawMessage
     from rosidl_py_gen.bags.splitting_writer import CompressionMode
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import QoSProfile
 
 # Version 4 of rosbag2's own tables.
 _TABLES = """
@@ -35,6 +39,8 @@ create index timestamp_idx on messages (timestamp asc);
 
 class SqliteWriter(SplittingWriter):
     """Writer of a folder of ``.db3`` files with ``metadata.yaml``. Use it with ``with``, or call `close`.
+
+    Compared with `BagWriter`, a topic and a type have one definition in the bag, and messages have no publish times.
 
     Args:
         split_bytes: as for `BagWriter`, and so are the other arguments.
@@ -84,15 +90,18 @@ class SqliteWriter(SplittingWriter):
         except (sqlite3.Error, UnicodeEncodeError) as error:
             raise BagError(f"{self.path}: {error}") from None
 
-    def add_topic(self, topic: str, known: BagTopic) -> None:
-        """Register a topic.
+    def add_topic(self, topic: str, msg_type: type[Message] | BagTopic, *, qos: Sequence[QoSProfile] = ()) -> None:
+        """Register a topic, which is needed before serialized messages are written.
 
         Args:
-            known: the topic, as a reader returns it.
+            msg_type: the class, or a `BagTopic` of a reader, whose name and QoS may be others.
+            qos: profiles of the publishers, which rosbag2 plays with.
 
         Raises:
             BagError: the topic or its type has another definition already, or it cannot be written.
+            TypeNotFoundError: `msg_type` is not a message class.
         """
+        known = topic_of(topic, msg_type, qos)
         previous = self._topics.get(topic)
         if previous is not None and previous.key != known.key:
             raise BagError(
@@ -138,16 +147,31 @@ class SqliteWriter(SplittingWriter):
             self.add_topic(known.name, known)
         self.write(known.name, data, log_time_ns, publish_time_ns)
 
-    def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
-        """Write a serialized message; these bags have no publish times.
+    def write(
+        self, topic: str, message: Message | bytes, log_time_ns: int | None = None, publish_time_ns: int | None = None
+    ) -> None:
+        """Write a message; bytes are CDR of the type that was registered with `add_topic`.
+
+        Args:
+            log_time_ns: None means now.
+            publish_time_ns: ignored, because these bags have no publish times.
 
         Raises:
-            BagError: the topic is unknown, the bag is closed, the time is below 0, or the message cannot be written.
+            BagError: bytes for an unknown topic, a message of another type, the bag is closed, the time is below 0, or
+                the message cannot be written.
+            EncodeError: a value of the message is out of range.
         """
         self._require_open()
-        if topic not in self._ids:
-            raise BagError(f"{topic} has no type yet; call add_topic before")
-        log_time = checked_time(log_time_ns, topic, "log")
+        if isinstance(message, bytes | bytearray | memoryview):
+            data = bytes(message)
+            if topic not in self._ids:
+                raise BagError(f"{topic} has no type yet: call add_topic before bytes are written")
+        else:
+            data = message.encode()
+            known = self._topics.get(topic)
+            if known is None or known.type_hash != type_hash(message):
+                self.add_topic(topic, type(message))
+        log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
         if self._needs_new_file(log_time):
             self._next_file()
         with self._as_bag_error():

@@ -21,7 +21,7 @@ from zstandard import ZstdCompressor
 from rosidl_py_gen import compile_definition
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SkippedMessages, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
-from rosidl_py_gen.bags.mcap_writer import topic_of
+from rosidl_py_gen.bags.splitting_writer import topic_of
 
 COUNT = 20
 

@@ -13,8 +13,9 @@ from rosbags.typesys import Stores, get_typestore
 from support.bag_samples import STORAGES, String, file_size_limit, write_strings
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter, SqliteWriter
-from rosidl_py_gen.bags.mcap_writer import topic_of
 from rosidl_py_gen.bags.reindexing import reindex_folder
+from rosidl_py_gen.bags.splitting_writer import topic_of
+from rosidl_py_gen.runtime import QoSProfile
 
 S = 1_000_000_000
 
@@ -93,6 +94,27 @@ def test_a_bag_is_split_on_request(tmp_path: Path, storage: str) -> None:
     assert words_of(path) == [0, 1, 2]
     with pytest.raises(BagError, match="is closed"):
         bag.split()
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_messages_are_written_with_their_definition_and_qos(tmp_path: Path, storage: str) -> None:
+    with STORAGES[storage](tmp_path / "bag") as bag:
+        bag.add_topic("/latched", String, qos=[QoSProfile().transient_local()])
+        bag.write("/latched", String(data="hall").encode(), 1)
+        bag.write("/words", String(data="now"))
+        bag.write("/words", memoryview(String(data="then").encode()), 2)
+        with pytest.raises(BagError, match="call add_topic before bytes are written"):
+            bag.write("/other", b"\0\1\0\0", 3)
+    with BagReader(tmp_path / "bag") as bag, STORAGES[storage](tmp_path / "copy") as copy:
+        assert [one.message.data for one in bag] == ["hall", "then", "now"]
+        assert all(bag.definition(topic).is_recorded for topic in bag.topics)
+        copy.add_topic("/renamed", bag.topics["/latched"])
+        copy.write("/renamed", String(data="hall").encode(), 1)
+        copy.add_topic("/volatile", bag.topics["/latched"], qos=[QoSProfile()])
+    with BagReader(tmp_path / "copy") as bag:
+        assert [(one.topic, one.message.data) for one in bag] == [("/renamed", "hall")]
+        qos = {name: yaml.safe_load(topic.offered_qos)[0]["durability"] for name, topic in bag.topics.items()}
+        assert qos == {"/renamed": 1, "/volatile": 2}  # transient local, volatile
 
 
 def test_what_was_flushed_into_sqlite_is_there_for_others(tmp_path: Path) -> None:

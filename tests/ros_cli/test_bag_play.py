@@ -14,7 +14,7 @@ from support.node_fixtures import until
 
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, ros_cli
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
-from rosidl_py_gen.bags.mcap_writer import topic_of
+from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic
-from rosidl_py_gen.bags.mcap_writer import topic_of
 from rosidl_py_gen.bags.metadata import qos_text
+from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output, type_resolution
