@@ -72,6 +72,8 @@ def test_workflows_run_what_readme_and_ci_run() -> None:
     assert [line for line in lines if line not in words] == [
         "apt-get update -qq && apt-get install -y -qq --no-install-recommends ca-certificates git python3 python3-venv",
         "pip install '.[zenoh]'",
+        "python examples/messages.py",
+        'test -z "$(git status --porcelain)"',
         "pip install -e '.[${{ env.HAS_DDS == 'true' && 'test' || 'test-without-dds' }}]'",
         "pytest tests/runtime/entities/test_services.py tests/runtime/transport/test_fast_dds_rules.py",
         "sed -i 's/^Types: deb$/Types: deb deb-src/' /etc/apt/sources.list.d/debian.sources",
