@@ -3,6 +3,9 @@
 Functions accept any object that has the fields of the message: generated, compiled in memory or of another library.
 Functions that make a message take its class as `cls`. Without it they use the class that `get_message` returns, which
 type checkers cannot know.
+
+In a notebook, this import or ``%load_ext rosidl_py_gen.numpy`` makes IPython display messages as pictures or trees,
+bags as tables of their topics, and nodes as lists of their entities.
 """
 
 from rosidl_py_gen.numpy.clouds import array_to_pointcloud as array_to_pointcloud
@@ -17,6 +20,8 @@ from rosidl_py_gen.numpy.images import convert_pixels as convert_pixels
 from rosidl_py_gen.numpy.images import image_to_array as image_to_array
 from rosidl_py_gen.numpy.maps import array_to_occupancygrid as array_to_occupancygrid
 from rosidl_py_gen.numpy.maps import occupancygrid_to_array as occupancygrid_to_array
+from rosidl_py_gen.numpy.notebook import load_ipython_extension as load_ipython_extension
+from rosidl_py_gen.numpy.notebook import register_if_running as _register_if_running
 from rosidl_py_gen.numpy.rotations import euler_to_quaternion as euler_to_quaternion
 from rosidl_py_gen.numpy.rotations import matrix_to_quaternion as matrix_to_quaternion
 from rosidl_py_gen.numpy.rotations import matrix_to_transform as matrix_to_transform
@@ -28,3 +33,5 @@ from rosidl_py_gen.numpy.times import datetime_to_time as datetime_to_time
 from rosidl_py_gen.numpy.times import duration_to_timedelta as duration_to_timedelta
 from rosidl_py_gen.numpy.times import time_to_datetime as time_to_datetime
 from rosidl_py_gen.numpy.times import timedelta_to_duration as timedelta_to_duration
+
+_register_if_running()

@@ -14,7 +14,7 @@ from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
-from rosidl_py_gen.runtime.entities.entity_scope import pluralize
+from rosidl_py_gen.runtime.entities.entity_scope import Entity, pluralize
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type, raw_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.subscription import Subscription
@@ -437,6 +437,11 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         """Close a timer and return True; the name in rclpy."""
         timer.close()
         return True
+
+    @property
+    def entities(self) -> list[Entity]:
+        """Open publishers, subscriptions, clients, servers, timers and actions, oldest first; also the node's own."""
+        return [one for one in self._scope.owned.values() if isinstance(one, Entity)]
 
     if not TYPE_CHECKING:  # type checkers report unknown attributes themselves
 
