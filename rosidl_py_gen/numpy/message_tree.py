@@ -10,7 +10,7 @@ import numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.numpy.notebook import escaped
+from rosidl_py_gen.numpy.html_text import escaped
 
 _MAX_TEXT, _MAX_NUMBERS, _MAX_MESSAGES, _MAX_DEPTH, _MAX_LINES = 200, 12, 10, 20, 1000
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")

@@ -11,6 +11,7 @@ import sys
 from typing import Any
 
 from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.numpy.html_text import escaped
 
 _MAX_ROWS = 500
 
@@ -79,12 +80,3 @@ def _table(headings: tuple[str, ...], rows: list[list[str]]) -> str:
     )
     more = f"<div>{len(rows) - _MAX_ROWS} more</div>" if len(rows) > _MAX_ROWS else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
-
-
-def escaped(text: str, max_length: int = 1000) -> str:
-    """Return a text for HTML, of at most `max_length` characters before escaping; texts of peers are not trusted."""
-    from html import escape
-
-    from rosidl_py_gen.errors import printable
-
-    return escape(printable(text, max_length))

@@ -18,9 +18,9 @@ from rosidl_py_gen.errors import ExtraMissingError
 from rosidl_py_gen.numpy.clouds import pointcloud_to_array, points_to_xyz
 from rosidl_py_gen.numpy.common import ConversionError, flat_bytes
 from rosidl_py_gen.numpy.compressed import compressedimage_to_array
+from rosidl_py_gen.numpy.html_text import escaped
 from rosidl_py_gen.numpy.images import convert_pixels, image_to_array
 from rosidl_py_gen.numpy.maps import occupancygrid_to_array
-from rosidl_py_gen.numpy.notebook import escaped
 from rosidl_py_gen.numpy.scans import laserscan_to_points
 
 _Pixels = np.ndarray[Any, np.dtype[np.uint8]]

@@ -1,4 +1,4 @@
-"""What notebooks display: pictures are decoded again, and texts of messages stay texts."""
+"""Views of notebooks: pictures are decoded again, and texts of messages stay texts."""
 
 from __future__ import annotations
 
