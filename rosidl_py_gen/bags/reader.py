@@ -37,6 +37,7 @@ from rosidl_py_gen.bags.storage.bag_files import open_files
 from rosidl_py_gen.bags.storage.damage import SkippedParts
 from rosidl_py_gen.bags.storage.storage_api import (
     BagChannel,
+    OpeningProgress,
     RawTuple,
     TableInput,
     as_table_input,
@@ -82,6 +83,8 @@ class BagReader:
         skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`
             with the place, the log times and the topics.
         typestore: definitions by name, which precede `search_path`: ``{"my_msgs/msg/Thing": Thing}``, or texts.
+        on_progress: called with the number of bytes that are read, and of all, while files are decompressed, or read
+            completely because they have no index.
 
     Raises:
         BagError: the bag is damaged beyond reading, or of an unknown kind.
@@ -97,6 +100,7 @@ class BagReader:
         search_path: SearchFolders = (),
         typestore: Typestore | None = None,
         skip_damaged: bool = False,
+        on_progress: Callable[[int, int], object] | None = None,
     ) -> None:
         self.path = bag_path(path)
         skipped = SkippedParts()
@@ -108,7 +112,12 @@ class BagReader:
         try:
             skip = skipped.add if skip_damaged else None
             self.files, self._files, hashes = open_files(
-                self.path, self._resources, validate_crcs, max_decompressed_bytes, skip
+                self.path,
+                self._resources,
+                validate_crcs,
+                max_decompressed_bytes,
+                skip,
+                OpeningProgress(on_progress),
             )
             """Files of the bag."""
             self._definitions = Definitions(self.path, search_path, typestore, hashes)

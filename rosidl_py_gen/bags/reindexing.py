@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from rosidl_py_gen.bags.common import BagError, replace_durably
 from rosidl_py_gen.bags.definition_lookup import has_definition
@@ -21,7 +21,9 @@ from rosidl_py_gen.bags.storage.storage_api import topics_by_name
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags.common import BagTopic, DamagedPart
+    from collections.abc import Callable, Iterable, Iterator
+
+    from rosidl_py_gen.bags.common import BagTopic, DamagedPart, RawMessage
 
 UNINDEXED = ".unindexed"
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
@@ -49,7 +51,44 @@ class Reindexed(NamedTuple):
     damaged: tuple[DamagedPart, ...] = ()
 
 
-def reindex_folder(folder: Path) -> Reindexed:
+OnProgress: TypeAlias = "Callable[[float, float], object]"
+"""Function that is called with the number of bytes that are read, and of all."""
+_MESSAGES_PER_REPORT = 64
+
+
+class _Progress:
+    """Progress of reading files twice: when they are opened, if they have no index, and for their messages."""
+
+    def __init__(self, on_progress: OnProgress | None, total: int) -> None:
+        self._on_progress, self._total = on_progress, total
+        self._before = self._size = self._opened = 0.0
+
+    def begin_file(self, size: int) -> None:
+        self._before, self._size, self._opened = self._before + self._size, size, 0.0
+
+    def on_opening(self, done: int, total: int) -> None:
+        self._opened = self._size / 2
+        self._show(self._opened * done / max(1, total))
+
+    def counted(self, messages: Iterable[RawMessage], total: int, begin: float = 0.0) -> Iterator[RawMessage]:
+        """Yield messages; `begin` is the part of the file's work that is done before, from 0 to 1."""
+        start = max(self._opened, begin * self._size)
+        step = (self._size - start) / max(1, total)
+        for count, message in enumerate(messages):
+            if not count % _MESSAGES_PER_REPORT:
+                self._show(min(start + count * step, self._size))
+            yield message
+
+    def _show(self, done: float) -> None:
+        if self._on_progress is not None:
+            self._on_progress(self._before + done, self._total)
+
+
+def _count(reader: BagReader) -> int:
+    return sum(channel.count or 0 for channel in reader.channels)
+
+
+def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reindexed:
     """Write ``metadata.yaml`` for the files in a folder, in the order of the numbers in their names.
 
     Raises:
@@ -68,10 +107,12 @@ def reindex_folder(folder: Path) -> Reindexed:
         files[-1] = compress_file(files[-1])  # the recorder was killed before it did
         kinds = dict.fromkeys(files, "file")
     compression = _single_kind(folder, {*kinds.values()} or {""})
+    progress = _Progress(on_progress, sum(file.stat().st_size for file in files))
     for file in files:
-        with BagReader(file, skip_damaged=True) as reader:
+        progress.begin_file(file.stat().st_size)
+        with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
             counted = FileStatistics(file.name, counts=dict.fromkeys(reader.topics, 0))
-            for message in reader.raw_messages():  # all of them: some chunks may be damaged
+            for message in progress.counted(reader.raw_messages(), _count(reader)):  # all: some may be damaged
                 counted.add(message.channel.name, message.log_time)
             statistics.append(counted)
             damaged += reader.damaged
@@ -85,7 +126,7 @@ def reindex_folder(folder: Path) -> Reindexed:
     return Reindexed(folder / FILE, len(files), count, len(topics), tuple(unindexed), damaged=tuple(damaged))
 
 
-def reindex_file(file: Path) -> Reindexed:
+def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed:
     """Rewrite an MCAP file that has no index or damaged parts, and rename the old one to ``FILE.unindexed``.
 
     Raises:
@@ -93,11 +134,14 @@ def reindex_file(file: Path) -> Reindexed:
         OSError: a file cannot be read or written.
     """
     backup = file.with_name(file.name + UNINDEXED)
-    with BagReader(file, skip_damaged=True) as reader:
+    size = file.stat().st_size if file.exists() else 0
+    progress = _Progress(on_progress, size)
+    progress.begin_file(size)
+    with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
         if file.suffix != ".mcap":
             raise BagError(f"{file}: only MCAP files have an index; pass the folder of the file")
         if reader.has_index:
-            for _ in reader.raw_messages():
+            for _ in progress.counted(reader.raw_messages(), 2 * _count(reader)):
                 pass
             if not reader.damaged:
                 raise BagError(f"{file} already has an index, and no damage; it needs no reindexing")
@@ -110,7 +154,7 @@ def reindex_file(file: Path) -> Reindexed:
                 count = 0
                 for channel in reader.channels:
                     writer.add_raw_topic(channel)
-                for message in reader.raw_messages():
+                for message in progress.counted(reader.raw_messages(), _count(reader), begin=0.5):
                     writer.write_raw(message)
                     count += 1
         except BaseException:

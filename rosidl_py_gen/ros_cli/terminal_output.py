@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _COLUMN_GAP = 3
 """Number of spaces between the columns of a table."""
+_CLEAR_LINE = "\r\x1b[2K"
+_DEFAULT_COLUMNS = 80
 
 
 def is_terminal() -> bool:
@@ -62,6 +64,80 @@ def records(texts: Iterable[str]) -> None:
     """Print records of CSV or JSON, which may contain line breaks. Raises as `line`."""
     sys.stdout.writelines(printable_lines(text) + "\n" for text in texts)
     sys.stdout.flush()
+
+
+class StatusLine:
+    """Line on standard error, if that is a terminal, below the other output of a command; a context manager.
+
+    The cursor stays visible, because a signal could not restore it.
+
+    Attributes:
+        is_possible: False if standard error is not a terminal; then nothing is displayed.
+    """
+
+    def __init__(self) -> None:
+        self.is_possible = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+        self._text = ""
+        self._terminal: Any = sys.stderr
+        self._streams = sys.stdout, sys.stderr
+
+    def show(self, text: str) -> None:
+        """Replace the text of the line; it is cut at the width of the terminal."""
+        if not self.is_possible:
+            return
+        columns = _columns_of(self._terminal)
+        text = printable_line(text)
+        self._text = text if len(text) < columns else f"{text[: max(0, columns - 2)]}…"
+        self._terminal.write(f"{_CLEAR_LINE}{self._text}")
+        self._terminal.flush()
+
+    def clear(self) -> None:
+        """Remove the text, until the next one is shown."""
+        if self._text:
+            self._text = ""
+            self._terminal.write(_CLEAR_LINE)
+            self._terminal.flush()
+
+    def __enter__(self) -> StatusLine:
+        self._streams = sys.stdout, sys.stderr
+        self._terminal = sys.stderr
+        if self.is_possible:
+            above: Any = _AboveStatusLine(sys.stderr, self)
+            sys.stderr = above
+            if sys.stdout.isatty():
+                above = _AboveStatusLine(sys.stdout, self)
+                sys.stdout = above
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.clear()
+        sys.stdout, sys.stderr = self._streams
+
+
+class _AboveStatusLine:
+    """Stream whose texts replace a status line, which appears again below them when it is shown the next time."""
+
+    def __init__(self, stream: Any, status: StatusLine) -> None:
+        self._stream, self._status = stream, status
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        self._status.clear()
+        count: int = self._stream.write(text)
+        return count
+
+    def writelines(self, texts: Iterable[str]) -> None:
+        self._status.clear()
+        self._stream.writelines(texts)
+
+
+def _columns_of(terminal: Any) -> int:
+    try:
+        return os.get_terminal_size(terminal.fileno()).columns or _DEFAULT_COLUMNS
+    except (OSError, ValueError):
+        return _DEFAULT_COLUMNS
 
 
 def mermaid_label(text: str) -> str:

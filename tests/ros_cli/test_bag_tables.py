@@ -140,19 +140,6 @@ def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:
     assert not other.exists()
 
 
-def test_a_bar_shows_on_a_terminal_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rosidl_py_gen.ros_cli import terminal_output
-    from rosidl_py_gen.ros_cli.bag import display
-
-    monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
-    monkeypatch.setattr("sys.stderr", screen := io.StringIO())
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    with display.progress_bar(10) as show:
-        show(4)
-    assert "4/10" in screen.getvalue()
-
-
 def test_bags_of_the_same_name_are_told_apart_by_their_folders() -> None:
     assert names_of(["a/x.mcap", "b/x.mcap", "y", "a/x.mcap"]) == {"a/x": "a/x.mcap", "b/x": "b/x.mcap", "y": "y"}
     assert names_of(["/x.db3.zstd"]) == {"x": "/x.db3.zstd"}

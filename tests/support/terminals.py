@@ -34,16 +34,19 @@ class OnTerminal:
 
 
 async def on_terminal(
-    *arguments: str, columns: int = 80, stdout: bool = True, stderr: bool = True, **environment: str
+    *arguments: str, columns: int = 80, stdout: bool = True, stderr: bool = True, setup: str = "", **environment: str
 ) -> OnTerminal:
-    """Run ``rosidl-py`` with a terminal of a width; streams that are not the terminal are a pipe."""
+    """Run ``rosidl-py`` with a terminal of a width; streams that are not the terminal are a pipe.
+
+    `setup` is Python code that runs before the command.
+    """
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     variables = {**os.environ, "PYTHONPATH": GENERATED.name, "TERM": "xterm", **environment}
     for name in ("NO_COLOR", "COLUMNS", "FORCE_COLOR", "TTY_COMPATIBLE"):
         variables.pop(name, None)
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", *arguments),
+        *(sys.executable, "-c", f"{setup}\nfrom rosidl_py_gen.ros_cli import main\nmain()", *arguments),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=theirs if stdout else asyncio.subprocess.PIPE,
         stderr=theirs if stderr else asyncio.subprocess.PIPE,

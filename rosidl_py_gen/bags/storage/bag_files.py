@@ -22,7 +22,7 @@ from rosidl_py_gen.bags.remote import local_copy, unreachable_as_error
 from rosidl_py_gen.bags.storage.mcap_chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.bags.storage.sqlite_file import SqliteFile
-from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, library_errors_as_bag_error
+from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, OpeningProgress, library_errors_as_bag_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -49,6 +49,7 @@ def open_files(
     validate_crcs: bool,
     max_bytes: int,
     on_skipped: Callable[[DamagedPart], None] | None = None,
+    progress: OpeningProgress | None = None,
 ) -> tuple[list[Path], list[Storage], dict[tuple[str, str], str]]:
     """Open the files of a bag; `resources` closes them.
 
@@ -60,12 +61,16 @@ def open_files(
         OSError: a file cannot be opened.
     """
     storages: list[Storage] = []
+    progress = progress or OpeningProgress()
     with unreachable_as_error(path):
         files, may_compress_messages, hashes = _files_of(path)
+        progress.total += sum(file.stat().st_size for file in files if file.suffix == SUFFIX and file.exists())
         for file in files:
-            plain = _decompressed(file, resources, max_bytes)
+            plain = _decompressed(file, resources, max_bytes, progress)
             storage = (
-                SqliteFile(plain) if plain.suffix == ".db3" else McapFile(plain, validate_crcs, max_bytes, on_skipped)
+                SqliteFile(plain)
+                if plain.suffix == ".db3"
+                else McapFile(plain, validate_crcs, max_bytes, on_skipped, progress)
             )
             resources.callback(storage.close)
             storages.append(_CompressedMessages(storage, file, max_bytes) if may_compress_messages else storage)
@@ -168,17 +173,17 @@ def _is_decompressible(path: Path) -> bool:
     return size > 0 and size >= stated_size
 
 
-def _decompressed(path: Path, resources: ExitStack, max_bytes: int) -> Path:
+def _decompressed(path: Path, resources: ExitStack, max_bytes: int, progress: OpeningProgress) -> Path:
     if path.suffix == SUFFIX or (path.suffix == ".db3" and not isinstance(path, Path)):
         folder = Path(resources.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-")))
         path = local_copy(path, folder)
-        path = _decompress_file(path, folder, max_bytes) if path.suffix == SUFFIX else path
+        path = _decompress_file(path, folder, max_bytes, progress) if path.suffix == SUFFIX else path
     if path.suffix not in _SUFFIXES:
         raise BagError(f"{path}: {'expected .mcap, .db3 or a folder' if path.exists() else 'file does not exist'}")
     return path
 
 
-def _decompress_file(path: Path, folder: Path, max_bytes: int) -> Path:
+def _decompress_file(path: Path, folder: Path, max_bytes: int, progress: OpeningProgress) -> Path:
     """Decompress a file into `folder`; a file may grow to a thousand times its size, and to `max_bytes`."""
     target = folder / path.name.removesuffix(SUFFIX)
     room = shutil.disk_usage(folder).free // 2
@@ -197,6 +202,8 @@ def _decompress_file(path: Path, folder: Path, max_bytes: int) -> Path:
                     )
                 _require_size(path, written, max_size)
                 output.write(piece)
+                progress.show(compressed.tell())
+        progress.end_file(path.stat().st_size)
         if written < stated_size:
             raise BagError(f"{path}: damaged: decompresses to {written} bytes, and states {stated_size}")
     return target

@@ -37,6 +37,7 @@ from rosidl_py_gen.bags.storage.storage_api import (
     MAX_UNPACKED_BYTES,
     BagChannel,
     MessageBlock,
+    OpeningProgress,
     library_errors_as_bag_error,
     merge_channels,
 )
@@ -64,6 +65,7 @@ class McapFile:
         max_decompressed_bytes: maximum size of a decompressed chunk, and of the messages that wait for earlier ones
             because chunks overlap in time.
         on_skipped: called with each damaged part, which is skipped then; None raises `BagError`.
+        progress: gets the progress of reading the file from start to end.
     """
 
     def __init__(
@@ -72,8 +74,10 @@ class McapFile:
         validate_crcs: bool,
         max_decompressed_bytes: int = MAX_UNPACKED_BYTES,
         on_skipped: Callable[[DamagedPart], None] | None = None,
+        progress: OpeningProgress | None = None,
     ) -> None:
         self._path = path
+        self._progress = progress or OpeningProgress()
         self._on_skipped = on_skipped
         self._max_bytes = max_decompressed_bytes
         self._chunks = ChunkDecompressor(path, max_decompressed_bytes, validate_crcs)
@@ -91,6 +95,8 @@ class McapFile:
             self._stream.close()
             raise
         self.is_whole = self._stored_index is not None
+        if not self.is_whole:
+            self._progress.total += max(0, self._size - len(MCAP0_MAGIC))
 
     @cached_property
     def _index(self) -> Index:
@@ -109,6 +115,7 @@ class McapFile:
             unchunked = Index(channels=index.channels, schemas=index.schemas, segments=index.segments)
             for start, end in index.unindexed_ranges:
                 if start < end:
+                    self._progress.total += end - start
                     self._walk(unchunked, start, end)
             if not any(segment.is_chunk for segment in index.segments):
                 self._require_counts(index, unchunked)
@@ -132,7 +139,9 @@ class McapFile:
         on_damage = damaged_ranges.append if skips else lambda one: self._report_damage(one, index)
         with library_errors_as_bag_error(self._path), self._lock:
             try:
-                Walk(self._stream, self._size, self._chunks, index, on_damage, skips).run(start, end)
+                show = self._progress.show
+                Walk(self._stream, self._size, self._chunks, index, on_damage, skips, show).run(start, end)
+                self._progress.end_file(end - start)
             except BagError as error:
                 raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
         for one in damaged_ranges:

@@ -34,6 +34,29 @@ MAX_UNPACKED_BYTES = 1 << 30
 LOG_TIME = itemgetter(2)
 
 
+class OpeningProgress:
+    """Progress of reading and decompressing whole files, while a bag is opened.
+
+    Attributes:
+        total: number of bytes to read.
+    """
+
+    def __init__(self, on_progress: Callable[[int, int], object] | None = None) -> None:
+        self._on_progress = on_progress
+        self._done = 0
+        self.total = 0
+
+    def show(self, position: int) -> None:
+        """Report the number of bytes of the present file that are read."""
+        if self._on_progress is not None:
+            self._on_progress(self._done + position, self.total)
+
+    def end_file(self, size: int) -> None:
+        """Report that a file of `size` bytes is read."""
+        self._done += size
+        self.show(0)
+
+
 class BagChannel:
     """Topic with the definition of its messages. Compared by identity, as it is a key for each message."""
 

@@ -37,8 +37,9 @@ from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, checksu
 from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, library_errors_as_bag_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
+_PROGRESS_BYTES = 1 << 20
 _MAX_SEGMENT_BYTES = 1 << 20
 """Maximum size of a segment of messages outside of chunks."""
 _CRC = Struct("<I")
@@ -53,13 +54,21 @@ class Walk:
 
     Args:
         on_damage: called with each damaged range; if it returns, the walk continues after the range.
+        on_progress: called after each megabyte with the number of bytes since the start.
     """
 
     def __init__(
-        self, stream: IO[bytes], size: int, unpacker: ChunkDecompressor, index: Index, on_damage: OnDamage, skips: bool
+        self,
+        stream: IO[bytes],
+        size: int,
+        unpacker: ChunkDecompressor,
+        index: Index,
+        on_damage: OnDamage,
+        skips: bool,
+        on_progress: Callable[[int], object] = lambda count: None,
     ) -> None:
         self._stream, self._size, self._unpacker, self._index = stream, size, unpacker, index
-        self._on_damage, self._skips = on_damage, skips
+        self._on_damage, self._skips, self._on_progress = on_damage, skips, on_progress
         self._unchunked = _UnchunkedMessages(index)
         self._end = 0
         self._is_doubtful = False  # since the last damage, until a chunk is right: a chunk may have lost its head
@@ -68,7 +77,11 @@ class Walk:
     def run(self, start: int, end: int) -> None:
         """Walk from `start` to `end`, or to where the file breaks off."""
         at, self._end = start, end
+        reported = start
         while at < end:
+            if at - reported >= _PROGRESS_BYTES:
+                reported = at
+                self._on_progress(at - start)
             head = self._read(at, MESSAGE.size)
             if len(head) < RECORD.size:
                 self._index.truncated_bytes = _truncated_size(head, at, self._size)

@@ -5,17 +5,23 @@ from __future__ import annotations
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from math import inf
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Literal
 
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
-from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli.terminal_output import StatusLine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from rich.console import Console
+    from rosidl_py_gen.bags import BagReader, DamagedPart
 
-    from rosidl_py_gen.bags import DamagedPart
+_PROGRESS_DELAY_S = 0.5
+"""Time after which a progress bar appears; a bar of short commands would only flicker."""
+_PROGRESS_INTERVAL_S = 0.5
+"""Time between two states of a progress bar."""
+_BAR_COLUMNS = 20
 
 
 def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
@@ -47,39 +53,60 @@ def size_text(count: float) -> str:
     return f"{count:.1f} TiB"
 
 
+class ProgressBar:
+    """Progress of a command with rate and remaining time, on standard error while that is a terminal.
+
+    Call it with the number of completed units, and of all; None or 0 if that is unknown. It appears after 0.5 s.
+    """
+
+    def __init__(self, unit: Literal["messages", "bytes"]) -> None:
+        self._unit = unit
+        self._line = StatusLine()
+        self._start_s = monotonic()
+        self._next_s = self._start_s + _PROGRESS_DELAY_S if self._line.is_possible else inf
+
+    def __call__(self, done: float, total: float | None = None) -> None:
+        """Display the state, at most twice per second."""
+        now_s = monotonic()
+        if now_s < self._next_s:
+            return
+        self._next_s = now_s + _PROGRESS_INTERVAL_S
+        bar = f"{progress_bar(done / total)}  " if total else ""
+        self._line.show(f"{bar}{progress_text(done, total or None, now_s - self._start_s, self._unit)}")
+
+    def __enter__(self) -> ProgressBar:
+        self._line.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._line.__exit__()
+
+
+def progress_bar(fraction: float) -> str:
+    """Return a bar of 20 characters."""
+    count = round(_BAR_COLUMNS * min(1.0, fraction))
+    return "━" * count + "─" * (_BAR_COLUMNS - count)
+
+
+def progress_text(done: float, total: float | None, elapsed_s: float, unit: str) -> str:
+    """Return the completed units, the rate and the remaining time."""
+    rate = done / elapsed_s if elapsed_s > 0 else 0.0
+    in_bytes = unit == "bytes"
+    count, speed = (size_text(done), f"{size_text(rate)}/s") if in_bytes else (f"{done:.0f}", f"{rate:.0f} {unit}/s")
+    if total is None:
+        return f"{count}{'' if in_bytes else f' {unit}'}, {speed}"
+    left_s = round(max(0.0, total - done) / rate) if rate else 0
+    left = f"{left_s // 3600}:{left_s // 60 % 60:02}:{left_s % 60:02}" if rate else "?"
+    whole = size_text(total) if in_bytes else f"{total:.0f} {unit}"
+    return f"{min(100, 100 * done / total):3.0f} % of {whole}, {speed}, {left} left"
+
+
 @contextmanager
-def progress_bar(total: int, what: str = "messages") -> Iterator[Callable[[float], None]]:
-    """Display a progress bar on a terminal; yields a function that sets how many of `total` are done."""
-    if not terminal_output.is_terminal() or not total:
-        yield lambda done: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+def opened_bag(path: str, *, search_path: Sequence[str] = (), skip_damaged: bool = True) -> Iterator[BagReader]:
+    """Open a bag, with a progress bar for files that have to be decompressed or read completely."""
+    from rosidl_py_gen.bags import BagReader
 
-    columns = BarColumn(), MofNCompleteColumn(), what, TimeRemainingColumn()
-    with Progress(*columns, console=_console(), transient=True) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda done: bar.update(task, completed=done)
-
-
-@contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
-    """Display a status line on a terminal; yields a function that sets its text."""
-    if not terminal_output.is_terminal():
-        yield lambda text: None
-        return
-    from rich.live import Live
-    from rich.text import Text
-
-    with Live(Text(), console=_console(), auto_refresh=False, transient=True) as live:
-        yield lambda text: live.update(Text(text, overflow="ellipsis", no_wrap=True), refresh=True)
-
-
-def _console() -> Console:
-    """Return a console for standard error with a visible cursor, which a signal could not restore."""
-    from rich import console
-
-    class Steady(console.Console):
-        def show_cursor(self, show: bool = True) -> bool:
-            return False
-
-    return Steady(stderr=True)
+    with ProgressBar("bytes") as show:
+        reader = BagReader(path, search_path=search_path, skip_damaged=skip_damaged, on_progress=show)
+    with reader:
+        yield reader

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic
     from rosidl_py_gen.runtime import QoSProfile
 
+_MESSAGES_PER_REPORT = 64
+
 
 @click.command("info")
 @options.bag_path
@@ -30,9 +32,9 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> in
     rosidl-py bag info my_bag --json | jq '.topics[].name'
     rosidl-py bag info humble_bag --verbose --path ~/ws/src
     """
-    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.bag.display import opened_bag
 
-    with BagReader(path, search_path=paths, skip_damaged=True) as reader:
+    with opened_bag(path, search_path=paths) as reader:
         channels = _with_counts(reader)
         if as_json:
             terminal_output.document(_document(reader, channels, is_verbose))
@@ -44,10 +46,17 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> in
 def _with_counts(reader: BagReader) -> list[BagTopic]:
     from collections import Counter
 
+    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+
     if all(one.count is not None for one in reader.channels):
         return reader.channels
-    definition = Counter(message.channel.key for message in reader.raw_messages())
-    return [replace(one, count=definition[one.key]) for one in reader.channels]
+    counts: Counter[tuple[str, ...]] = Counter()
+    with ProgressBar("messages") as show:
+        for number, message in enumerate(reader.raw_messages()):
+            counts[message.channel.key] += 1
+            if not number % _MESSAGES_PER_REPORT:
+                show(number)
+    return [replace(one, count=counts[one.key]) for one in reader.channels]
 
 
 def _messages(channels: Sequence[BagTopic]) -> int:

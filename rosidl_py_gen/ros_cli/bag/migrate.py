@@ -98,14 +98,14 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.compiler.compatibility.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_messages, new_bag
+    from rosidl_py_gen.ros_cli.bag.display import opened_bag
     from rosidl_py_gen.ros_cli.bag.migration_rules import read_rules
     from rosidl_py_gen.ros_cli.bag.selection import select_part
 
     rules = read_rules(rules_file) if rules_file else MigrationRules()
-    with BagReader(path, search_path=old_paths, skip_damaged=True) as reader:
+    with opened_bag(path, search_path=old_paths) as reader:
         selection = select_part(reader, topics, 0.0, None)
         planned = _plan_topics(reader, selection.topics, paths, rules)
         _warn_unused_rules(rules, planned)

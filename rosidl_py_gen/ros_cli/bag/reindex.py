@@ -23,10 +23,11 @@ def reindex(path: str, as_json: bool) -> int:
     rosidl-py bag reindex my_bag/my_bag_3.mcap
     """
     from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
-    from rosidl_py_gen.ros_cli.bag.display import damaged_rows
+    from rosidl_py_gen.ros_cli.bag.display import ProgressBar, damaged_rows
 
     location = Path(path)
-    result = reindex_folder(location) if location.is_dir() else reindex_file(location)
+    with ProgressBar("bytes") as show:
+        result = reindex_folder(location, show) if location.is_dir() else reindex_file(location, show)
     if as_json:
         terminal_output.document(
             {

@@ -23,6 +23,10 @@ class BagSelection(NamedTuple):
     start_ns: int
     end_ns: int
 
+    def part_of(self, reader: BagReader) -> float:
+        """Return the part of the bag's duration that is selected, from 0 to 1."""
+        return min(1.0, (self.end_ns - self.start_ns) / (reader.end_ns - reader.start_ns + 1))
+
 
 def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> BagSelection:
     """Return the selection of options; raises `CommandError` if a topic does not exist, or the bag is too short."""

@@ -63,7 +63,7 @@ def sql(
     import atexit
     import gc
 
-    from rosidl_py_gen.ros_cli.bag.display import progress_bar
+    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
     from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
     from rosidl_py_gen.tables.query import Database, is_dataset, topics_in
 
@@ -90,9 +90,10 @@ def sql(
             for one in topics_in(query, [*topics])
             if one in reader.topics
         ]
-        with progress_bar(sum(one or 0 for one in counts)) as show:
+        total = sum(one or 0 for one in counts)
+        with ProgressBar("messages") as show:
             on_error = "skip" if skips else "raise"
-            left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
+            left_out = base.add(query, readers, datasets, on_error=on_error, progress=lambda done: show(done, total))
         for topic, reason in left_out.items():
             terminal_output.note(f"skipped {topic}: {reason}")
         _print_result(base.run(query), form, output)
@@ -100,9 +101,9 @@ def sql(
 
 
 def _open_reader(stack: ExitStack, path: str, paths: Sequence[str], skips: bool) -> BagReader:
-    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.bag.display import opened_bag
 
-    return stack.enter_context(BagReader(path, search_path=paths, skip_damaged=skips))
+    return stack.enter_context(opened_bag(path, search_path=paths, skip_damaged=skips))
 
 
 def _query_and_bags(words: Sequence[str]) -> tuple[str, Sequence[str]]:

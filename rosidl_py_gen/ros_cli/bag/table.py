@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -12,8 +11,6 @@ from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.ros_cli import DAMAGED, options, report, terminal_output, verb
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rosidl_py_gen.tables import DatasetsReport
 
 
@@ -60,11 +57,12 @@ def table(
     rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tls://10.0.0.1:8786
     """
     require_modules(*(["distributed"] if scheduler else []), "pyarrow")
+    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
     from rosidl_py_gen.tables import write_datasets
 
     if scheduler and workers:
         raise click.UsageError("expected only one of --scheduler and --workers")
-    with _task_bar() as show:
+    with ProgressBar("bytes") as show:
         datasets = write_datasets(
             bags,
             out,
@@ -77,25 +75,10 @@ def table(
             scheduler=scheduler,
             workers=workers,
             search_path=paths,
-            progress=show,
+            on_bytes=show,
         )
     _report(datasets, out, as_json)
     return 1 if datasets.failed else DAMAGED if datasets.damaged else 0
-
-
-@contextmanager
-def _task_bar() -> Iterator[Callable[[float, int], None]]:
-    from rosidl_py_gen.ros_cli.bag.display import progress_bar
-
-    with ExitStack() as stack:
-        update: list[Callable[[float], None]] = []
-
-        def show(done: float, count: int) -> None:
-            if not update:
-                update.append(stack.enter_context(progress_bar(count, "tasks")))
-            update[0](done)
-
-        yield show
 
 
 def _report(datasets: DatasetsReport, out: str, as_json: bool) -> None:

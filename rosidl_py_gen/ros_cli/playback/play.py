@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, CommandError, terminal_output
-from rosidl_py_gen.ros_cli.bag.display import progress
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
@@ -99,15 +98,16 @@ async def _play_with_keys(player: Player, options: PlayOptions) -> None:
         "up": lambda: player.change_rate(_RATE_STEP),
         "down": lambda: player.change_rate(-_RATE_STEP),
     }
-    with nullcontext(False) if options.no_keys else read_keys(actions) as has_keys, progress() as show:
+    keys = nullcontext(False) if options.no_keys else read_keys(actions)
+    with keys as has_keys, terminal_output.StatusLine() as status:
         usage = "space: pause, →: next message, ↑↓: rate; Ctrl-C ends playback" if has_keys else "Ctrl-C ends playback"
-        if has_keys and not terminal_output.is_terminal():
+        if has_keys and not status.is_possible:
             terminal_output.note(usage)
         if options.start_paused and not has_keys:
             terminal_output.note(f"paused, until the service {_PLAYER}/resume is called")
 
         def show_state() -> None:
-            show(f"{player.state()}; {usage}")
+            status.show(f"{player.state()}; {usage}")
 
         helpers = [player.publish_clock(options.clock_hz)] if options.clock_hz else []
         if options.progress_hz:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags import BagWriter, SqliteWriter
 from rosidl_py_gen.ros_cli import AsyncCommand, terminal_output
-from rosidl_py_gen.ros_cli.bag.display import progress, size_text
+from rosidl_py_gen.ros_cli.bag.display import size_text
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
@@ -77,7 +77,7 @@ async def _record(
                     terminal_output.note("space pauses and resumes")
                 if options.start_paused:
                     terminal_output.note("paused from the start")
-                show = resources.enter_context(progress())
+                show = resources.enter_context(terminal_output.StatusLine()).show
                 end = () if options.duration_s is None else (asyncio.sleep(options.duration_s),)
                 await first_of(failed.wait(), recorder.run(), recorder.report(show), *end)
     finally:

@@ -50,7 +50,11 @@ class TaskOptions:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Messages of a bag with ``start_ns <= log_time < end_ns``; None is the start or end of the selection."""
+    """Messages of a bag with ``start_ns <= log_time < end_ns``; None is the start or end of the selection.
+
+    Attributes:
+        size: about the stored bytes of the messages.
+    """
 
     entry: ManifestEntry
     out: str
@@ -58,6 +62,7 @@ class Task:
     overwrite: bool
     start_ns: int | None = None
     end_ns: int | None = None
+    size: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +124,7 @@ def split_task(task: Task, cuts: tuple[int, ...]) -> list[Task]:
     spans = [*pairwise([None, *cuts, None])]
     entries = [replace(task.entry, number=number, task_count=len(spans)) for number in range(len(spans))]
     return [
-        replace(task, entry=entry, start_ns=start, end_ns=end)
+        replace(task, entry=entry, start_ns=start, end_ns=end, size=task.size // len(spans))
         for entry, (start, end) in zip(entries, spans, strict=True)
     ]
 
@@ -146,7 +151,7 @@ def _write(task: Task, on_progress: Callable[[float], None] | None) -> TaskResul
             near = did_you_mean(options.topics[0], reader.topics)
             raise BagError(f"{reader.path} has no topic {options.topics[0]}{near}")
         may_replace = task.overwrite or manifest.has(entry)
-        count = sum(reader.topics[one].count or 0 for one in topics or reader.topics)
+        count = sum(reader.topics[one].count or 0 for one in topics or reader.topics) / entry.task_count
         progress = None if on_progress is None else lambda messages: on_progress(min(1.0, messages / max(1, count)))
         with StagedDataset(reader, task.out, entry.name, may_replace, suffix=suffix) as dataset:
             dataset.read_bag(topics, options.include_large, start, end, options.on_error, progress)

@@ -10,7 +10,6 @@ import os
 import warnings
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
@@ -66,6 +65,7 @@ def write_datasets(
     workers: int | None = None,
     search_path: Iterable[str] = (),
     progress: Callable[[float, int], None] | None = None,
+    on_bytes: Callable[[float, int], None] | None = None,
 ) -> DatasetsReport:
     """Write many bags as one Parquet dataset, each as `write_dataset` does; large bags as several files for each topic.
 
@@ -86,6 +86,7 @@ def write_datasets(
             data, else 1. The processes open no port, and need POSIX.
         search_path: folders with the packages of the recordings, as in `BagReader`.
         progress: called with the number of completed tasks, and of all.
+        on_bytes: called with about the number of stored bytes that are read, and of all.
 
     Raises:
         ValueError: both `scheduler` and `workers` are set.
@@ -104,7 +105,7 @@ def write_datasets(
         RANGE_BYTES,
     )
     place = str(out) if is_url(str(out)) else os.path.abspath(out)
-    job = _DatasetJob(place, options, overwrite, progress or (lambda count, total: None))
+    job = _DatasetJob(place, options, overwrite, progress or _ignore, on_bytes or _ignore)
     sources, missing = find_bags(map(str, bags))
     job.report.failed.update(missing)
     due = job.missing_bags(sources)
@@ -118,9 +119,21 @@ def write_datasets(
     return job.report
 
 
+def _ignore(done: float, total: int) -> None:
+    pass
+
+
 class _DatasetJob:
-    def __init__(self, out: str, options: TaskOptions, overwrite: bool, progress: Callable[[float, int], None]) -> None:
-        self._out, self._options, self._overwrite, self._progress = out, options, overwrite, progress
+    def __init__(
+        self,
+        out: str,
+        options: TaskOptions,
+        overwrite: bool,
+        progress: Callable[[float, int], None],
+        on_bytes: Callable[[float, int], None] = _ignore,
+    ) -> None:
+        self._out, self._options, self._overwrite = out, options, overwrite
+        self._progress, self._on_bytes = progress, on_bytes
         self._manifest = DatasetManifest(out)
         self._name_of: dict[str, str] = {}
         self._existing: set[str] = set()
@@ -156,7 +169,7 @@ class _DatasetJob:
         large: dict[str, tuple[Task, set[int]]] = {}
         for one, complete in due:
             entry = ManifestEntry(one.place, self._name_of[one.place], one.version, self._options.digest, 0, 1)
-            task = Task(entry, self._out, self._options, self._overwrite)
+            task = Task(entry, self._out, self._options, self._overwrite, size=one.size)
             if one.size > self._options.range_bytes:
                 large[one.place] = task, {entry.number for entry in complete}
             else:
@@ -170,13 +183,24 @@ class _DatasetJob:
 
     def run(self, tasks: list[Task], run: TaskRunner) -> None:
         """Run the tasks, and add their results to the report."""
-        total, self._count = len(tasks), 0
-        self._progress(0, total)
-        run_here = partial(run_task, on_progress=lambda fraction: self._progress(self._count + fraction, total))
+        total, count = len(tasks), 0
+        total_bytes, done_bytes, size = sum(task.size for task in tasks), 0, 0
+
+        def show(fraction: float) -> None:
+            self._progress(count + fraction, total)
+            self._on_bytes(done_bytes + fraction * size, total_bytes)
+
+        def run_here(task: Task) -> TaskResult:
+            nonlocal size
+            size = task.size
+            return run_task(task, on_progress=show)
+
+        show(0)
         for task, result in run(run_here if run is one_by_one else run_task, tasks):
-            self._count += 1
+            count += 1
+            done_bytes += task.size
             self._add_result(task, result)
-            self._progress(self._count, total)
+            show(0)
 
     def _add_result(self, task: Task, result: TaskResult) -> None:
         entry, report = task.entry, self.report
