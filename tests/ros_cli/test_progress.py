@@ -5,16 +5,19 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import os
 import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
+from mcap.writer import MCAP0_MAGIC
 from support.terminals import on_terminal
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.bag import display
 from rosidl_py_gen.ros_cli.bag.display import ProgressBar, progress_text
@@ -87,6 +90,17 @@ def test_other_streams_get_no_progress(terminal: Any, term: str, monkeypatch: py
     monkeypatch.setattr(display, "_PROGRESS_DELAY_S", 0)
     with ProgressBar("messages") as show:
         show(50, 100)
+    clear, bar = "\r\x1b[2K", "━" * 5 + "─" * 15
+    assert screen.getvalue() == f"{clear}{bar}   25 % of 100 messages, 25 messages/s, 0:00:03 left{clear}"
+
+
+@pytest.mark.parametrize(("terminal", "term"), [(io.StringIO, "xterm"), (Terminal, "dumb")])
+def test_other_streams_get_no_progress(terminal: Any, term: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stderr", screen := terminal())
+    monkeypatch.setenv("TERM", term)
+    monkeypatch.setattr(display, "_PROGRESS_DELAY_S", 0)
+    with ProgressBar("messages") as show:
+        show(50, 100)
     assert screen.getvalue() == ""
 
 
@@ -146,5 +160,12 @@ def test_an_index_is_not_reported_as_reading(bag: Path) -> None:
     killed = without_index(bag)
     with pytest.warns(), BagReader(killed, on_progress=lambda *state: states.append(state)):
         pass
-    size = killed.stat().st_size
+    size = killed.stat().st_size - len(MCAP0_MAGIC)
     assert states == sorted(states) and states[-1] == (size, size) and {total for _, total in states} == {size}
+    compressed = bag.with_name("b.mcap.zstd")
+    compressed.write_bytes(zstandard.compress(os.urandom(1 << 22) + bag.read_bytes()))
+    states.clear()
+    with pytest.raises(BagError):
+        BagReader(compressed, on_progress=lambda *state: states.append(state))
+    size = compressed.stat().st_size
+    assert states == sorted(states) and states[-1] == (size, size) and len(states) > 3
