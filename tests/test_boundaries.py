@@ -12,8 +12,9 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parent.parent / "rosidl_py_gen"
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them,
-# what is public in every named tuple, and what bags have for tables.
+# what is public in every named tuple, what bags have for tables, and subscriptions for transform buffers.
 SHARED = {
+    "_deliver_without_loop",
     "_source",
     "_cuts",
     "_replace",
@@ -85,7 +86,7 @@ RESTRICTED = {
         "base.interrupts",
         "ros_cli.doctor.peers",
         "ros_cli.recording.writer",
-        "ros_cli.bag.convert",
+        "ros_cli.bag.display",
         "ros_cli.bag.migrate",
         "ros_cli.foxglove",
         "ros_cli.message_expressions",

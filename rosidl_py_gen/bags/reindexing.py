@@ -56,7 +56,7 @@ OnProgress: TypeAlias = "Callable[[float, float], object]"
 _MESSAGES_PER_REPORT = 64
 
 
-class _Progress:
+class _ReadingProgress:
     """Progress of reading files twice: when they are opened, if they have no index, and for their messages."""
 
     def __init__(self, on_progress: OnProgress | None, total: int) -> None:
@@ -107,7 +107,7 @@ def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reind
         files[-1] = compress_file(files[-1])  # the recorder was killed before it did
         kinds = dict.fromkeys(files, "file")
     compression = _single_kind(folder, {*kinds.values()} or {""})
-    progress = _Progress(on_progress, sum(file.stat().st_size for file in files))
+    progress = _ReadingProgress(on_progress, sum(file.stat().st_size for file in files))
     for file in files:
         progress.begin_file(file.stat().st_size)
         with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
@@ -135,7 +135,7 @@ def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed
     """
     backup = file.with_name(file.name + UNINDEXED)
     size = file.stat().st_size if file.exists() else 0
-    progress = _Progress(on_progress, size)
+    progress = _ReadingProgress(on_progress, size)
     progress.begin_file(size)
     with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
         if file.suffix != ".mcap":

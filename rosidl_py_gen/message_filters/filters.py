@@ -134,7 +134,7 @@ class MessageFilter:
     async def _wait(self, timeout_s: float | None) -> bool:
         """Return True if a message waits; False after the timeout or when the filter is closed."""
         for node in self._nodes:
-            node._scope.loop_binding.adopt_running_loop()
+            node._scope.adopt_running_loop()
         await self._waiters.wait(lambda: self._waiting or self._closed, timeout_s)
         return bool(self._waiting)
 

@@ -228,7 +228,7 @@ class TransformBuffer:
             return transform is not None
 
         if scope is not None:
-            scope.loop_binding.adopt_running_loop()
+            scope.adopt_running_loop()
         await self._waiters.wait(has_transform, timeout_s)
         if transform is None:
             raise TransformTimeoutError(f"after {timeout_s:.6g} s: {reason}")

@@ -77,19 +77,6 @@ def test_a_bar_appears_after_a_delay_and_goes_away(monkeypatch: pytest.MonkeyPat
         show(25, 100)
         now_s = 1.1
         show(26, 100)  # too early after the last one
-    assert (
-        screen.getvalue()
-        == f"\r\x1b[2K{'━' * 5}{'─' * 15}   25 % of 100 messages, 25 messages/s, 0:00:03 left\r\x1b[2K"
-    )
-
-
-@pytest.mark.parametrize(("terminal", "term"), [(io.StringIO, "xterm"), (Terminal, "dumb")])
-def test_other_streams_get_no_progress(terminal: Any, term: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stderr", screen := terminal())
-    monkeypatch.setenv("TERM", term)
-    monkeypatch.setattr(display, "_PROGRESS_DELAY_S", 0)
-    with ProgressBar("messages") as show:
-        show(50, 100)
     clear, bar = "\r\x1b[2K", "━" * 5 + "─" * 15
     assert screen.getvalue() == f"{clear}{bar}   25 % of 100 messages, 25 messages/s, 0:00:03 left{clear}"
 

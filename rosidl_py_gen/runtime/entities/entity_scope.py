@@ -298,6 +298,10 @@ class EntityScope:
         task.add_done_callback(self._tasks.discard)
         return task
 
+    def adopt_running_loop(self) -> None:
+        """Have the node served by the loop that this thread runs, if it runs one and no other loop serves the node."""
+        self.loop_binding.adopt_running_loop()
+
     def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
         """Run a coroutine of a caller's method on the context's event loop, and block until it has ended.
 
