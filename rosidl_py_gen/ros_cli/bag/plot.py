@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel
 
+_MESSAGES_PER_REPORT = 64
+
 
 @click.command("plot")
 @click.argument(
@@ -55,7 +57,7 @@ def plot(
     rosidl-py bag plot drive /imu linear_acceleration.x /odom twist.twist.linear.x --out drive.svg
     """
     require_output(out)
-    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.bag.display import opened_bag
     from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
     from rosidl_py_gen.ros_cli.plotting.lines import topics_and_fields
 
@@ -63,7 +65,7 @@ def plot(
         bags: list[BagReader] = []
         rest = list(words)
         while rest and (not bags or _is_bag(rest[0], bags[0])):
-            bags.append(stack.enter_context(BagReader(rest.pop(0), search_path=paths, skip_damaged=skips)))
+            bags.append(stack.enter_context(opened_bag(rest.pop(0), search_path=paths, skip_damaged=skips)))
         topics = topics_and_fields(rest)
         if not topics:
             raise CommandError(f"expected a topic and fields after the bag; {_topics_text(bags[0])}")
@@ -99,7 +101,7 @@ def _panels(
     skips: bool,
 ) -> list[PlotPanel]:
     """Return the panels of one bag, which is read once."""
-    from rosidl_py_gen.ros_cli.bag.display import progress_bar
+    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
     from rosidl_py_gen.ros_cli.bag.selection import select_part
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TopicLines
 
@@ -113,12 +115,12 @@ def _panels(
                 lines[name].use(bag.message_class(channel))
     on_error = "skip" if skips else "raise"
     total = sum(bag.topics[name].count or 0 for name in lines)
-    with progress_bar(total) as show:
+    with ProgressBar("messages") as show:
         messages = bag.messages(part.topics, start_ns=part.start_ns, end_ns=part.end_ns, on_error=on_error)  # type: ignore[arg-type]
         for number, message in enumerate(messages):
             lines[message.topic].add(message.message, message.log_time)
-            if not number % 1000:
-                show(number)
+            if not number % _MESSAGES_PER_REPORT:
+                show(number, total)
     for name, one in lines.items():
         if not one.panel.count:
             raise CommandError(f"{bag.path} has no messages on {name} in the selected time")
