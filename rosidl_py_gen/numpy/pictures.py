@@ -29,8 +29,9 @@ _MAX_SIDE = 640
 _MAX_PIXELS = 32_000_000
 """Pixels of an image whose encoding cannot be thinned out before it is converted."""
 _MAX_PLAIN_BYTES = 2_000_000
-_SIDE = 480
+_SIDE, _MIN_SIDE, _MARGIN = 480, 40, 10
 _MAX_POINTS = 200_000
+_MAX_LARGE_POINTS = 50_000
 _BY_BLOCKS = ("bayer_", "yuv422", "uyvy", "yuyv", "nv21", "nv24")
 """Encodings whose pixels share colours with their neighbours."""
 _HEIGHTS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
@@ -148,28 +149,32 @@ def _grid(grid: Any) -> _Drawn:
 
 
 class _TopView:
-    """Square picture of points from above: x to the right, y upwards, with one scale."""
+    """Picture of points from above: x to the right, y upwards, with one scale."""
 
     def __init__(self, x: _Numbers, y: _Numbers, caption: str) -> None:
         if not len(x):
             raise ConversionError(f"{caption}: no finite points")
         ends = (0.0, 100.0) if len(x) < 1000 else (0.2, 99.8)  # a few points far away would shrink all others
         (left, right), (bottom, top) = np.percentile(x, ends), np.percentile(y, ends)
-        self._scale = (_SIDE - 20) / (max(right - left, top - bottom) or 1.0)
+        self._scale = (_SIDE - 2 * _MARGIN) / (max(right - left, top - bottom) or 1.0)
         self._x, self._y = (left + right) / 2, (bottom + top) / 2
         if not np.isfinite([self._scale, self._x, self._y]).all():
             raise ConversionError(f"{caption}: the coordinates are too large")
         self._caption = f"{caption}; x from {left:.4g} to {right:.4g} m, y from {bottom:.4g} to {top:.4g} m"
-        self._pixels: _Pixels = np.full((_SIDE, _SIDE, 3), 255, np.uint8)
+        self._height, self._width = (
+            max(_MIN_SIDE, round(length * self._scale) + 2 * _MARGIN) for length in (top - bottom, right - left)
+        )
+        self._pixels: _Pixels = np.full((self._height, self._width, 3), 255, np.uint8)
 
     def draw(self, x: _Numbers, y: _Numbers, colors: Any, radius: int) -> None:
         """Draw points as squares."""
-        columns = np.rint(np.clip((x - self._x) * self._scale, -_SIDE, _SIDE) + _SIDE / 2).astype(np.intp)
-        rows = np.rint(np.clip((self._y - y) * self._scale, -_SIDE, _SIDE) + _SIDE / 2).astype(np.intp)
-        for down in range(-radius, radius + 1):
+        across = np.clip((x - self._x) * self._scale, -_SIDE, _SIDE) + self._width / 2
+        down = np.clip((self._y - y) * self._scale, -_SIDE, _SIDE) + self._height / 2
+        columns, rows = np.rint(across).astype(np.intp), np.rint(down).astype(np.intp)
+        for lower in range(-radius, radius + 1):
             for right in range(-radius, radius + 1):
-                row, column = rows + down, columns + right
-                inside = (row >= 0) & (row < _SIDE) & (column >= 0) & (column < _SIDE)
+                row, column = rows + lower, columns + right
+                inside = (row >= 0) & (row < self._height) & (column >= 0) & (column < self._width)
                 self._pixels[row[inside], column[inside]] = colors[inside] if isinstance(colors, np.ndarray) else colors
 
     def drawn(self) -> _Drawn:
@@ -188,7 +193,7 @@ def _cloud(cloud: Any) -> _Drawn:
     low, high = np.percentile(xyz[:, 2], (2, 98))
     place = np.clip((xyz[:, 2] - low) / ((high - low) or 1.0), 0, 1) * (len(_HEIGHTS) - 1)
     colors = np.stack([np.interp(place, np.arange(len(_HEIGHTS)), _HEIGHTS[:, one]) for one in range(3)], 1)
-    view.draw(xyz[:, 0], xyz[:, 1], colors.astype(np.uint8), 1 if len(xyz) < 20_000 else 0)
+    view.draw(xyz[:, 0], xyz[:, 1], colors.astype(np.uint8), 1 if len(xyz) < _MAX_LARGE_POINTS else 0)
     return view.drawn()
 
 

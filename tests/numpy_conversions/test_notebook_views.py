@@ -169,9 +169,9 @@ def test_clouds_are_seen_from_above() -> None:
     random = np.random.default_rng(1)
     many = points(*random.normal(size=(3, 1_000_000)))
     start = time.perf_counter()
-    assert pixels(many).shape == (480, 480, 3) and time.perf_counter() - start < 3
+    assert max(pixels(many).shape) == 480 and time.perf_counter() - start < 3
     assert len(message_html(many)) < 600_000
-    assert pixels(points([3e38, -3e38], [0, 0], [0, 0])).shape == (480, 480, 3)
+    assert pixels(points([3e38, -3e38], [0, 0], [0, 0])).shape == (40, 480, 3)
 
 
 def test_scans_and_paths_are_seen_from_above() -> None:
@@ -195,7 +195,7 @@ def test_scans_and_paths_are_seen_from_above() -> None:
     assert {*range(30, 450)} <= {*line[:, 1].tolist()}  # without gaps
     assert fallback(Path()).endswith("no finite points")
     path.poses[3].pose.position.x = float("nan")
-    assert pixels(path).shape == (480, 480, 3)
+    assert pixels(path).shape == (112, 480, 3)
 
 
 @pytest.mark.parametrize(

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from jupyter_client.asynchronous.client import AsyncKernelClient
 from jupyter_client.kernelspec import KernelSpecManager
 from jupyter_client.manager import AsyncKernelManager
+from support.browser import browser
+from support.docs_pictures import update_picture
 from support.node_fixtures import GENERATED, ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
     from pathlib import Path
+
+    from support.browser import Browser
+
+__all__ = ["browser"]
 
 NODE = """
 import asyncio
@@ -46,11 +54,15 @@ class Notebook:
         self._client = client
         self.prints: dict[str, str] = {}
         """Cell id -> its output, or functions that it passed in."""
+        self.views: dict[str, dict[str, Any]] = {}
+        """Cell id -> what it displays, by media type."""
 
     def _look(self, message: dict[str, Any]) -> None:
         if message["msg_type"] == "stream":
             cell = message["parent_header"]["msg_id"]
             self.prints[cell] = self.prints.get(cell, "") + message["content"]["text"]
+        elif message["msg_type"] == "execute_result":
+            self.views[message["parent_header"]["msg_id"]] = message["content"]["data"]
 
     async def cell(self, code: str) -> str:
         """Run a cell that must succeed; return its id."""
@@ -75,6 +87,13 @@ class Notebook:
         """Wait until a cell's output is a text."""
         while self.prints.get(cell) != text:
             self._look(await self._client.get_iopub_msg(timeout=KERNEL_S))
+
+    async def displayed(self, code: str) -> dict[str, Any]:
+        """Run a cell; return what its last expression displays, by media type."""
+        cell = await self.cell(code)
+        while cell not in self.views:
+            self._look(await self._client.get_iopub_msg(timeout=KERNEL_S))
+        return self.views[cell]
 
 
 async def in_notebook(folder: Path, use: Callable[[Notebook], Awaitable[None]]) -> None:
@@ -120,3 +139,88 @@ async def test_a_node_lives_in_a_notebook(tmp_path: Path, transport: str) -> Non
         await notebook.cell("assert (await client.call(SetBool.Request(data=True), 5)).success\nnode.context.close()")
 
     await in_notebook(tmp_path, use)
+
+
+VIEWS = {
+    "cloud": """
+x, y = np.meshgrid(np.linspace(-4, 4, 240), np.linspace(-3, 3, 180))
+rows = np.zeros(x.size, [(name, np.float32) for name in "xyz"])
+rows["x"], rows["y"], rows["z"] = x.ravel(), y.ravel(), (np.sin(x) * np.cos(y)).ravel()
+cloud = array_to_pointcloud(rows)
+""",
+    "imu": "imu = Imu()\nimu.header.frame_id, imu.linear_acceleration.z = 'imu_link', 9.81",
+    "bag": """
+with BagWriter("drive") as writer:
+    for number in range(100):
+        writer.write("/imu", imu, number * 10**7)
+    writer.write("/points", cloud, 0)
+bag = BagReader("drive")
+""",
+}
+PAGE = """<!doctype html><meta charset="utf-8"><style>
+body { font: 13px sans-serif; margin: 12px; display: grid; grid-template-columns: auto auto; gap: 4px 24px }
+pre { background: #f5f5f5; border: 1px solid #ddd; padding: 6px; margin: 0 0 6px 0 }
+table { border-collapse: collapse; font-size: 12px } td, th { padding: 3px 8px }
+tr:nth-child(even) { background: #f5f5f5 }
+</style>"""
+
+
+async def displayed_views(notebook: Notebook) -> dict[str, str]:
+    """Make a cloud, a message, a bag and a node; return what a cell with the name of each displays."""
+    await notebook.cell("import numpy as np\nfrom sensor_msgs.msg import Imu\nimu = Imu()")
+    assert "text/html" not in await notebook.displayed("imu")
+    await notebook.cell("%load_ext rosidl_py_gen.numpy")
+    await notebook.cell(
+        "from rosidl_py_gen.bags import BagReader, BagWriter\nfrom rosidl_py_gen.numpy import array_to_pointcloud"
+    )
+    for code in VIEWS.values():
+        await notebook.cell(code)
+    await notebook.cell(NODE.format(transport="MemoryTransport()"))
+    return {name: (await notebook.displayed(name))["text/html"] for name in ("cloud", "imu", "bag", "node")}
+
+
+@pytest.mark.timeout(180)
+async def test_objects_are_displayed_in_a_notebook(tmp_path: Path) -> None:
+    views: dict[str, str] = {}
+
+    async def use(notebook: Notebook) -> None:
+        views.update(await displayed_views(notebook))
+        views["evil"] = (await notebook.displayed("imu.header.frame_id = '<script>'\nimu"))["text/html"]
+        plain = await notebook.displayed("imu")
+        assert plain["text/plain"].startswith("Imu(header=Header(")
+        await notebook.cell("import sys\nassert 'PIL' not in sys.modules")
+        await notebook.cell("node.context.close()")
+        assert "closed" in (await notebook.displayed("node"))["text/html"]
+
+    await in_notebook(tmp_path, use)
+    assert "43200 points from above; x from -4 to 4 m" in views["cloud"] and "data:image/png;base64," in views["cloud"]
+    assert "imu_link" in views["imu"]
+    assert "&lt;script&gt;" in views["evil"] and "<script" not in views["evil"]
+    for cell in ("/imu", "sensor_msgs/msg/Imu", "100", "/points"):
+        assert f">{cell}</td>" in views["bag"]
+    assert (
+        ">Publisher</td>" in views["node"]
+        and ">/n</td>" in views["node"]
+        and "of every node</summary>" in views["node"]
+    )
+
+
+@pytest.mark.timeout(180)
+def test_a_browser_shows_what_a_notebook_displays(tmp_path: Path, browser: Browser) -> None:
+    views: dict[str, str] = {}
+
+    async def use(notebook: Notebook) -> None:
+        views.update(await displayed_views(notebook))
+
+    asyncio.run(in_notebook(tmp_path, use))
+    cells = "".join(f"<div><pre>{escape(name)}</pre>{html}</div>" for name, html in views.items())
+    (tmp_path / "page.html").write_text(PAGE + cells, encoding="utf-8")
+    browser.resize(1200, 600)
+    browser.open((tmp_path / "page.html").as_uri())
+    assert browser.run("return document.images[0].complete && document.images[0].naturalWidth") == 480
+    assert browser.run("return [...document.querySelectorAll('details')].filter(one => one.open).length") == 1
+    browser.run("document.querySelector('details[open] details').open = true")
+    text = browser.run("return document.body.innerText")
+    assert "imu_link" in text and "frame_id" in text and "keep last 10" in text
+    browser.resize(1200, browser.run("return document.documentElement.scrollHeight"))
+    update_picture("notebook_views.png", browser.screenshot())
