@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
 from support.browser import Browser, browser
+from support.docs_pictures import update_picture
 from support.node_fixtures import ROOT
-from support.pictures import write_picture
 
 from rosidl_py_gen import get_message
 
@@ -42,7 +42,9 @@ async def test_a_page_plots_a_field(dds: World, tool: Any, browser: Browser) -> 
         low, high = browser.run("return [Math.min(...values), Math.max(...values)]")
         assert -1 <= low < high <= 1
         assert browser.run("return plot.points.length") > 50
-        write_picture("live_view.png", browser.screenshot())
+        picture = browser.screenshot()
+        assert picture.startswith(b"\x89PNG")
+        update_picture("live_view.png", picture)
 
     await asyncio.to_thread(look)
     timer.close()
