@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import math
 import os
 import re
@@ -15,6 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from rich.console import Console
+from rich.terminal_theme import MONOKAI
+from support.browser import browser
 from support.docs_pictures import update_picture
 
 from rosidl_py_gen import get_message
@@ -27,7 +31,10 @@ from rosidl_py_gen.ros_cli.plotting.text_plot import text_plot
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from support.browser import Browser
     from support.node_fixtures import World
+
+__all__ = ["browser"]
 
 Bool: Any = get_message("std_msgs/msg/Bool")
 Float64: Any = get_message("std_msgs/msg/Float64")
@@ -373,6 +380,32 @@ async def test_a_terminal_is_redrawn(memory: World, tool: Any, monkeypatch: pyte
         await asyncio.sleep(0.3)
     assert (await tool.end(process)).code == 0
     assert drawn == sorted(drawn) and len({*drawn}) >= 4 and drawn[-1] == 6
+
+
+def test_a_browser_shows_the_terminal(tmp_path: Path, browser: Browser) -> None:
+    panels = [PlotPanel("/imu"), PlotPanel("/odom")]
+    imus = TopicLines(panels[0], "/imu", ["angular_velocity"])
+    speeds = TopicLines(panels[1], "/odom", ["twist.twist.linear.x"])
+    for number in range(400):
+        imu, odometry, second = Imu(), Odometry(), number / 50
+        imu.angular_velocity.x, imu.angular_velocity.z = wave(second), 0.6 * math.cos(second)
+        odometry.twist.twist.linear.x = min(1.0, second / 3)
+        imus.add(imu, number * 20_000_000)
+        speeds.add(odometry, number * 20_000_000)
+    console = Console(record=True, force_terminal=True, color_system="standard", width=80, file=io.StringIO())
+    console.print(output._rich_text(text_plot(panels, TimeAxis(), 80, 28)))
+    page = tmp_path / "terminal.html"
+    page.write_text(console.export_html(inline_styles=True, theme=MONOKAI), encoding="utf-8")
+    browser.resize(680, 560)
+    browser.open(page.as_uri())
+    browser.run("document.querySelector('code').style.fontFamily = 'DejaVu Sans Mono, monospace'")
+    browser.run("document.querySelector('pre').style.lineHeight = '1.25'")
+    assert "━ angular_velocity.x  ━ angular_velocity.y" in browser.run("return document.body.innerText")
+    box = browser.run(
+        "const box = document.querySelector('pre').getBoundingClientRect(); return [box.right, box.bottom]"
+    )
+    browser.resize(680, math.ceil(box[1]) + 12)
+    update_picture("topic_plot.png", browser.screenshot())
 
 
 def test_commands_start_without_matplotlib() -> None:
