@@ -93,6 +93,7 @@ RESTRICTED = {
         "ros_cli.message_text",
         "ros_cli.topic.statistics",
         "bags.mcap_writer",
+        "bags.sqlite_writer",
         "generator_cli.generate",
     ),
     r".*\b(from_address|memmove|memset|PyBytes_FromStringAndSize)": (KNOWS_LAYOUTS,),
