@@ -44,6 +44,18 @@ Odometry: Any = get_message("nav_msgs/msg/Odometry")
 String: Any = get_message("std_msgs/msg/String")
 START_NS = 1_700_000_000_000_000_000
 SVG = "{http://www.w3.org/2000/svg}"
+CELLS = """
+const walker = document.createTreeWalker(document.querySelector("pre"), NodeFilter.SHOW_TEXT), nodes = []
+while (walker.nextNode()) nodes.push(walker.currentNode)
+for (const node of nodes) node.replaceWith(...[...node.data].map(char => {
+  if (char === "\\n") return char
+  const cell = document.createElement("span")
+  cell.style = "display: inline-block; width: 1ch; white-space: pre"
+  cell.textContent = char
+  return cell
+}))
+"""
+"""Gives each character the same width, as terminals do; browsers take braille from another font."""
 BLUE = np.array([31, 119, 180]) / 255
 
 
@@ -396,15 +408,14 @@ def test_a_browser_shows_the_terminal(tmp_path: Path, browser: Browser) -> None:
     console.print(output._rich_text(text_plot(panels, TimeAxis(), 80, 28)))
     page = tmp_path / "terminal.html"
     page.write_text(console.export_html(inline_styles=True, theme=MONOKAI), encoding="utf-8")
-    browser.resize(680, 560)
+    browser.resize(800, 560)
     browser.open(page.as_uri())
     browser.run("document.querySelector('code').style.fontFamily = 'DejaVu Sans Mono, monospace'")
-    browser.run("document.querySelector('pre').style.lineHeight = '1.25'")
+    browser.run("document.querySelector('pre').style.lineHeight = '1.16'")
     assert "━ angular_velocity.x  ━ angular_velocity.y" in browser.run("return document.body.innerText")
-    box = browser.run(
-        "const box = document.querySelector('pre').getBoundingClientRect(); return [box.right, box.bottom]"
-    )
-    browser.resize(680, math.ceil(box[1]) + 12)
+    browser.run(CELLS)
+    bottom = browser.run("return document.querySelector('pre').getBoundingClientRect().bottom")
+    browser.resize(800, math.ceil(bottom) + 12)
     update_picture("topic_plot.png", browser.screenshot())
 
 
