@@ -83,6 +83,7 @@ ON_ZENOH = {
     "test_parameter_client.py",
     "test_parameter_services.py",
     "test_parameter_threads.py",
+    "test_plain_scripts.py",
     "test_services.py",
     "test_sim_time.py",
     "test_sim_time_sleep.py",

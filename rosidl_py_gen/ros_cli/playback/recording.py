@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.bag.display import ProgressBar
 from rosidl_py_gen.ros_cli.name_lookup import topic_owner
 
 if TYPE_CHECKING:
@@ -33,7 +34,9 @@ class Recording:
         self._readers: list[BagReader] = []
         try:
             for place in places:
-                self._readers.append(BagReader(place, search_path=paths, skip_damaged=True))
+                with ProgressBar("bytes") as show:
+                    reader = BagReader(place, search_path=paths, skip_damaged=True, on_progress=show)
+                self._readers.append(reader)
                 _require_storage(self._readers[-1], storage)
         except BaseException:
             self.close()
