@@ -20,12 +20,16 @@ if TYPE_CHECKING:
 _COLUMN_GAP = 3
 """Number of spaces between the columns of a table."""
 _CLEAR_LINE = "\r\x1b[2K"
-_DEFAULT_COLUMNS = 80
 
 
 def is_terminal() -> bool:
     """Return True if standard output is a terminal with colours; ``NO_COLOR`` is respected."""
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def is_error_terminal() -> bool:
+    """Return True if standard error is a terminal on which a line can be replaced."""
+    return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
 
 
 def line(text: str = "", style: str = "") -> None:
@@ -76,7 +80,7 @@ class StatusLine:
     """
 
     def __init__(self) -> None:
-        self.is_possible = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+        self.is_possible = is_error_terminal()
         self._text = ""
         self._terminal: Any = sys.stderr
         self._streams = sys.stdout, sys.stderr
@@ -135,9 +139,10 @@ class _AboveStatusLine:
 
 def _columns_of(terminal: Any) -> int:
     try:
-        return os.get_terminal_size(terminal.fileno()).columns or _DEFAULT_COLUMNS
+        columns = os.get_terminal_size(terminal.fileno()).columns
     except (OSError, ValueError):
-        return _DEFAULT_COLUMNS
+        columns = 0
+    return columns or shutil.get_terminal_size().columns
 
 
 def mermaid_label(text: str) -> str:

@@ -320,7 +320,7 @@ async def test_a_terminal_shows_how_far_it_is_as_often_as_is_asked_for(
     memory: World, tool: Any, tmp_path: Path, options: tuple[str, ...], times: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = str(strings(tmp_path / "bag", {"/words": range(10)}, step_ns=S))
-    monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
+    monkeypatch.setattr(terminal_output, "is_error_terminal", lambda: True)
     for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", "200")):
         monkeypatch.setenv(name, value)
     ended = await played(tool, path, *options)

@@ -97,6 +97,7 @@ def test_lines_appear_above_a_status_line(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("sys.stdout", screen)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
     with StatusLine() as status:
         status.show("first\x1b[2J")
         terminal_output.line("on standard output")
