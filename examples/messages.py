@@ -1,6 +1,6 @@
 """Messages without a node: build, encode, decode, look inside.
 
-Needs generated packages: rosidl-py-gen --filter sensor_msgs --out generated, PYTHONPATH=$PWD/generated. Then
+Needs message packages: rosidl-py-gen --install, once. Then
 python examples/messages.py. Seen: sizes, arrays, JSON, and what errors say about a field and a byte.
 """
 

@@ -1,6 +1,6 @@
 """Turn and filter a list of points with numpy: received and sent as arrays, no object per point.
 
-Run it: ``rosidl-py-gen --filter visualization_msgs`` once, then ``python examples/points.py``. It takes markers on
+Run it: ``rosidl-py-gen --install`` once, then ``python examples/points.py``. It takes markers on
 ``points`` and publishes them, turned by 30 degrees and without what is further than 5 m, on ``points_near``.
 
 Seen: nothing here; ``rosidl-py topic echo points_near`` shows the points that are left.

@@ -3,7 +3,7 @@
 Is the robot ready? It is when battery and camera say so; both are asked at the same time. All nodes share one process,
 one thread and one event loop, and nothing blocks: a handler may await whatever it needs. The camera then goes away,
 and what the robot does not hear within two seconds becomes part of its answer. Messages:
-rosidl-py-gen --filter std_srvs. Seen:
+rosidl-py-gen --install. Seen:
 
     ready: battery: 87 %; camera: 30 frames/s
     not ready: battery: 87 %; camera: no answer within 2 s

@@ -1,7 +1,7 @@
 """A node worth testing: it limits speed, and stops the robot when commands stay away: python examples/speed_guard.py
 
 `cmd_vel` comes in, `cmd_vel_safe` goes out; the parameters are `max_speed` in m/s and `timeout` in s. Its tests are in
-test_speed_guard.py. Messages: rosidl-py-gen --filter geometry_msgs. Seen: nothing, until somebody commands:
+test_speed_guard.py. Messages: rosidl-py-gen --install. Seen: nothing, until somebody commands:
 
     ros2 topic pub --once /cmd_vel geometry_msgs/msg/Twist "{linear: {x: 5.0}}"
     [WARN] [...] [speed_guard]: 5.0 m/s is more than 1.0 m/s
