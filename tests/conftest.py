@@ -45,6 +45,7 @@ NOT_QUICK = re.compile(
 MOST_CASES = 40
 """Maximum number of cases of a test in a quick run, or a tenth of them; evenly spread."""
 OF_PROCESSES = {
+    "browser",
     "dds",
     "network",
     "rosidl",

@@ -109,7 +109,7 @@ def test_actions_are_named_by_their_commits() -> None:
     assert len({one.partition("@")[0] for one in used}) == len(set(used)), "one version of each"
 
 
-@pytest.mark.parametrize("extra", ["images", "mcap", "cluster", "foxglove", "zenoh", "test-without-dds"])
+@pytest.mark.parametrize("extra", ["images", "mcap", "plot", "cluster", "foxglove", "zenoh", "test-without-dds"])
 def test_machines_without_a_wheel_of_cyclonedds_have_the_other_extras(extra: str) -> None:
     assert requirements(extra) <= requirements("test-all") - requirements("node") | {"pyyaml>=6.0", "rich>=13.7"}
     assert any(one.startswith("cyclonedds") for one in requirements("node"))

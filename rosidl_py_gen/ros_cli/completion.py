@@ -18,7 +18,7 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.generator_cli import shells
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterable
+    from collections.abc import Callable, Coroutine, Iterable, Sequence
 
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
@@ -61,6 +61,31 @@ def complete_call(kind: str, context: click.Context, incomplete: str) -> list[Co
 def complete_fields(context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the path of a field of the topic's messages."""
     return shells.items(_or_empty(lambda: _field_paths(_class("topic", None, context), incomplete)), incomplete)
+
+
+def complete_plot_words(source: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """Complete ``/TOPIC FIELD...``, for a ``bag`` after its path: a topic, or a field of the last topic."""
+    words = context.params.get("words") or ()
+    if source == "bag":
+        if not words:
+            return [CompletionItem(incomplete, type="file")]
+        return shells.items(_or_empty(lambda: _plotted_in_bag(words, context, incomplete)), incomplete)
+    topics = [word for word in words if word.startswith("/")]
+    if incomplete.startswith("/") or not topics:
+        return complete_names("topics", context, incomplete)
+    context.params["topic"] = topics[-1]
+    return complete_fields(context, incomplete)
+
+
+def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: str) -> list[str]:
+    from rosidl_py_gen.bags import BagReader
+
+    topics = [word for word in words[1:] if word.startswith("/")]
+    if incomplete.startswith("/") or not topics:
+        context.params["path"] = words[0]
+        return _bag_names("topic", context)
+    with BagReader(words[0]) as reader:
+        return _field_paths(reader.message_class(topics[-1]), incomplete)
 
 
 def _or_empty(find: Callable[[], Iterable[str]]) -> Iterable[str]:

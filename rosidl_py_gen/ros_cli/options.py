@@ -367,6 +367,11 @@ def bag_completion(kind: str) -> _Completer:
     return _completer("complete_bag_names", kind)
 
 
+def plot_completion(source: str) -> _Completer:
+    """Complete topics and fields, of a ``bag`` or of the live ``graph``."""
+    return _completer("complete_plot_words", source)
+
+
 field_completion = _completer("complete_fields")
 
 

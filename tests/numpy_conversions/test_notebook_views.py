@@ -264,6 +264,9 @@ def test_formatters_are_registered_by_class_and_by_name() -> None:
     )
     load_ipython_extension(SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": html})))
     assert {name if isinstance(name, str) else name.__name__ for name in registered} == {"Message", "BagReader", "Node"}
+
+
+def test_a_process_without_ipython_imports_nothing_for_views() -> None:
     program = (
         "import sys; import rosidl_py_gen.numpy\n"
         "print([name for name in ('IPython', 'PIL', 'rosidl_py_gen.runtime', 'rosidl_py_gen.numpy.pictures') "

@@ -53,10 +53,11 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     node.declare_parameter("max_speed", 1.0)
     await until(lambda: other.count_services("/drive/_action/get_result") == 1)
     other.create_publisher(get_message("nav_msgs/msg/Odometry"), "/odom")
-    topics, hidden, services, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
+    topics, hidden, services, plotted, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
         complete(tool, "rosidl-py topic echo --spin-time 3 /"),
         complete(tool, "rosidl-py topic echo --spin-time 3 /_"),
         complete(tool, "rosidl-py service call --spin-time 3 /st"),
+        complete(tool, "rosidl-py topic plot --spin-time 3 /odom twist.twist."),
         complete(tool, "rosidl-py graph --spin-time 3 --node /"),
         complete(tool, "rosidl-py bag record --spin-time 3 --topics /rosout /sp"),
         complete(tool, "rosidl-py bag record --spin-time 3 --all --exclude-actions /other /"),
@@ -68,6 +69,7 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     assert not any("_action" in name for name in topics)
     assert hidden == ["/_secret"]
     assert services == ["/stop"]
+    assert plotted == ["twist.twist.linear", "twist.twist.angular"]
     assert nodes == ["/base", "/pilot"]
     assert (recorded, excluded) == (["/speed"], ["/drive"])
     assert (actions, parameters, nobody) == (["/drive"], ["max_speed"], [])
@@ -135,6 +137,10 @@ async def test_topics_of_a_bag_are_completed(tool: Tool, tmp_path: Path) -> None
         f"bag convert {file} out --topics /imu /o": ["/odom"],
         f"bag play {file} --topics /i": ["/imu"],
         f"bag convert {tmp_path}/missing.mcap out --topics /": [],
+        f"bag plot {file} /": ["/imu", "/odom"],
+        f"bag plot {file} /imu d": ["data"],
+        f"bag plot {file} /imu data /o": ["/odom"],
+        f"bag plot {file}": [str(file)],
     }
     offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}") for line in lines))
     assert dict(zip(lines, offers, strict=True)) == lines

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = ["browser"]
 
+pytestmark = pytest.mark.needs("matplotlib")
+
 Bool: Any = get_message("std_msgs/msg/Bool")
 Float64: Any = get_message("std_msgs/msg/Float64")
 Imu: Any = get_message("sensor_msgs/msg/Imu")
@@ -419,7 +421,7 @@ def test_a_browser_shows_the_terminal(tmp_path: Path, browser: Browser) -> None:
     update_picture("topic_plot.png", browser.screenshot())
 
 
-def test_commands_start_without_matplotlib() -> None:
+def test_a_process_that_prints_help_has_not_imported_matplotlib() -> None:
     program = "import sys; from rosidl_py_gen.ros_cli import main\ntry: main(['bag', 'plot', '--help'])\n"
     program += "finally: print([name for name in ('matplotlib', 'numpy') if name in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -26,7 +26,7 @@ _MESSAGES_PER_REPORT = 64
     required=True,
     type=click.Path(),
     metavar="BAG... /TOPIC FIELD...",
-    shell_complete=options.bag_completion("topic"),
+    shell_complete=options.plot_completion("bag"),
 )
 @options.seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning.")
 @options.seconds("--duration", "duration_s", help="Duration of the selected part.")

@@ -33,7 +33,7 @@ _DRAW_INTERVAL_S = 0.25
 
 @click.command("plot")
 @click.argument(
-    "words", nargs=-1, required=True, metavar="/TOPIC FIELD...", shell_complete=options.completion("topics")
+    "words", nargs=-1, required=True, metavar="/TOPIC FIELD...", shell_complete=options.plot_completion("graph")
 )
 @options.seconds("--duration", "duration_s", help="Time to receive messages; without it until Ctrl-C.")
 @click.option("-n", "--times", type=click.IntRange(1), metavar="N", help="Stop after N messages.")
