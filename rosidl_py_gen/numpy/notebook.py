@@ -37,11 +37,14 @@ def message_html(message: Any) -> str:
 
     If the message cannot be drawn, a line states the reason.
     """
+    import numpy as np
+
     from rosidl_py_gen.numpy.message_tree import tree
     from rosidl_py_gen.numpy.pictures import picture_html
 
     try:
-        picture = picture_html(message)
+        with np.errstate(all="ignore"):  # numpy would print warnings about extreme numbers below the cell
+            picture = picture_html(message)
     except Exception as error:  # a message of a peer may be anything; its tree can still be displayed
         reason = str(error) or type(error).__name__
         return f"<div>No picture: {escaped(reason, 300)}</div>{tree(message, is_open=True)}"

@@ -234,6 +234,30 @@ def test_messages_are_trees_of_which_long_parts_are_cut() -> None:
     assert "x999" in html and "x1000" not in html and text_of(html).endswith("…")
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seed", range(4))
+def test_any_bytes_are_displayed_without_warnings(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    for encoding in ("32FC1", "64FC3", "16SC1", "8UC2", "bgra8", "nv21", "yuv422", "bayer_rggb8"):
+        width, height = (2 * int(size) for size in random.integers(0, 30, 2))
+        image = Image(encoding=encoding, width=width, height=height, step=24 * width)
+        image.data = random.bytes(image.step * height * 2)
+        text_of(message_html(image))
+    field = get_message("sensor_msgs/msg/PointField")
+    for kind, size in ((7, 4), (8, 8), (2, 1)):
+        cloud = PointCloud2(
+            height=1, width=100, point_step=3 * size, row_step=300 * size, data=random.bytes(300 * size)
+        )
+        cloud.fields = [field(name=name, offset=at * size, datatype=kind, count=1) for at, name in enumerate("xyz")]
+        text_of(message_html(cloud))
+    path = Path()
+    for value in (1e308, -1e308, float("nan"), *random.normal(size=5)):
+        pose = PoseStamped()
+        pose.pose.position.x = float(value)
+        path.poses.append(pose)
+    text_of(message_html(path))
+
+
 def test_messages_that_were_filled_wrongly_are_displayed() -> None:
     imu = Imu()
     imu.header, imu.orientation, imu.orientation_covariance = None, 5, [object()] * 3

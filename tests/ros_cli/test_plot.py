@@ -213,6 +213,11 @@ def test_texts_are_drawn_within_their_width() -> None:
         lines.add(LaserScan(ranges=[float("nan")] * 5 + [1e300 * number, -1e-300]), number)
     rows = ["".join(run.text for run in row) for row in text_plot([panel], TimeAxis(), 40, 20)]
     assert "\x1b" not in "".join(rows) and max(map(len, rows)) <= 40
+    far = PlotPanel("/t")
+    huge = TopicLines(far, "/t", ["data"])
+    for number, value in enumerate((1.7e308, -1.7e308, 5e-324, 0.0)):
+        huge.add(Float64(data=value), number)
+    assert "8e+307" in text_plot([far], TimeAxis(), 40, 20)[1][0].text
     empty = ["".join(run.text for run in row) for row in text_plot([PlotPanel("/t")], TimeAxis(), 60, 12)]
     assert empty[0] == "/t" and len(empty) >= 7
 

@@ -18,6 +18,8 @@ COLORS = ("cyan", "yellow", "green", "magenta", "red", "blue")
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 """Bits of the dots of a braille character, by row and column."""
 _BRAILLE = 0x2800
+_MAX_VALUE = 8e307
+"""Twice this value is still a finite number."""
 _MIN_WIDTH, _MIN_ROWS = 20, 4
 
 
@@ -63,7 +65,7 @@ def _scale(lines: Sequence[DrawnLine], first: float) -> tuple[float, float]:
     values = values[np.isfinite(values)]
     if not len(values):
         return 0.0, 1.0
-    low, high = float(values.min()), float(values.max())
+    low, high = np.clip((values.min(), values.max()), -_MAX_VALUE, _MAX_VALUE).tolist()
     if low == high:
         margin = abs(low) * 0.1 or 1.0
         return low - margin, high + margin
@@ -94,7 +96,7 @@ def _canvas(
     owner = np.full((rows, columns), -1, np.int16)
     for number, line in enumerate(lines):
         x = (line.times - times[0]) / (times[1] - times[0]) * (2 * columns - 1)
-        y = (values[1] - line.values) / (values[1] - values[0]) * (4 * rows - 1)
+        y = (values[1] - np.clip(line.values, *values)) / (values[1] - values[0]) * (4 * rows - 1)
         if line.is_steps:
             x, y = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
         across, down = _dots(x[x >= 0], y[x >= 0])
