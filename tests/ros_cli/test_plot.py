@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -289,7 +290,7 @@ def test_a_window_shows_the_plot_until_it_is_closed(
     bag = drive(tmp_path / "drive")
     code, said, err = run_here("bag", "plot", bag, "/on", "data")
     assert code == 0 and said.startswith("/on\n")  # matplotlib finds no toolkit
-    assert err == "matplotlib found no toolkit for windows, such as tkinter or PyQt6\n"
+    assert err == "matplotlib cannot open a window: no display, or no toolkit such as tkinter or PyQt6\n"
     monkeypatch.setattr(plt, "get_backend", lambda: "tkagg")
 
     def show(**settings: Any) -> None:
@@ -384,6 +385,34 @@ async def test_a_live_plot_ends_after_messages_or_seconds(memory: World, tool: A
     publisher.publish(Float64(data=1.0))
     ended = await tool.end(process)
     assert (ended.code, ended.out) == (0, f"1 messages of /f in {tmp_path / 'a.png'}\n")
+
+
+async def test_a_window_is_redrawn_until_it_is_closed(
+    memory: World, tool: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rosidl_py_gen.ros_cli.topic import plot
+
+    drawn: list[int] = []
+
+    class Window:
+        @property
+        def is_open(self) -> bool:
+            return not drawn or drawn[-1] < 4
+
+        def update(self, panels: Any, axis: TimeAxis) -> None:
+            if panels is not None:
+                drawn.append(panels[0].count)
+
+    monkeypatch.setattr(plot, "plot_window", lambda count, in_terminal: nullcontext(Window()))
+    node = memory.node("robot", enable_rosout=False, parameter_events=False)
+    publisher = node.create_publisher(Float64, "/f")
+    process = await tool.start("topic", "plot", "/f")
+    await publisher.wait_for_subscribers(5)
+    for number in range(5):
+        publisher.publish(Float64(data=float(number)))
+        await asyncio.sleep(0.4)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out, drawn) == (0, "4 messages of /f\n", [1, 2, 3, 4])
 
 
 async def test_a_terminal_is_redrawn(memory: World, tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:

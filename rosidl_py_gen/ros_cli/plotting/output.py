@@ -90,7 +90,7 @@ def plot_window(count: int, in_terminal: bool) -> Iterator[PlotWindow | None]:
 
     with open_window(count) as window:
         if window is None:
-            terminal_output.note("matplotlib found no toolkit for windows, such as tkinter or PyQt6")
+            terminal_output.note("matplotlib cannot open a window: no display, or no toolkit such as tkinter or PyQt6")
         yield window
 
 
