@@ -22,6 +22,7 @@ from matplotlib.image import imread
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 from support.browser import Browser, browser
+from support.docs_pictures import update_picture
 from support.node_fixtures import ROOT, python_process
 from visualization_msgs.msg import Marker
 
@@ -331,13 +332,15 @@ def test_a_page_shows_a_live_topic(browser: Browser, monkeypatch: pytest.MonkeyP
     assert line
     browser.open(line[1])
     assert browser.run("return document.querySelector('h1').textContent") == "/wave data"
-    browser.wait_for("return values.length > 20")
+    browser.wait_for("return values.length > 100")
     number = browser.wait_for("return number.textContent")
     another = browser.wait_for(f"return number.textContent !== '{number}' && number.textContent")
     assert -1 <= float(number) <= 1 and -1 <= float(another) <= 1
     points = browser.run("return plot.points.length")
     assert 20 < points <= 200
-    assert browser.screenshot().startswith(b"\x89PNG")
+    picture = browser.screenshot()
+    assert picture.startswith(b"\x89PNG")
+    update_picture("web_page.png", picture)
     stop(showing)
     browser.wait_for("return state.textContent.includes('gone')")
 
