@@ -159,7 +159,8 @@ def test_search_answers_common_questions(reader: Browser, address: str) -> None:
             found = search(reader, address, query.rstrip("?"))  # which the site would search for with the last word
             if page not in found[:FIRST_RESULTS]:
                 wrong[query] = (page, found[: FIRST_RESULTS + 1])
-    assert len(QUESTIONS) == 40 and wrong == {}
+    assert len(QUESTIONS) == 40
+    assert not wrong, "\n".join(f"{query!r}: expected {page}, found {found}" for query, (page, found) in wrong.items())
 
 
 def test_pages_fit_phones_and_name_the_columns_of_tables(reader: Browser, address: str, site: Path) -> None:
