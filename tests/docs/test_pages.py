@@ -144,6 +144,7 @@ def test_a_page_is_written_for_users(page: Path) -> None:
     assert [one for one in sentences if len(one.split()) > MOST_WORDS_OF_A_SENTENCE] == []
 
 
+@pytest.mark.needs("pyarrow")
 def test_paths_of_modules_and_names_in_prose_can_be_imported() -> None:
     for page in PAGES:
         for name in re.findall(r"`(rosidl_py_gen(?:\.\w+)+)", prose(page)):
