@@ -31,8 +31,9 @@ def write_public_file(path: Path, data: bytes) -> None:
 
 
 def _write(path: Path, data: bytes, mode: int) -> None:
-    descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=path.parent)  # with mode 0600
+    temporary = ""
     try:
+        descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=path.parent)  # with mode 0600
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()
@@ -40,10 +41,13 @@ def _write(path: Path, data: bytes, mode: int) -> None:
         if mode != 0o600:
             os.chmod(temporary, mode)
         os.replace(temporary, path)
-    except BaseException:
-        with suppress(OSError):
-            os.unlink(temporary)
-        raise
+        temporary = ""
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        if temporary:
+            with suppress(OSError):
+                os.unlink(temporary)
 
 
 def link(path: Path, target: Path) -> None:
@@ -51,8 +55,7 @@ def link(path: Path, target: Path) -> None:
     if path.exists() and target.exists() and path.samefile(target):
         return
     relative = os.path.relpath(target, path.parent)
-    folder = tempfile.mkdtemp(prefix=".new-", dir=path.parent)
-    temporary = os.path.join(folder, path.name)
+    temporary = str(path.with_name(f".new-{os.getpid()}-{path.name}"))
     try:
         os.symlink(relative, temporary)
         os.replace(temporary, path)
@@ -63,7 +66,6 @@ def link(path: Path, target: Path) -> None:
     finally:
         with suppress(OSError):
             os.unlink(temporary)
-        os.rmdir(folder)
 
 
 def is_readable_by_others(path: Path) -> bool:

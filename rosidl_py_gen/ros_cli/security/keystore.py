@@ -15,6 +15,7 @@ written completely or not at all, and those that exist are used.
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 
 _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
+_VALIDITY = re.compile(r"<validity>.*?</validity>", re.DOTALL)
 _LINKED_CERTIFICATES = f"{_IDENTITY}.cert.pem", f"{_PERMISSIONS}.cert.pem"
 
 
@@ -77,7 +79,7 @@ class Keystore:
             )
 
     def enclave_folder(self, name: str) -> Path:
-        """Return the folder of an enclave, which need not exist. Raises `CommandError` if it is outside the keystore."""
+        """Return the folder of an enclave, which need not exist; raises `CommandError` outside the keystore."""
         folder = self.enclaves.joinpath(*name.split("/"))
         if not folder.resolve().is_relative_to(self.enclaves.resolve()):
             raise CommandError(
@@ -246,10 +248,20 @@ class Keystore:
 
         folder = self.enclave_folder(enclave.name)
         text = permissions_xml(enclave, domain_id, *certificates.validity(certificate))
+        if enclave.allows_everything and self._have_changed(folder / "permissions.xml", text):
+            self.note(f"{folder / 'permissions.xml'}: replaced; enclave {enclave.name} may use all topics")
         # In this order an interrupted command leaves the former permissions valid.
         key_files.write_public_file(folder / "permissions.xml", text.encode())
         self._sign(text, folder / "permissions.p7s")
         return folder / "permissions.xml"
+
+    def _have_changed(self, path: Path, text: str) -> bool:
+        """Return True if a file exists and has other rules than the new text."""
+        try:
+            former = path.read_text(encoding="utf-8", errors="replace")
+        except FileNotFoundError:
+            return False
+        return _VALIDITY.sub("", former).split() != _VALIDITY.sub("", text).split()
 
     def note_if_ungoverned(self, domain_id: int) -> None:
         """Print a note if the governance does not have the domain, in which nodes could not start."""
@@ -259,9 +271,8 @@ class Keystore:
         except DefinitionError:  # a keystore that is not made here needs no governance.xml
             return
         rules = [rule for rules in root.elements for rule in rules.elements]
-        domains = [
-            one for rule in rules for element in rule.elements if element.tag == "domains" for one in element.elements
-        ]
+        elements = [element for rule in rules for element in rule.elements if element.tag == "domains"]
+        domains = [domain for element in elements for domain in element.elements]
         if domains and not any(_has_domain(one, domain_id) for one in domains):
             self.note(
                 f"warning: {path} does not have domain {domain_id} of ROS_DOMAIN_ID, so nodes in this domain cannot "

@@ -123,7 +123,7 @@ def _topics(rules: Sequence[PolicyRule], qualifier: str) -> tuple[list[str], lis
 
 
 def _merged(groups: list[list[str]]) -> list[str]:
-    """Return the topics of groups without repetition. Groups are sorted by their first topics, as in `ros2 security`."""
+    """Return the topics of groups without repetition; groups are sorted by their first topics, as in SROS2."""
     return [*dict.fromkeys(topic for group in sorted(groups, key=lambda one: one[0]) for topic in group)]
 
 

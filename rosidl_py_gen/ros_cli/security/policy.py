@@ -58,11 +58,13 @@ class PolicyEnclave:
 
     Attributes:
         grants: rules of all profiles, for each ``<profiles>`` element.
+        allows_everything: the rules are those of `wildcard_enclave`.
     """
 
     name: str
     grants: tuple[tuple[PolicyRule, ...], ...]
     element: XmlElement
+    allows_everything: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +88,7 @@ def read_policy(path: str) -> SecurityPolicy:
 def wildcard_enclave(name: str) -> PolicyEnclave:
     """Return the rules of a new enclave, which allow all topics, services and actions."""
     rules = (PolicyRule(kind, dict.fromkeys(attributes, ALLOW), ("/*",)) for kind, (_, attributes) in RULES.items())
-    return PolicyEnclave(name, (tuple(rules),), XmlElement("enclave"))
+    return PolicyEnclave(name, (tuple(rules),), XmlElement("enclave"), allows_everything=True)
 
 
 def expand_name(expression: str, namespace: str, node: str) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli.security.xml_reader import COMMENT, XmlElement, read_xml
+from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement, read_xml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -119,7 +119,7 @@ class _TreeBuilder:
         parser.CommentHandler = self._comment
         parser.StartDoctypeDeclHandler = self._refuse
         parser.EntityDeclHandler = self._refuse
-        parser.ExternalEntityRefHandler = self._refuse
+        parser.ExternalEntityRefHandler = self._refuse_reference
 
     def parse(self, data: bytes) -> XmlElement:
         try:
@@ -167,6 +167,9 @@ class _TreeBuilder:
 
     def _refuse(self, *_: object) -> None:
         raise self._error("document types and entities are refused; remove the <!DOCTYPE ...>")
+
+    def _refuse_reference(self, *_: object) -> int:
+        raise self._error("references to entities are refused")
 
 
 def _clark_name(name: str) -> str:
