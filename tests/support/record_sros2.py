@@ -1,9 +1,9 @@
 """Record what SROS2's own code makes, in `tests/golden/security`.
 
-Run it in an environment with lxml and ``cryptography<43``, and with the folders ``sros2`` of a checkout of ros2/sros2 on
+Run it in an environment with lxml and ``cryptography<43``, with the folder ``sros2`` of a checkout of ros2/sros2 on
 PYTHONPATH: ``python tests/support/record_sros2.py CHECKOUT``. Nothing of that checkout is recorded.
 
-- keystore.json: a keystore with four enclaves, as the content of files and the targets of links. Its keys are in no use.
+- keystore.json: a keystore with four enclaves, as the content of files and the targets of links. Nobody uses its keys.
 - permissions/: permissions of the enclaves in policies/fleet.xml.
 - policy.xml: the policy of the nodes in graph.json; extended.xml: the same added to policies/two_grants.xml.
 """

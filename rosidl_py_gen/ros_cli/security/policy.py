@@ -164,9 +164,8 @@ class _Validator:
                 if value not in (ALLOW, DENY):
                     self._report(child, f"<{child.tag}>: got {key}={value!r:.80}; expected 'ALLOW' or 'DENY'")
             if not access:
-                text = (
-                    f"<{child.tag}> allows and denies nothing; expected {attributes[0]}='ALLOW' or a similar attribute"
-                )
+                expected = " or ".join(attributes)
+                text = f"<{child.tag}> allows and denies nothing; expected {expected}"
                 self._report(child, text)
             names = [self._expression(one) for one in self._children(child, tag, at_least_one=True)]
             yield PolicyRule(child.tag, access, tuple(expand_name(name, namespace, node) for name in names))

@@ -54,7 +54,7 @@ class _Includes:
         self._count(root)
         if _INCLUDE.fullmatch(root.tag):
             raise root.error("the root element is an include; expected <policy> or a part of a policy")
-        self._expand(root, (os.path.realpath(path),))
+        self._expand(root, self.folder, (os.path.realpath(path),))
         return root
 
     def _count(self, element: XmlElement) -> None:
@@ -64,18 +64,25 @@ class _Includes:
         for child in element.children:
             self._count(child)
 
-    def _expand(self, element: XmlElement, open_files: tuple[str, ...]) -> None:
-        """Replace the includes in an element of the last of `open_files`, each of which includes the next one."""
+    def _expand(self, element: XmlElement, folder: str, open_files: tuple[str, ...]) -> None:
+        """Replace the includes in an element.
+
+        Args:
+            folder: folder of the file of the element.
+            open_files: files that include each other, the last one being that of the element.
+        """
         children: list[XmlElement] = []
         for child in element.children:
             if match := _INCLUDE.fullmatch(child.tag):
-                children += self._included(child, match[1], open_files)
+                children += self._included(child, match[1], folder, open_files)
             else:
-                self._expand(child, open_files)
+                self._expand(child, folder, open_files)
                 children.append(child)
         element.children = children
 
-    def _included(self, include: XmlElement, name: str, open_files: tuple[str, ...]) -> Iterable[XmlElement]:
+    def _included(
+        self, include: XmlElement, name: str, folder: str, open_files: tuple[str, ...]
+    ) -> Iterable[XmlElement]:
         if name != "include" or any(include.elements):
             raise include.error("xi:fallback is not supported: a missing file must not change permissions silently")
         self.includes += 1
@@ -87,22 +94,22 @@ class _Includes:
         if unknown or include.attributes.get("parse", "xml") != "xml":
             found = unknown[0] if unknown else f"parse={include.attributes['parse']!r}"
             raise include.error(f"xi:include: got {found}; expected href, xpointer and parse='xml'")
-        path = self._file(include, open_files[-1])
+        path = self._file(include, folder)
         if path in open_files:
             raise include.error(f"{display_path(path)} includes itself")
         pointer = include.attributes.get("xpointer")
         root = read_xml(path)
         self._count(root)
-        self._expand(root, (*open_files, path))
+        self._expand(root, os.path.dirname(path), (*open_files, path))
         return [root] if pointer is None else _select(include, pointer, root)
 
-    def _file(self, include: XmlElement, including_file: str) -> str:
+    def _file(self, include: XmlElement, folder: str) -> str:
         href = include.attributes.get("href", "")
         if not href or "#" in href or "?" in href or "\0" in unquote(href) or _SCHEME.match(href):
             raise include.error(
                 f"xi:include: got href={href!r:.200}; expected the path of a file below the folder of the policy"
             )
-        path = os.path.realpath(os.path.join(os.path.dirname(including_file), unquote(href)))
+        path = os.path.realpath(os.path.join(folder, unquote(href)))
         if not _is_below(path, self.folder):
             raise include.error(
                 f"xi:include: {href!r:.200} is {display_path(path)}, outside the folder of the policy; move the file "
