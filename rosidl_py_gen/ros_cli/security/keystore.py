@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 
 _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
-_VALIDITY = re.compile(r"<validity>.*?</validity>", re.DOTALL)
+_NOT_RULES = re.compile(r"<(validity|domains)>.*?</\1>", re.DOTALL)
+"""Parts of permissions that differ between equal rules."""
 _LINKED_CERTIFICATES = f"{_IDENTITY}.cert.pem", f"{_PERMISSIONS}.cert.pem"
 
 
@@ -46,11 +47,12 @@ class Keystore:
     """Keystore in a folder.
 
     Attributes:
-        note: prints what the user should know, such as a file with loose permissions.
+        note: prints what the user should know, such as a private key that others can read.
     """
 
     root: Path
     note: Callable[[str], None]
+    _noted: set[Path] = field(default_factory=set)
 
     @property
     def public(self) -> Path:
@@ -186,7 +188,9 @@ class Keystore:
         return certificate, key_path, certificates.validity(certificate)[1]
 
     def _note_if_readable(self, path: Path) -> None:
-        if key_files.is_readable_by_others(path):
+        path = path.resolve()
+        if path not in self._noted and key_files.is_readable_by_others(path):
+            self._noted.add(path)
             self.note(f"warning: {path}: other users can read this private key; run `chmod 600 {path}`")
 
     # -------------------------------------------------------------------------------------------------------- enclaves
@@ -261,7 +265,7 @@ class Keystore:
             former = path.read_text(encoding="utf-8", errors="replace")
         except FileNotFoundError:
             return False
-        return _VALIDITY.sub("", former).split() != _VALIDITY.sub("", text).split()
+        return _NOT_RULES.sub("", former).split() != _NOT_RULES.sub("", text).split()
 
     def note_if_ungoverned(self, domain_id: int) -> None:
         """Print a note if the governance does not have the domain, in which nodes could not start."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from support.sros2_keystore import FOLDER, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
-GOLDEN = Path(__file__).resolve().parents[2] / "golden/security"
 
 
 @pytest.fixture(autouse=True)
@@ -23,21 +22,13 @@ def no_security_settings(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def golden() -> Path:
     """Folder of what SROS2 made."""
-    return GOLDEN
+    return FOLDER
 
 
 @pytest.fixture
 def sros2_keystore(tmp_path: Path) -> Path:
     """A keystore that SROS2 made, with the enclaves /, /talker, /listener and /robot/arm."""
-    root = tmp_path / "sros2"
-    for name, content in json.loads((GOLDEN / "keystore.json").read_text()).items():
-        path = root / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if "link" in content:
-            path.symlink_to(content["link"])
-        else:
-            path.write_text(content["text"])
-    return root
+    return unpack(tmp_path / "sros2")
 
 
 @pytest.fixture
