@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ed25519
 from rosidl_py_gen.ros_cli.security import certificates
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 NAMES = [
     "",
@@ -97,7 +99,7 @@ def test_links_of_folders_do_not_lead_out(
 @pytest.mark.skipif(os.name == "nt", reason="symbolic links of POSIX")
 @pytest.mark.parametrize("dangling", [True, False])
 def test_links_of_files_are_replaced_not_followed(
-    keystore: Path, tmp_path: Path, succeed: Callable[..., str], dangling: bool
+    keystore: Path, tmp_path: Path, run_here: Callable[..., Any], dangling: bool
 ) -> None:
     outside = tmp_path / "outside"
     outside.mkdir()
@@ -107,7 +109,8 @@ def test_links_of_files_are_replaced_not_followed(
         if not dangling:
             (outside / name).write_text("untouched")
         (folder / name).symlink_to(f"../../../outside/{name}")
-    succeed("create_enclave", str(keystore), "/a")
+    code, _, err = run_here("security", "create_enclave", str(keystore), "/a")
+    assert code == 0 and err.count("\n") == (not dangling)  # the permissions were others
     if dangling:
         assert not [*outside.iterdir()]
     else:
@@ -117,12 +120,11 @@ def test_links_of_files_are_replaced_not_followed(
 
 def test_a_folder_in_the_place_of_a_file(keystore: Path, fail: Callable[..., str]) -> None:
     for name in ("key.pem", "governance.p7s", "permissions.xml"):
-        folder = keystore / "enclaves/a"
+        folder = keystore / "enclaves" / name.partition(".")[0]
         (folder / name).mkdir(parents=True)
-        error = fail("create_enclave", str(keystore), "/a")
+        error = fail("create_enclave", str(keystore), f"/{folder.name}")
         assert f"{folder / name}" in error and "directory" in error.lower()
-        (folder / name).rmdir()
-    assert not [path for path in keystore.rglob(".new-*")]
+    assert not [*keystore.rglob(".new-*")]
 
 
 def test_a_file_in_the_place_of_a_folder(
@@ -195,26 +197,33 @@ def test_a_damaged_governance(keystore: Path, fail: Callable[..., str]) -> None:
     assert "governance.xml:2:24: not XML: mismatched tag" in fail("create_keystore", str(keystore))
 
 
-@pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="root may become another user")
-@pytest.mark.parametrize("words", ["create_keystore {root}/new", "create_enclave {root} /new", "create_enclave {root} /a"])
-def test_folders_that_the_user_may_not_write(
-    keystore: Path, succeed: Callable[..., str], tmp_path: Path, words: str
-) -> None:
-    """As another user, who may read everything."""
+@pytest.fixture
+def readable_keystore(keystore: Path, succeed: Callable[..., str]) -> Iterator[Path]:
+    """A keystore in a folder that other users can enter; they can read everything in it."""
     succeed("create_enclave", str(keystore), "/a")
-    before = tree(keystore)
-    for path in (keystore, *keystore.rglob("*")):
-        if not path.is_symlink():
-            path.chmod(0o755 if path.is_dir() else 0o644)
-    command = "import os, sys; os.setgroups([]); os.setgid(65534); os.setuid(65534); from rosidl_py_gen.ros_cli import main; "
-    command += f"main({['security', *words.format(root=keystore).split()]!r})"
-    for parent in tmp_path.parents:
-        if parent.owner() == "root" and parent.stat().st_mode & 0o005 != 0o005 and parent != Path("/"):
-            pytest.skip(f"other users cannot enter {parent}")
-    done = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True)
-    assert done.returncode == 1 and "Permission denied" in done.stderr, done.stderr
-    assert "Traceback" not in done.stderr
-    assert tree(keystore) == before
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        root = Path(folder) / "keystore"
+        shutil.copytree(keystore, root, symlinks=True)
+        for path in (root, *root.rglob("*")):
+            if not path.is_symlink():
+                path.chmod(0o755 if path.is_dir() else 0o644)
+        yield root
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="root may become another user")
+@pytest.mark.parametrize(
+    "words", ["create_keystore {root}/new", "create_enclave {root} /new", "create_enclave {root} /a"]
+)
+def test_folders_that_the_user_may_not_write(readable_keystore: Path, run_here: Callable[..., Any], words: str) -> None:
+    before = tree(readable_keystore)
+    os.seteuid(65534)
+    try:
+        code, out, err = run_here("security", *words.format(root=readable_keystore).split())
+    finally:
+        os.seteuid(0)
+    assert (code, out) == (1, "") and "Permission denied" in err.splitlines()[-1], err
+    assert tree(readable_keystore) == before
 
 
 def test_commands_at_the_same_time_make_one_enclave(keystore: Path) -> None:
