@@ -77,7 +77,7 @@ def is_readable_by_others(path: Path) -> bool:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Let one command at a time change a keystore, where the file system supports locks."""
+    """Wait until no other command changes a keystore, and keep others waiting, where the file system supports locks."""
     try:
         import fcntl
     except ImportError:  # Windows

@@ -28,7 +28,7 @@ VALIDITY = re.compile(r"<(not_before|not_after)>(.+?)<")
 
 
 def described(path: Path) -> Any:
-    """What must be equal for keystores to be interchangeable, without random numbers and times."""
+    """Return what must be equal in interchangeable keystores, without random numbers and times."""
     if path.is_symlink():
         return os.readlink(path)
     data = path.read_bytes()
