@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from rosidl_py_gen.ros_cli.security.policy import read_policy
+from rosidl_py_gen.ros_cli.security.permissions import permissions_xml
+from rosidl_py_gen.ros_cli.security.policy import ALLOW, PolicyEnclave, PolicyRule, read_policy
+from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 from rosidl_py_gen.runtime import Context
 from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities
 
@@ -122,3 +126,24 @@ async def test_names_of_peers_are_not_trusted(memory: World, tool: Tool, tmp_pat
     assert ended.err.count("skipped node ") == ended.err.count("\n") > 0
     assert [*read_policy(str(path)).enclaves] == ["/"]
     assert path.read_text().count("<profile ") == 1
+
+
+async def test_actions_are_allowed_as_their_topics_and_services(memory: World, tool: Tool, tmp_path: Path) -> None:
+    """The permissions are those of an ``<actions>`` element."""
+    server, client = memory.node("server", **QUIET), memory.node("client", **QUIET)
+    server.create_action_server(Fibonacci, "count", lambda goal: None)
+    client.create_action_client(Fibonacci, "count")
+    path = tmp_path / "policy.xml"
+    assert (await tool("security", "generate_policy", str(path))).code == 0
+    (rules,) = read_policy(str(path)).enclaves["/"].grants
+    for node, attribute in (("server", "execute"), ("client", "call")):
+        made = tuple(
+            rule for rule in rules if ("reply" in rule.access or "publish" in rule.access) == (node == "server")
+        )
+        expected = (PolicyRule("actions", {attribute: ALLOW}, ("/count",)),)
+        assert allowed(made) == allowed(expected)
+
+
+def allowed(rules: tuple[PolicyRule, ...]) -> list[str]:
+    enclave = PolicyEnclave("/", (rules,), XmlElement("enclave"))
+    return sorted(permissions_xml(enclave, 0, datetime(2020, 1, 1), datetime(2030, 1, 1)).splitlines())

@@ -364,3 +364,35 @@ def test_wide_permissions_do_not_replace_others_silently(
     code, _, err = run_here("security", "create_enclave", str(keystore), "/two_grants")
     assert code == 0
     assert err.endswith("/permissions.xml: replaced; enclave /two_grants may use all topics\n")
+
+
+@pytest.mark.parametrize("step", range(12))
+def test_an_interrupted_command_can_be_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: Callable[..., Any], step: int
+) -> None:
+    """The command is interrupted before its n-th file, and repeated until it succeeds."""
+    replace, count = os.replace, 0
+
+    def interrupted(source: str, target: Path) -> None:
+        nonlocal count
+        count += 1
+        if count == step + 1:
+            raise KeyboardInterrupt
+        replace(source, target)
+
+    root = tmp_path / "keystore"
+    words = "security", "generate_artifacts", "-k", str(root), "-e", "/a", "/"
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", interrupted)
+        assert run_here(*words)[0] == 130
+    assert not [*root.rglob(".new-*")]
+    assert run_here(*words)[0] == 0
+    before = files(root)
+    assert run_here(*words)[::2] == (0, "")
+    assert files(root) == before
+    for name in ("a", ""):
+        folder = root / "enclaves" / name
+        certificate = certificates.load_certificate(folder / "cert.pem")
+        assert certificates.is_key_of(certificates.load_key(folder / "key.pem"), certificate)
+        assert certificates.is_issued_by(certificate, certificates.load_certificate(folder / "identity_ca.cert.pem"))
+        signed_with(folder / "permissions.p7s", certificates.load_certificate(folder / "permissions_ca.cert.pem"))
