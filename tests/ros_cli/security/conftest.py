@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from support.environments import require
 from support.sros2_keystore import FOLDER, unpack
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def fail(run_here: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
 @pytest.fixture
 def keystore(tmp_path: Path, succeed: Callable[..., str]) -> Path:
     """A new keystore without enclaves."""
+    require("cryptography")
     root = tmp_path / "keystore"
     succeed("create_keystore", str(root))
     return root

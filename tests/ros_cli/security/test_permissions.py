@@ -15,6 +15,7 @@ from rosidl_py_gen.ros_cli.security.policy import expand_name
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+pytestmark = pytest.mark.needs("cryptography")
 ENCLAVES = "/fleet/camera", "/fleet/planner", "/two_grants", "/idle", "/"
 TIME = re.compile(r"<(not_before|not_after)>.+?<")
 
