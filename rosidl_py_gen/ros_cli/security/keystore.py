@@ -18,6 +18,7 @@ import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
@@ -77,7 +78,7 @@ class Keystore:
         if missing := self.missing_files():
             raise CommandError(
                 f"{self.root}: not a keystore: {missing[0].relative_to(self.root)} is missing; create one with "
-                f"`rosidl-py security create_keystore {self.root}`"
+                f"`rosidl-py security create_keystore {quote(str(self.root))}`"
             )
 
     def enclave_folder(self, name: str) -> Path:
@@ -191,7 +192,7 @@ class Keystore:
         path = path.resolve()
         if path not in self._noted and key_files.is_readable_by_others(path):
             self._noted.add(path)
-            self.note(f"warning: {path}: other users can read this private key; run `chmod 600 {path}`")
+            self.note(f"warning: {path}: other users can read this private key; run `chmod 600 {quote(str(path))}`")
 
     # -------------------------------------------------------------------------------------------------------- enclaves
 
@@ -233,7 +234,7 @@ class Keystore:
         if not path.is_file():
             raise CommandError(
                 f"{path}: enclave {name} has no certificate; create it with `rosidl-py security create_enclave "
-                f"{self.root} {name}`"
+                f"{quote(str(self.root))} {name}`"
             )
         certificate = certificates.load_certificate(path)
         cure = f"delete {path} and key.pem next to it, and create the enclave again"
@@ -281,7 +282,7 @@ class Keystore:
             self.note(
                 f"warning: {path} does not have domain {domain_id} of ROS_DOMAIN_ID, so nodes in this domain cannot "
                 "start; correct the file, delete governance.p7s, and repeat `rosidl-py security create_keystore "
-                f"{self.root}`"
+                f"{quote(str(self.root))}`"
             )
 
     def list_enclaves(self) -> list[str]:

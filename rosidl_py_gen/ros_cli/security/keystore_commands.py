@@ -44,7 +44,7 @@ def create_enclave(root: Path, name: str, as_json: bool) -> int:
     """Create the key, the certificate and the permissions of an enclave.
 
     The permissions allow all topics, services and actions in the domain ROS_DOMAIN_ID; create_permission restricts
-    them. An existing key and certificate are kept.
+    them. An existing key and certificate are reused.
 
     \b
     rosidl-py security create_enclave keystore /talker

@@ -76,7 +76,7 @@ def create_permission(root: Path, name: str, policy_file: str, as_json: bool) ->
     "root",
     metavar="ROOT",
     type=click.Path(file_okay=False, path_type=Path),
-    help=f"Folder of the keystore, created if it is none.  [default: {_KEYSTORE}]",
+    help=f"Folder of the keystore, created unless it exists.  [default: {_KEYSTORE}]",
 )
 @click.option(
     "-e",
@@ -98,7 +98,7 @@ def create_permission(root: Path, name: str, policy_file: str, as_json: bool) ->
 def generate_artifacts(root: Path | None, enclaves: Sequence[str], policy_files: Sequence[str], as_json: bool) -> int:
     """Create a keystore, enclaves and permissions in one step.
 
-    What exists is kept, apart from permissions, which are replaced. Nothing is written if a policy is invalid.
+    Existing keys are reused, permissions are replaced. Nothing is written if a policy is invalid.
 
     \b
     rosidl-py security generate_artifacts -k keystore -e /talker /listener
