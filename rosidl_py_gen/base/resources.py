@@ -32,6 +32,7 @@ _EXTRA_OF = {
     "fsspec": "tables",
     "upath": "tables",
     "distributed": "cluster",
+    "cryptography": "security",
     "PIL": "images",
     "matplotlib": "plot",
     "transforms3d": "transformations",

@@ -51,6 +51,7 @@ _COMMANDS = {
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
     "run": ("program_runner.command", "Run a program written for rclpy without changes."),
+    "security": ("security", "Keystores for secured networks (SROS2): keys, certificates, permissions, policies."),
     "service": ("service", "Services: list, type, call, info, echo."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find."),

@@ -32,6 +32,7 @@ PAGE_OF = {
     "node": "commands/node-param-lifecycle.md",
     "param": "commands/node-param-lifecycle.md",
     "run": "start/from-rclpy.md",
+    "security": "howto/security.md",
     "service": "commands/topic-service-action.md",
     "tf": "commands/diagnose.md",
     "topic": "commands/topic-service-action.md",

@@ -3,6 +3,7 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -26,7 +27,7 @@ static DomainParticipant *participant;
 static Publisher *publisher;
 static Subscriber *subscriber;
 
-static void open_participant(int domain) {
+static void open_participant(int domain, const std::function<void(DomainParticipantQos &)> &change = nullptr) {
   DomainParticipantQos qos = PARTICIPANT_QOS_DEFAULT;
   auto loopback = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
   loopback->interfaceWhiteList.emplace_back("127.0.0.1");
@@ -44,6 +45,7 @@ static void open_participant(int domain) {
   qos.wire_protocol().builtin.metatrafficUnicastLocatorList.push_back(own);  // instead of the multicast default
   const std::string enclave = "enclave=/;";
   qos.user_data().setValue(std::vector<rtps::octet>(enclave.begin(), enclave.end()));
+  if (change) change(qos);
   participant = DomainParticipantFactory::get_instance()->create_participant(domain, qos);
   if (participant == nullptr) { std::fprintf(stderr, "no participant\n"); std::exit(1); }
   publisher = participant->create_publisher(PUBLISHER_QOS_DEFAULT);

@@ -1,0 +1,139 @@
+"""``security generate_policy``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+    from rosidl_py_gen.runtime import Node, NodeInfo
+
+
+@click.command("generate_policy")
+@click.argument("policy_file", metavar="POLICY_FILE_PATH", type=click.Path(dir_okay=False))
+@options.as_json
+@options.node_options
+@verb
+async def generate_policy(network: options.NetworkOptions, policy_file: str, as_json: bool) -> int:
+    """Write a policy that allows what the running nodes do.
+
+    An existing policy is extended. Nodes whose names begin with _ are skipped.
+
+    \b
+    rosidl-py security generate_policy policy.xml
+    """
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.ros_cli.name_lookup import is_hidden_node
+    from rosidl_py_gen.ros_cli.security import key_files
+    from rosidl_py_gen.ros_cli.security.policy import VERSION, read_policy
+    from rosidl_py_gen.ros_cli.security.policy_text import policy_text
+    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+
+    path = os.path.realpath(policy_file)
+    if os.path.lexists(path):
+        root = read_policy(policy_file).root
+    else:
+        root = XmlElement("policy", {"version": VERSION}, children=[XmlElement("enclaves")])
+    async with CommandNode(network) as command_node:
+        await command_node.wait_for_node_names()
+        nodes = [one for one in command_node.node.get_nodes() if not is_hidden_node(one.fully_qualified_name)]
+        added = [one for one in nodes if _add_node(root, command_node.node, one)]
+        domain_id = command_node.context.domain_id
+    if not added:
+        raise CommandError(f"no nodes were found in domain {domain_id}; {policy_file} was not written")
+    key_files.write_public_file(Path(path), policy_text(root).encode())
+    rows = [{"name": one.fully_qualified_name, "enclave": one.enclave} for one in added]
+    if as_json:
+        terminal_output.document({"policy": policy_file, "nodes": rows})
+    else:
+        enclaves = sorted({one.enclave for one in added})
+        terminal_output.line(f"wrote {policy_file}: {len(added)} nodes, enclaves {', '.join(enclaves)}")
+    return 0
+
+
+def _add_node(root: XmlElement, node: Node, other: NodeInfo) -> bool:
+    """Add a profile for another node. Returns False, with a note, if ROS does not allow its names."""
+    from rosidl_py_gen.errors import InvalidNameError
+    from rosidl_py_gen.ros_cli.security.names import check_enclave_name
+    from rosidl_py_gen.runtime import validate_namespace, validate_node_name
+
+    try:
+        check_enclave_name(other.enclave)
+        validate_namespace(other.namespace)
+        validate_node_name(other.name)
+    except InvalidNameError as error:
+        terminal_output.note(f"skipped node {other.fully_qualified_name}: {str(error).partition(chr(10))[0]}")
+        return False
+    profile = _profile(root, other)
+    identity = other.name, other.namespace
+    for kind, attribute, found in (
+        ("topics", "subscribe", node.get_subscriber_names_and_types_by_node(*identity)),
+        ("topics", "publish", node.get_publisher_names_and_types_by_node(*identity)),
+        ("services", "reply", node.get_service_names_and_types_by_node(*identity)),
+        ("services", "request", node.get_client_names_and_types_by_node(*identity)),
+    ):
+        names = [name for name, _ in found if _is_valid(name)]
+        if names:
+            _add_rule(profile, kind, attribute, (_relative(name, other) for name in names))
+    return True
+
+
+def _is_valid(name: str) -> bool:
+    from rosidl_py_gen.errors import InvalidNameError
+    from rosidl_py_gen.runtime import validate_full_name
+
+    try:
+        validate_full_name(name)
+    except InvalidNameError as error:
+        terminal_output.note(f"skipped a topic: {str(error).partition(chr(10))[0]}")
+        return False
+    return True
+
+
+def _relative(name: str, node: NodeInfo) -> str:
+    """Return a name as it is in a program: ``~/x`` below the node, ``x`` in its namespace."""
+    if name.startswith(f"{node.fully_qualified_name}/"):
+        return f"~{name[len(node.fully_qualified_name) :]}"
+    if node.namespace == "/":
+        return name[1:] if name.count("/") == 1 else name
+    return name.removeprefix(f"{node.namespace}/")
+
+
+def _profile(root: XmlElement, node: NodeInfo) -> XmlElement:
+    """Return the profile of a node, created unless it exists."""
+    enclaves = _child(root, "enclaves", {})
+    enclave = _child(enclaves, "enclave", {"path": node.enclave})
+    return _child(_child(enclave, "profiles", None), "profile", {"ns": node.namespace, "node": node.name})
+
+
+def _add_rule(profile: XmlElement, kind: str, attribute: str, names: Iterable[str]) -> None:
+    from rosidl_py_gen.ros_cli.security.policy import ALLOW, RULES
+    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+
+    rule = _child(profile, kind, {attribute: ALLOW})
+    tag, _ = RULES[kind]
+    rule.children += (XmlElement(tag, text=name) for name in names)
+
+
+def _child(parent: XmlElement, tag: str, attributes: dict[str, str] | None) -> XmlElement:
+    """Return the child with exactly these attributes, or any for None; it is created unless it exists.
+
+    A rule with more attributes is not used: names added to it would be allowed for more than a node does.
+    """
+    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+
+    for child in parent.elements:
+        names = {name: value for name, value in child.attributes.items() if not name.startswith("{")}
+        if child.tag == tag and (attributes is None or names == attributes):
+            return child
+    child = XmlElement(tag, dict(attributes or {}))
+    parent.children.append(child)
+    return child

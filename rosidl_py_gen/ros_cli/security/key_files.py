@@ -1,0 +1,92 @@
+"""Files of a keystore: written completely or not at all, private ones with mode 0600 from the beginning.
+
+A symbolic link in the place of a file is replaced, never followed.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.ros_cli import CommandError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+def write_private_file(path: Path, data: bytes) -> None:
+    """Write a file that only its owner can read."""
+    _write(path, data, 0o600)
+
+
+def write_public_file(path: Path, data: bytes) -> None:
+    """Write a file with the default permissions of the user."""
+    umask = os.umask(0)
+    os.umask(umask)
+    _write(path, data, 0o666 & ~umask)
+
+
+def _write(path: Path, data: bytes, mode: int) -> None:
+    temporary = ""
+    try:
+        descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=path.parent)  # with mode 0600
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if mode != 0o600:
+            os.chmod(temporary, mode)
+        os.replace(temporary, path)
+        temporary = ""
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        if temporary:
+            with suppress(OSError):
+                os.unlink(temporary)
+
+
+def link(path: Path, target: Path) -> None:
+    """Make `path` a symbolic link to `target`, relative to its own folder; a link to the same file stays."""
+    if path.exists() and target.exists() and path.samefile(target):
+        return
+    relative = os.path.relpath(target, path.parent)
+    temporary = str(path.with_name(f".new-{os.getpid()}-{path.name}"))
+    try:
+        os.symlink(relative, temporary)
+        os.replace(temporary, path)
+    except OSError as error:
+        hint = "; Windows needs Developer Mode for it" if os.name == "nt" else ""
+        text = f"{path}: cannot create a symbolic link to {relative}: {error.strerror}{hint}"
+        raise CommandError(text) from None
+    finally:
+        with suppress(OSError):
+            os.unlink(temporary)
+
+
+def is_readable_by_others(path: Path) -> bool:
+    """Return True if the mode of an existing file permits its group or other users to read it."""
+    with suppress(OSError):
+        return os.name != "nt" and bool(stat.S_IMODE(path.stat().st_mode) & 0o077)
+    return False
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Wait until no other command changes a keystore, and keep others waiting, where the file system supports locks."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

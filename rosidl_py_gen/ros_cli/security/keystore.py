@@ -1,0 +1,315 @@
+"""Keystores in the layout of SROS2, which nodes of ROS and of this package read.
+
+::
+
+    public/   ca.cert.pem                identity_ca.cert.pem, permissions_ca.cert.pem are links to it
+    private/  ca.key.pem                 identity_ca.key.pem, permissions_ca.key.pem are links to it
+    enclaves/ governance.xml .p7s        and a folder for each enclave, such as robot/talker for /robot/talker:
+              NAME/ key.pem cert.pem permissions.xml permissions.p7s
+                    governance.p7s identity_ca.cert.pem permissions_ca.cert.pem are links
+
+The enclave ``/`` is the folder ``enclaves`` itself. A command that was interrupted can be repeated: each file is
+written completely or not at all, and those that exist are used.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError
+from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.security import key_files
+from rosidl_py_gen.ros_cli.security.names import check_enclave_name
+from rosidl_py_gen.ros_cli.security.permissions import governance_xml, permissions_xml
+from rosidl_py_gen.ros_cli.security.xml_reader import read_xml
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from datetime import datetime
+
+    from cryptography.x509 import Certificate
+
+    from rosidl_py_gen.ros_cli.security.policy import PolicyEnclave
+    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+
+_IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
+_NOT_RULES = re.compile(r"<(validity|domains)>.*?</\1>", re.DOTALL)
+"""Parts of permissions that differ between equal rules."""
+_LINKED_CERTIFICATES = f"{_IDENTITY}.cert.pem", f"{_PERMISSIONS}.cert.pem"
+
+
+@dataclass(frozen=True, slots=True)
+class Keystore:
+    """Keystore in a folder.
+
+    Attributes:
+        note: prints what the user should know, such as a private key that others can read.
+    """
+
+    root: Path
+    note: Callable[[str], None]
+    _noted: set[Path] = field(default_factory=set)
+
+    @property
+    def public(self) -> Path:
+        return self.root / "public"
+
+    @property
+    def private(self) -> Path:
+        return self.root / "private"
+
+    @property
+    def enclaves(self) -> Path:
+        return self.root / "enclaves"
+
+    def missing_files(self) -> list[Path]:
+        """Return the required files that do not exist."""
+        required = [self._certificate(role) for role in (_PERMISSIONS, _IDENTITY)]
+        required += [self._key(role) for role in (_PERMISSIONS, _IDENTITY)]
+        return [path for path in (*required, self.enclaves / "governance.p7s") if not path.is_file()]
+
+    def require(self) -> None:
+        """Raise `CommandError` if this is not a complete keystore."""
+        if missing := self.missing_files():
+            raise CommandError(
+                f"{self.root}: not a keystore: {missing[0].relative_to(self.root)} is missing; create one with "
+                f"`rosidl-py security create_keystore {quote(str(self.root))}`"
+            )
+
+    def enclave_folder(self, name: str) -> Path:
+        """Return the folder of an enclave, which need not exist; raises `CommandError` outside the keystore."""
+        folder = self.enclaves.joinpath(*name.split("/"))
+        if not folder.resolve().is_relative_to(self.enclaves.resolve()):
+            raise CommandError(
+                f"{folder}: a symbolic link leads to {folder.resolve()}, outside the keystore; remove the link"
+            )
+        return folder
+
+    # ------------------------------------------------------------------------------------------------------- creation
+
+    def create(self, domain_id: int) -> datetime:
+        """Create the missing files, and return the end of the validity of the certificate authority.
+
+        Raises:
+            CommandError: the keystore is complete, or a file that cannot be recreated is missing.
+        """
+        self.root.mkdir(parents=True, exist_ok=True)
+        with key_files.locked(self.root):
+            if not self.missing_files():
+                raise CommandError(
+                    f"{self.root}: a keystore exists already; choose another folder, or delete this one to make all "
+                    "its keys invalid"
+                )
+            for folder in (self.public, self.enclaves):
+                folder.mkdir(exist_ok=True)
+            self.private.mkdir(mode=0o700, exist_ok=True)
+            self._create_authority()
+            self._create_governance(domain_id)
+        return self._authority(_PERMISSIONS)[2]
+
+    def _certificate(self, role: str) -> Path:
+        return self.public / f"{role}.cert.pem"
+
+    def _key(self, role: str) -> Path:
+        return self.private / f"{role}.key.pem"
+
+    def _create_authority(self) -> None:
+        roles = [
+            role
+            for role in (_IDENTITY, _PERMISSIONS)
+            if not (self._certificate(role).is_file() and self._key(role).is_file())
+        ]
+        for role in roles:
+            for path, other in ((self._certificate(role), self._key(role)), (self._key(role), self._certificate(role))):
+                if path.is_file() and not path.is_symlink():
+                    raise self._incomplete(other, path)
+        if roles:
+            self._create_shared_authority()
+        for role in roles:
+            key_files.link(self._certificate(role), self._certificate("ca"))
+            key_files.link(self._key(role), self._key("ca"))
+
+    def _create_shared_authority(self) -> None:
+        from rosidl_py_gen.ros_cli.security import certificates
+
+        certificate_path, key_path = self._certificate("ca"), self._key("ca")
+        if key_path.is_file():
+            key = certificates.load_key(key_path)
+            if certificate_path.is_file():
+                self._require_matching(key_path, certificate_path)
+                return
+        elif certificate_path.is_file():
+            raise self._incomplete(key_path, certificate_path)
+        else:
+            key = certificates.new_key()
+            key_files.write_private_file(key_path, certificates.key_pem(key))
+        key_files.write_public_file(certificate_path, certificates.certificate_pem(certificates.ca_certificate(key)))
+
+    def _incomplete(self, missing: Path, other: Path) -> CommandError:
+        return CommandError(
+            f"{missing} is missing, but {other} exists; restore it, or delete {self.root} and create a keystore with "
+            "new keys"
+        )
+
+    def _require_matching(self, key_path: Path, certificate_path: Path) -> None:
+        from rosidl_py_gen.ros_cli.security import certificates
+
+        if not certificates.is_key_of(certificates.load_key(key_path), certificates.load_certificate(certificate_path)):
+            raise CommandError(f"{key_path} is not the key of {certificate_path}; restore the one that was replaced")
+
+    def _create_governance(self, domain_id: int) -> None:
+        document, signature = self.enclaves / "governance.xml", self.enclaves / "governance.p7s"
+        if not document.is_file():
+            key_files.write_public_file(document, governance_xml(domain_id).encode())
+        if not signature.is_file():
+            read_xml(str(document))  # an edited file may be damaged
+            self._sign(document.read_text(encoding="utf-8"), signature)
+
+    def _sign(self, text: str, path: Path) -> None:
+        from rosidl_py_gen.ros_cli.security import certificates
+
+        certificate, key_path, _ = self._authority(_PERMISSIONS)
+        key_files.write_public_file(path, certificates.signed(text, certificate, certificates.load_key(key_path)))
+
+    def _authority(self, role: str) -> tuple[Certificate, Path, datetime]:
+        """Return certificate, file of the key and end of the validity. Raises `CommandError` if they cannot sign."""
+        from rosidl_py_gen.ros_cli.security import certificates
+
+        path, key_path = self._certificate(role), self._key(role)
+        certificate = certificates.load_certificate(path)
+        self._require_matching(key_path, path)
+        if certificates.is_expired(certificate):
+            raise CommandError(f"{path}: the certificate has expired; create a keystore with new keys")
+        self._note_if_readable(key_path)
+        return certificate, key_path, certificates.validity(certificate)[1]
+
+    def _note_if_readable(self, path: Path) -> None:
+        path = path.resolve()
+        if path not in self._noted and key_files.is_readable_by_others(path):
+            self._noted.add(path)
+            self.note(f"warning: {path}: other users can read this private key; run `chmod 600 {quote(str(path))}`")
+
+    # -------------------------------------------------------------------------------------------------------- enclaves
+
+    def create_enclave(self, name: str) -> Certificate:
+        """Create key, certificate and links of an enclave unless they exist, and return the certificate.
+
+        Raises:
+            CommandError: existing files do not belong together, or to this keystore.
+        """
+        from rosidl_py_gen.ros_cli.security import certificates
+
+        folder = self.enclave_folder(name)
+        folder.mkdir(parents=True, exist_ok=True)
+        for linked in _LINKED_CERTIFICATES:
+            key_files.link(folder / linked, self.public / linked)
+        if folder != self.enclaves:
+            key_files.link(folder / "governance.p7s", self.enclaves / "governance.p7s")
+        certificate_path, key_path = folder / "cert.pem", folder / "key.pem"
+        if certificate_path.is_file() and key_path.is_file():
+            self._require_own_files(folder)
+            return self.enclave_certificate(name)
+        authority, authority_key, _ = self._authority(_IDENTITY)
+        key = certificates.new_key()
+        certificate = certificates.enclave_certificate(name, key, authority, certificates.load_key(authority_key))
+        certificate_path.unlink(missing_ok=True)  # an interrupted command must not leave one of another key
+        key_files.write_private_file(key_path, certificates.key_pem(key))
+        key_files.write_public_file(certificate_path, certificates.certificate_pem(certificate))
+        return certificate
+
+    def _require_own_files(self, folder: Path) -> None:
+        self._note_if_readable(folder / "key.pem")
+        self._require_matching(folder / "key.pem", folder / "cert.pem")
+
+    def enclave_certificate(self, name: str) -> Certificate:
+        """Return the certificate of an existing enclave. Raises `CommandError` if nodes would refuse it."""
+        from rosidl_py_gen.ros_cli.security import certificates
+
+        path = self.enclave_folder(name) / "cert.pem"
+        if not path.is_file():
+            raise CommandError(
+                f"{path}: enclave {name} has no certificate; create it with `rosidl-py security create_enclave "
+                f"{quote(str(self.root))} {name}`"
+            )
+        certificate = certificates.load_certificate(path)
+        cure = f"delete {path} and key.pem next to it, and create the enclave again"
+        if not certificates.has_common_name(certificate, name):
+            subject = certificate.subject.rfc4514_string()
+            raise CommandError(f"{path}: got the subject {subject!r:.200}; expected 'CN={name}'; {cure}")
+        if not certificates.is_issued_by(certificate, certificates.load_certificate(self._certificate(_IDENTITY))):
+            raise CommandError(f"{path}: not issued by {self._certificate(_IDENTITY)}; {cure}")
+        if certificates.is_expired(certificate):
+            raise CommandError(f"{path}: the certificate has expired; {cure}")
+        return certificate
+
+    def write_permissions(self, enclave: PolicyEnclave, certificate: Certificate, domain_id: int) -> Path:
+        """Write and sign the permissions of an enclave, and return their file."""
+        from rosidl_py_gen.ros_cli.security import certificates
+
+        folder = self.enclave_folder(enclave.name)
+        text = permissions_xml(enclave, domain_id, *certificates.validity(certificate))
+        if enclave.allows_everything and self._have_changed(folder / "permissions.xml", text):
+            self.note(f"{folder / 'permissions.xml'}: replaced; enclave {enclave.name} may use all topics")
+        # In this order an interrupted command leaves the former permissions valid.
+        key_files.write_public_file(folder / "permissions.xml", text.encode())
+        self._sign(text, folder / "permissions.p7s")
+        return folder / "permissions.xml"
+
+    def _have_changed(self, path: Path, text: str) -> bool:
+        """Return True if a file exists and has other rules than the new text."""
+        try:
+            former = path.read_text(encoding="utf-8", errors="replace")
+        except FileNotFoundError:
+            return False
+        return _NOT_RULES.sub("", former).split() != _NOT_RULES.sub("", text).split()
+
+    def note_if_ungoverned(self, domain_id: int) -> None:
+        """Print a note if the governance does not have the domain, in which nodes could not start."""
+        path = self.enclaves / "governance.xml"
+        try:
+            root = read_xml(str(path))
+        except DefinitionError:  # a keystore that is not made here needs no governance.xml
+            return
+        rules = [rule for rules in root.elements for rule in rules.elements]
+        elements = [element for rule in rules for element in rule.elements if element.tag == "domains"]
+        domains = [domain for element in elements for domain in element.elements]
+        if domains and not any(_has_domain(one, domain_id) for one in domains):
+            self.note(
+                f"warning: {path} does not have domain {domain_id} of ROS_DOMAIN_ID, so nodes in this domain cannot "
+                "start; correct the file, delete governance.p7s, and repeat `rosidl-py security create_keystore "
+                f"{quote(str(self.root))}`"
+            )
+
+    def list_enclaves(self) -> list[str]:
+        """Return the sorted names of the enclaves; a note reports folders whose names are invalid."""
+        names = []
+        for folder, folders, files in os.walk(self.enclaves):
+            folders.sort()
+            if "key.pem" not in files:
+                continue
+            relative = os.path.relpath(folder, self.enclaves).replace(os.sep, "/")
+            name = "/" if relative == "." else f"/{relative}"
+            try:
+                check_enclave_name(name)
+            except InvalidNameError as error:
+                self.note(f"skipped {folder}: {str(error).partition(chr(10))[0]}")
+            else:
+                names.append(name)
+        return sorted(names)
+
+
+def _has_domain(element: XmlElement, domain_id: int) -> bool:
+    """Return True for an ``<id>`` or ``<id_range>`` with the domain."""
+
+    def number(text: str, default: int) -> int:
+        return int(text) if text.strip().isdecimal() else default
+
+    if element.tag == "id":
+        return number(element.text, -1) == domain_id
+    bounds = {child.tag: child.text for child in element.elements}
+    return number(bounds.get("min", ""), 0) <= domain_id <= number(bounds.get("max", ""), 1 << 32)

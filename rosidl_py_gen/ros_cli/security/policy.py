@@ -1,0 +1,210 @@
+"""Policies: which topics, services and actions the nodes of each enclave may use.
+
+The elements are those of version 0.2.0 of the policy schema of SROS2.
+Source: https://design.ros2.org/articles/ros2_access_control_policies.html
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError
+from rosidl_py_gen.ros_cli.security.names import check_enclave_name
+from rosidl_py_gen.ros_cli.security.policy_includes import read_policy_tree
+from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.errors import Diagnostic
+
+VERSION = "0.2.0"
+ALLOW, DENY = "ALLOW", "DENY"
+RULES = {
+    "topics": ("topic", ("publish", "subscribe")),
+    "services": ("service", ("request", "reply")),
+    "actions": ("action", ("call", "execute")),
+}
+"""Elements of a profile: the element of each name, and the attributes that allow or deny it."""
+_MAX_DIAGNOSTICS = 20
+_IGNORED = re.compile(r"\{http://www\.w3\.org/(XML/1998/namespace|2001/XMLSchema-instance)\}\w+")
+"""Attributes that XInclude or editors add: ``xml:base``, ``xsi:schemaLocation``."""
+_EXPRESSION = re.compile(r"(~(?=/|\Z))?[A-Za-z0-9_/*?!\[\]-]*")
+"""Name with wildcards of fnmatch. ``~`` at the beginning is the name of the node."""
+_NAMESPACE = re.compile(r"/[A-Za-z0-9_/*?!\[\]-]*")
+_NODE = re.compile(r"[A-Za-z0-9_*?!\[\]-]+")
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyRule:
+    """Names and what is allowed or denied for them.
+
+    Attributes:
+        kind: ``topics``, ``services`` or ``actions``.
+        access: `ALLOW` or `DENY` by attribute, such as ``publish``.
+        names: expanded names, which begin with ``/`` and may contain wildcards.
+    """
+
+    kind: str
+    access: dict[str, str]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyEnclave:
+    """Rules of an enclave.
+
+    Attributes:
+        grants: rules of all profiles, for each ``<profiles>`` element.
+        allows_everything: the rules are those of `wildcard_enclave`.
+    """
+
+    name: str
+    grants: tuple[tuple[PolicyRule, ...], ...]
+    element: XmlElement
+    allows_everything: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SecurityPolicy:
+    """A valid policy: its enclaves by name, and its tree of elements."""
+
+    enclaves: dict[str, PolicyEnclave]
+    root: XmlElement
+
+
+def read_policy(path: str) -> SecurityPolicy:
+    """Read and validate a policy file.
+
+    Raises:
+        DefinitionError: the file, or one that it includes, is not a policy.
+    """
+    root = read_policy_tree(path)
+    return _Validator().policy(root)
+
+
+def wildcard_enclave(name: str) -> PolicyEnclave:
+    """Return the rules of a new enclave, which allow all topics, services and actions."""
+    rules = (PolicyRule(kind, dict.fromkeys(attributes, ALLOW), ("/*",)) for kind, (_, attributes) in RULES.items())
+    return PolicyEnclave(name, (tuple(rules),), XmlElement("enclave"), allows_everything=True)
+
+
+def expand_name(expression: str, namespace: str, node: str) -> str:
+    """Return the full name of a topic, service or action in a profile."""
+    prefix = namespace if namespace.endswith("/") else f"{namespace}/"
+    if expression.startswith("/"):
+        return expression
+    return f"{prefix}{node}{expression[1:]}" if expression.startswith("~") else f"{prefix}{expression}"
+
+
+@dataclass(slots=True)
+class _Validator:
+    """Validation that reports all problems of a policy at once."""
+
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    def policy(self, root: XmlElement) -> SecurityPolicy:
+        if root.tag != "policy":
+            raise root.error(f"the root element is <{root.tag}>; expected <policy version='{VERSION}'>")
+        self._attributes(root, "version")
+        if (version := root.attributes.get("version")) not in (VERSION, None):
+            self._report(root, f"policy version: got {version!r:.80}; expected {VERSION!r}")
+        parents = self._children(root, "enclaves")
+        if len(parents) != 1:
+            self._report(root, f"<policy> has {len(parents)} <enclaves> elements; expected one")
+        enclaves: dict[str, PolicyEnclave] = {}
+        for parent in parents:
+            self._attributes(parent)
+            for element in self._children(parent, "enclave", at_least_one=True):
+                enclave = self._enclave(element)
+                if (first := enclaves.setdefault(enclave.name, enclave)) is not enclave:
+                    where = f"{first.element.source.path}:{first.element.line}"
+                    text = f"enclave {enclave.name} is also defined in {where}; put all profiles into one <enclave>"
+                    self._report(element, text)
+        if self.diagnostics:
+            more = len(self.diagnostics) - _MAX_DIAGNOSTICS
+            if more > 0:
+                self.diagnostics[_MAX_DIAGNOSTICS:] = [root.diagnostic(f"{more} more problems are not shown")]
+            raise DefinitionError(self.diagnostics)
+        return SecurityPolicy(enclaves, root)
+
+    def _enclave(self, element: XmlElement) -> PolicyEnclave:
+        self._attributes(element, "path")
+        name = element.attributes.get("path", "/")
+        try:
+            check_enclave_name(name)
+        except InvalidNameError as error:
+            self._report(element, str(error).partition("\n")[0])
+        grants = []
+        for profiles in self._children(element, "profiles", at_least_one=True):
+            self._attributes(profiles, optional=("type",))
+            found = self._children(profiles, "profile", "metadata")
+            if not any(child.tag == "profile" for child in found):
+                self._report(profiles, "<profiles> is empty; expected at least one <profile>")
+            rules = [rule for child in found if child.tag == "profile" for rule in self._profile(child)]
+            grants.append(tuple(rules))
+        return PolicyEnclave(name, tuple(grants), element)
+
+    def _profile(self, element: XmlElement) -> Iterable[PolicyRule]:
+        self._attributes(element, "ns", "node")
+        namespace, node = element.attributes.get("ns", "/"), element.attributes.get("node", "_")
+        if not _NAMESPACE.fullmatch(namespace):
+            self._report(
+                element, f"namespace of a profile: got ns={namespace!r:.200}; expected a name such as '/robot'"
+            )
+        if not _NODE.fullmatch(node):
+            self._report(element, f"node of a profile: got node={node!r:.200}; expected a name such as 'talker'")
+        for child in self._children(element, *RULES):
+            tag, attributes = RULES[child.tag]
+            self._attributes(child, optional=attributes)
+            access = {key: child.attributes[key] for key in attributes if key in child.attributes}
+            for key, value in access.items():
+                if value not in (ALLOW, DENY):
+                    self._report(child, f"<{child.tag}>: got {key}={value!r:.80}; expected 'ALLOW' or 'DENY'")
+            if not access:
+                expected = " or ".join(attributes)
+                text = f"<{child.tag}> allows and denies nothing; expected {expected}"
+                self._report(child, text)
+            names = [self._expression(one) for one in self._children(child, tag, at_least_one=True)]
+            yield PolicyRule(child.tag, access, tuple(expand_name(name, namespace, node) for name in names))
+
+    def _expression(self, element: XmlElement) -> str:
+        self._attributes(element)
+        self._children(element)
+        text = element.text.strip()
+        if not text or not _EXPRESSION.fullmatch(text) or "//" in text:
+            self._report(
+                element,
+                f"name of a {element.tag}: got {text!r:.200}; expected a name such as 'chatter', '/chatter' or "
+                "'~/status', which may have the wildcards *, ? and [...]",
+            )
+        return text
+
+    def _attributes(self, element: XmlElement, *required: str, optional: tuple[str, ...] = ()) -> None:
+        for name in required:
+            if name not in element.attributes:
+                self._report(element, f"<{element.tag}> has no attribute {name}; expected {name}='...'")
+        for name in element.attributes:
+            if name not in required and name not in optional and not _IGNORED.fullmatch(name):
+                expected = " or ".join((*required, *optional)) or "none"
+                self._report(element, f"<{element.tag}> has the attribute {name}; expected {expected}")
+
+    def _children(self, element: XmlElement, *tags: str, at_least_one: bool = False) -> list[XmlElement]:
+        """Return the children with these tags, and report others. Without tags, the element has text."""
+        found = []
+        for child in element.elements:
+            if child.tag in tags:
+                found.append(child)
+            else:
+                expected = " or ".join(f"<{tag}>" for tag in tags) or "text"
+                self._report(child, f"<{child.tag}> in <{element.tag}>; expected {expected}")
+        if tags and element.text.strip():
+            self._report(element, f"<{element.tag}> has the text {element.text.strip()!r:.80}; expected elements only")
+        if at_least_one and not found:
+            self._report(element, f"<{element.tag}> is empty; expected at least one <{tags[0]}>")
+        return found
+
+    def _report(self, element: XmlElement, text: str) -> None:
+        self.diagnostics.append(element.diagnostic(text))

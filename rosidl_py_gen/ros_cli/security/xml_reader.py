@@ -1,0 +1,185 @@
+"""XML of untrusted files as a tree of elements that know their lines.
+
+Document types, and so entities, are refused; the size of a file and the depth of its elements are limited.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from xml.parsers import expat
+
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+COMMENT = "!comment"
+"""Tag of a comment, whose text is in `XmlElement.text`."""
+MAX_FILE_BYTES = 1 << 20
+"""Maximum size of one file. The largest policies in public repositories have some 100 kB."""
+_MAX_DEPTH = 32
+"""Maximum depth of elements; policies have 6, and metadata of any depth."""
+
+
+@dataclass(frozen=True, slots=True)
+class XmlSource:
+    """File that elements were read from.
+
+    Attributes:
+        path: path for errors.
+        lines: the lines, for the source line of a diagnostic.
+    """
+
+    path: str
+    lines: tuple[str, ...] = ()
+
+    def diagnostic(self, line: int, column: int, text: str) -> Diagnostic:
+        source = self.lines[line - 1] if 0 < line <= len(self.lines) else ""
+        return Diagnostic(self.path, line, column, text, source)
+
+
+@dataclass(slots=True)
+class XmlElement:
+    """Element or comment of a file.
+
+    Attributes:
+        tag: name; with a namespace ``{URI}name``.
+        attributes: values by name, which has the form of `tag`.
+        text: character data directly in the element, without that of its children.
+        line: 1-based line of the start tag; 0 for an element that is not from a file.
+    """
+
+    tag: str
+    attributes: dict[str, str] = field(default_factory=dict)
+    text: str = ""
+    children: list[XmlElement] = field(default_factory=list)
+    source: XmlSource = XmlSource("")
+    line: int = 0
+    column: int = 0
+
+    @property
+    def elements(self) -> Iterator[XmlElement]:
+        """Children that are not comments."""
+        return (child for child in self.children if child.tag != COMMENT)
+
+    def diagnostic(self, text: str) -> Diagnostic:
+        return self.source.diagnostic(self.line, self.column, text)
+
+    def error(self, text: str) -> DefinitionError:
+        return DefinitionError(self.diagnostic(text))
+
+
+def read_xml(path: str) -> XmlElement:
+    """Return the root element of a file.
+
+    Raises:
+        DefinitionError: the file cannot be read, is too large or nested too deeply, has a document type, or is not XML.
+    """
+    source = XmlSource(display_path(path))
+    data = _read_regular_file(path, source)
+    text = data.decode("utf-8", "replace")
+    return _TreeBuilder(XmlSource(source.path, tuple(text.split("\n")))).parse(data)
+
+
+def _read_regular_file(path: str, source: XmlSource) -> bytes:
+    try:
+        # A FIFO without a writer would block without O_NONBLOCK.
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        try:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise DefinitionError(source.diagnostic(0, 0, "not a regular file; expected an XML file"))
+            with os.fdopen(descriptor, "rb", closefd=False) as file:
+                data = file.read(MAX_FILE_BYTES + 1)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise DefinitionError(source.diagnostic(0, 0, f"cannot be read: {error.strerror}")) from None
+    except ValueError:  # a null character
+        raise DefinitionError(source.diagnostic(0, 0, "not a path of a file")) from None
+    if len(data) > MAX_FILE_BYTES:
+        raise DefinitionError(source.diagnostic(0, 0, f"more than {MAX_FILE_BYTES} bytes; split the file by includes"))
+    return data
+
+
+class _TreeBuilder:
+    """Handlers of an expat parser that build the tree of one file."""
+
+    def __init__(self, source: XmlSource) -> None:
+        self._source = source
+        self._open: list[XmlElement] = []
+        self._root: XmlElement | None = None
+        self._parser = parser = expat.ParserCreate(namespace_separator="}")
+        parser.buffer_text = True
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.CharacterDataHandler = self._text
+        parser.CommentHandler = self._comment
+        parser.StartDoctypeDeclHandler = self._refuse
+        parser.EntityDeclHandler = self._refuse
+        parser.ExternalEntityRefHandler = self._refuse_reference
+
+    def parse(self, data: bytes) -> XmlElement:
+        try:
+            self._parser.Parse(data, True)
+        except expat.ExpatError as error:
+            reason = expat.ErrorString(error.code)
+            raise self._error(f"not XML: {reason}", error.lineno, error.offset + 1) from None
+        except (ValueError, LookupError) as error:  # an encoding that Python or expat does not know
+            raise self._error(f"not XML: {error}; expected UTF-8", 1, 0) from None
+        assert self._root is not None  # expat refuses a document without elements
+        return self._root
+
+    def _error(self, text: str, line: int | None = None, column: int | None = None) -> DefinitionError:
+        parser = self._parser
+        line = parser.CurrentLineNumber if line is None else line
+        column = parser.CurrentColumnNumber + 1 if column is None else column
+        return DefinitionError(self._source.diagnostic(line, column, text))
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        if len(self._open) >= _MAX_DEPTH:
+            raise self._error(f"elements are nested more than {_MAX_DEPTH} deep")
+        parser = self._parser
+        element = XmlElement(
+            _clark_name(name),
+            {_clark_name(key): value for key, value in attributes.items()},
+            source=self._source,
+            line=parser.CurrentLineNumber,
+            column=parser.CurrentColumnNumber + 1,
+        )
+        if self._open:
+            self._open[-1].children.append(element)
+        else:
+            self._root = element
+        self._open.append(element)
+
+    def _end(self, name: str) -> None:
+        self._open.pop()
+
+    def _text(self, text: str) -> None:
+        self._open[-1].text += text
+
+    def _comment(self, text: str) -> None:
+        if self._open:
+            self._open[-1].children.append(XmlElement(COMMENT, text=text, source=self._source))
+
+    def _refuse(self, *_: object) -> None:
+        raise self._error("document types and entities are refused; remove the <!DOCTYPE ...>")
+
+    def _refuse_reference(self, *_: object) -> int:
+        raise self._error("references to entities are refused")
+
+
+def _clark_name(name: str) -> str:
+    return f"{{{name}" if "}" in name else name
+
+
+def escape(text: str, *, is_attribute: bool = False) -> str:
+    """Return a text for XML, between tags or in double quotes."""
+    text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    if is_attribute:
+        for character, reference in (('"', "&quot;"), ("\n", "&#10;"), ("\r", "&#13;"), ("\t", "&#9;")):
+            text = text.replace(character, reference)
+    return text

@@ -1,0 +1,398 @@
+"""Keystores: files, links, certificates and modes, compared with those of SROS2."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import stat
+import subprocess
+from datetime import datetime, timedelta, timezone
+from email import message_from_bytes
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import pkcs7
+
+from rosidl_py_gen.ros_cli.security import certificates
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+VALIDITY = re.compile(r"<(not_before|not_after)>(.+?)<")
+
+
+def described(path: Path) -> Any:
+    """Return what must be equal in interchangeable keystores, without random numbers and times."""
+    if path.is_symlink():
+        return os.readlink(path)
+    data = path.read_bytes()
+    if path.name.endswith("cert.pem"):
+        certificate = x509.load_pem_x509_certificate(data)
+        assert isinstance(certificate.signature_hash_algorithm, hashes.SHA256)
+        return (
+            certificate.version,
+            certificate.subject.rfc4514_string(),
+            certificate.issuer.rfc4514_string(),
+            [(one.oid.dotted_string, one.critical, one.value) for one in certificate.extensions],
+            certificate.not_valid_after_utc - certificate.not_valid_before_utc,
+        )
+    if path.suffix == ".pem":
+        assert data.startswith(b"-----BEGIN PRIVATE KEY-----\n")
+        key = serialization.load_pem_private_key(data, None)
+        assert isinstance(key, ec.EllipticCurvePrivateKey)
+        return key.curve.name
+    if path.suffix == ".p7s":
+        message = message_from_bytes(data)
+        document, signature = message.get_payload()
+        return (
+            message.get_content_type(),
+            message["micalg"],
+            plain(document.get_payload()),
+            signature.get_content_type(),
+        )
+    return plain(data.decode())
+
+
+def plain(text: str) -> list[str]:
+    return VALIDITY.sub(r"<\1><", text).split()
+
+
+def files(root: Path) -> dict[str, Any]:
+    found = (path for path in sorted(root.rglob("*")) if path.is_symlink() or path.is_file())
+    return {str(path.relative_to(root)): described(path) for path in found}
+
+
+def create_like_sros2(root: Path, succeed: Callable[..., str]) -> None:
+    succeed("create_keystore", str(root))
+    for name in ("/", "/talker", "/listener", "/robot/arm"):
+        succeed("create_enclave", str(root), name)
+
+
+def test_a_keystore_has_the_files_of_sros2(tmp_path: Path, sros2_keystore: Path, succeed: Callable[..., str]) -> None:
+    create_like_sros2(tmp_path / "made", succeed)
+    assert files(tmp_path / "made") == files(sros2_keystore)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+def test_private_keys_are_readable_for_their_owner_alone(tmp_path: Path, succeed: Callable[..., str]) -> None:
+    umask = os.umask(0)
+    try:
+        create_like_sros2(tmp_path / "made", succeed)
+    finally:
+        os.umask(umask)
+    for path in (tmp_path / "made").rglob("*"):
+        mode = stat.S_IMODE(path.stat().st_mode)
+        assert mode == (0o600 if path.name.endswith("key.pem") else 0o700 if path.name == "private" else mode), path
+        if path.suffix in (".p7s", ".xml"):
+            assert mode == 0o666
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+def test_keys_are_created_with_their_mode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At every moment: the data is written to files that were opened with mode 0600."""
+    from rosidl_py_gen.ros_cli.security import key_files
+
+    modes: list[int] = []
+    fsync = os.fsync
+
+    def observe(descriptor: int) -> None:
+        modes.append(stat.S_IMODE(os.fstat(descriptor).st_mode))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", observe)
+    umask = os.umask(0)
+    try:
+        key_files.write_private_file(tmp_path / "key", b"secret")
+    finally:
+        os.umask(umask)
+    assert modes == [0o600]
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".new-")]
+
+
+def test_certificates_signatures_and_validity_belong_together(keystore: Path, succeed: Callable[..., str]) -> None:
+    succeed("create_enclave", str(keystore), "/robot/arm")
+    folder = keystore / "enclaves/robot/arm"
+    ca = x509.load_pem_x509_certificate((folder / "identity_ca.cert.pem").read_bytes())
+    certificate = x509.load_pem_x509_certificate((folder / "cert.pem").read_bytes())
+    certificate.verify_directly_issued_by(ca)
+    now = datetime.now(timezone.utc)
+    assert abs(certificate.not_valid_before_utc - now + timedelta(days=1)) < timedelta(minutes=5)
+    assert abs(certificate.not_valid_after_utc - now - timedelta(days=3650)) < timedelta(minutes=5)
+    document = (folder / "permissions.xml").read_text()
+    assert dict(VALIDITY.findall(document)) == {
+        "not_before": certificate.not_valid_before_utc.replace(tzinfo=None).isoformat(),
+        "not_after": certificate.not_valid_after_utc.replace(tzinfo=None).isoformat(),
+    }
+    for name in ("permissions", "governance"):
+        signed_with(folder / f"{name}.p7s", ca)
+        parts = message_from_bytes((folder / f"{name}.p7s").read_bytes()).get_payload()
+        origin = folder / "permissions.xml" if name == "permissions" else keystore / "enclaves/governance.xml"
+        assert parts[0].get_payload().replace("\r\n", "\n").rstrip("\n") == origin.read_text().rstrip("\n")
+
+
+def signed_with(path: Path, ca: x509.Certificate) -> None:
+    part = message_from_bytes(path.read_bytes()).get_payload()[1]
+    found = pkcs7.load_der_pkcs7_certificates(base64.b64decode(part.get_payload()))
+    assert found == [ca]
+
+
+@pytest.mark.parametrize("name", ["permissions", "governance"])
+def test_openssl_verifies_the_signatures(keystore: Path, succeed: Callable[..., str], name: str) -> None:
+    succeed("create_enclave", str(keystore), "/talker")
+    folder = keystore / "enclaves/talker"
+    words = ["openssl", "smime", "-verify", "-text", "-in", f"{name}.p7s", "-CAfile", "permissions_ca.cert.pem"]
+    words += ["-purpose", "any"]
+    try:
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+    except FileNotFoundError:
+        pytest.skip("needs the program openssl")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.replace("\r", "").startswith("<dds ")
+
+
+def test_a_keystore_of_sros2_gets_enclaves_and_permissions(
+    sros2_keystore: Path, golden: Path, succeed: Callable[..., str], run_here: Callable[..., tuple[int, str, str]]
+) -> None:
+    assert succeed("list_enclaves", str(sros2_keystore)).split() == ["/", "/listener", "/robot/arm", "/talker"]
+    code, out, err = run_here("security", "create_enclave", str(sros2_keystore), "/new")
+    key = (sros2_keystore / "private/identity_ca.key.pem").resolve()
+    assert code == 0 and "created enclave /new" in out
+    assert err == f"warning: {key}: other users can read this private key; run `chmod 600 {key}`\n"
+    for path in sros2_keystore.rglob("*key.pem"):
+        path.chmod(0o600)
+    succeed("create_enclave", str(sros2_keystore), "/new")
+    code, out, err = run_here(
+        "security", "create_permission", str(sros2_keystore), "/", str(golden / "policies/fleet.xml")
+    )
+    assert (code, err) == (0, "") and "wrote and signed" in out
+    ca = x509.load_pem_x509_certificate((sros2_keystore / "public/ca.cert.pem").read_bytes())
+    x509.load_pem_x509_certificate((sros2_keystore / "enclaves/new/cert.pem").read_bytes()).verify_directly_issued_by(
+        ca
+    )
+
+
+def test_the_domain_is_that_of_the_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fail: Callable[..., str], run_here: Callable[..., Any]
+) -> None:
+    root = tmp_path / "keystore"
+    monkeypatch.setenv("ROS_DOMAIN_ID", "233")
+    assert "ROS_DOMAIN_ID must be a whole number from 0 to 232" in fail("create_keystore", str(root))
+    assert not root.exists()
+    monkeypatch.setenv("ROS_DOMAIN_ID", "42")
+    assert run_here("security", "create_keystore", str(root))[0] == 0
+    assert "<id>42</id>" in (root / "enclaves/governance.xml").read_text()
+    monkeypatch.setenv("ROS_DOMAIN_ID", "43")
+    code, _, err = run_here("security", "create_enclave", str(root), "/a")
+    assert code == 0
+    assert (
+        "governance.xml does not have domain 43 of ROS_DOMAIN_ID, so nodes in this domain cannot start; correct" in err
+    )
+    assert (root / "enclaves/a/permissions.xml").read_text().count("<id>43</id>") == 2
+    governance = root / "enclaves/governance.xml"
+    governance.write_text(governance.read_text().replace("<id>42</id>", "<id_range><min>40</min></id_range>"))
+    (root / "enclaves/governance.p7s").unlink()
+    assert run_here("security", "create_keystore", str(root))[0] == 0
+    assert b"<id_range>" in (root / "enclaves/governance.p7s").read_bytes()
+    assert run_here("security", "create_enclave", str(root), "/b")[::2] == (0, "")
+
+
+def test_json_of_each_command(tmp_path: Path, golden: Path, succeed: Callable[..., str]) -> None:
+    root = str(tmp_path / "keystore")
+    made = json.loads(succeed("create_keystore", root, "--json"))
+    assert made.items() >= {"keystore": root, "domain_id": 0}.items()
+    made = json.loads(succeed("create_enclave", root, "/two_grants", "--json"))
+    assert made.items() >= {"enclave": "/two_grants", "folder": f"{root}/enclaves/two_grants"}.items()
+    assert datetime.fromisoformat(made["valid_until"]) > datetime.now(timezone.utc)
+    made = json.loads(
+        succeed("create_permission", root, "/two_grants", str(golden / "policies/two_grants.xml"), "--json")
+    )
+    assert made["permissions"] == f"{root}/enclaves/two_grants/permissions.xml"
+    rows = [{"name": "/two_grants", "folder": f"{root}/enclaves/two_grants"}]
+    assert json.loads(succeed("list_enclaves", root, "--json")) == rows
+    rows = [{"name": "/other", "folder": f"{root}/enclaves/other"}]
+    assert json.loads(succeed("generate_artifacts", "-k", root, "-e", "/other", "--json")) == rows
+
+
+# ---------------------------------------------------------------------------------------------- repeated and incomplete
+
+
+def test_a_keystore_is_not_created_twice(keystore: Path, fail: Callable[..., str]) -> None:
+    before = (keystore / "private/ca.key.pem").read_bytes()
+    assert "a keystore exists already; choose another folder" in fail("create_keystore", str(keystore))
+    assert (keystore / "private/ca.key.pem").read_bytes() == before
+
+
+def test_an_enclave_keeps_its_key_and_its_certificate(keystore: Path, succeed: Callable[..., str]) -> None:
+    succeed("create_enclave", str(keystore), "/a")
+    folder = keystore / "enclaves/a"
+    before = [(folder / name).read_bytes() for name in ("key.pem", "cert.pem", "permissions.xml")]
+    succeed("create_enclave", str(keystore), "/a")
+    assert [(folder / name).read_bytes() for name in ("key.pem", "cert.pem", "permissions.xml")] == before
+
+
+@pytest.mark.parametrize("lost", ["key.pem", "cert.pem"])
+def test_half_an_enclave_gets_a_new_key(keystore: Path, succeed: Callable[..., str], lost: str) -> None:
+    succeed("create_enclave", str(keystore), "/a")
+    (keystore / "enclaves/a" / lost).unlink()
+    succeed("create_enclave", str(keystore), "/a")
+    succeed("create_enclave", str(keystore), "/a")
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        "public/permissions_ca.cert.pem",
+        "private/identity_ca.key.pem",
+        "public/identity_ca.cert.pem private/permissions_ca.key.pem",
+        "public/ca.cert.pem",
+        "enclaves/governance.p7s",
+        "enclaves/governance.xml enclaves/governance.p7s",
+    ],
+)
+def test_an_incomplete_keystore_is_completed_with_its_own_key(
+    keystore: Path, succeed: Callable[..., str], fail: Callable[..., str], lost: str
+) -> None:
+    succeed("create_enclave", str(keystore), "/a")
+    key = (keystore / "private/ca.key.pem").read_bytes()
+    for name in lost.split():
+        (keystore / name).unlink()
+    assert "not a keystore: " in fail("create_enclave", str(keystore), "/b")
+    succeed("create_keystore", str(keystore))
+    assert (keystore / "private/ca.key.pem").read_bytes() == key
+    succeed("create_enclave", str(keystore), "/a")
+    succeed("create_enclave", str(keystore), "/b")
+
+
+@pytest.mark.parametrize("separate", [False, True])
+def test_a_lost_key_is_not_replaced(keystore: Path, fail: Callable[..., str], separate: bool) -> None:
+    """A new authority would make all certificates of the enclaves invalid."""
+    lost = "private/ca.key.pem"
+    if separate:
+        lost = "private/permissions_ca.key.pem"
+        certificate = keystore / "public/permissions_ca.cert.pem"
+        data = certificate.read_bytes()
+        certificate.unlink()
+        certificate.write_bytes(data)
+    (keystore / lost).unlink()
+    error = fail("create_keystore", str(keystore))
+    assert f"{lost} is missing, but {keystore}/public/" in error and "restore it, or delete" in error
+    assert "is missing; create one with `rosidl-py security create_keystore" in fail("list_enclaves", str(keystore))
+
+
+def test_authorities_may_differ(keystore: Path, succeed: Callable[..., str]) -> None:
+    key = certificates.new_key()
+    for path, data in (
+        (keystore / "private/permissions_ca.key.pem", certificates.key_pem(key)),
+        (keystore / "public/permissions_ca.cert.pem", certificates.certificate_pem(certificates.ca_certificate(key))),
+    ):
+        path.unlink()
+        path.write_bytes(data)
+        path.chmod(0o600)
+    (keystore / "enclaves/governance.p7s").unlink()
+    succeed("create_keystore", str(keystore))
+    succeed("create_enclave", str(keystore), "/a")
+    folder = keystore / "enclaves/a"
+    ca = x509.load_pem_x509_certificate((folder / "permissions_ca.cert.pem").read_bytes())
+    signed_with(folder / "permissions.p7s", ca)
+    identity = x509.load_pem_x509_certificate((folder / "identity_ca.cert.pem").read_bytes())
+    x509.load_pem_x509_certificate((folder / "cert.pem").read_bytes()).verify_directly_issued_by(identity)
+    assert identity != ca
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (
+            lambda name, key, ca, ca_key: certificates.ca_certificate(key),
+            "got the subject 'CN=sros2CA'; expected 'CN=/a'",
+        ),
+        (certificates.enclave_certificate, None),
+        (
+            lambda name, key, ca, ca_key: certificates.enclave_certificate(
+                name, key, certificates.ca_certificate(other := certificates.new_key()), other
+            ),
+            "not issued by",
+        ),
+        (
+            lambda name, key, ca, ca_key: certificates.enclave_certificate(name, certificates.new_key(), ca, ca_key),
+            "is not the key of",
+        ),
+    ],
+    ids=["subject", "good", "authority", "key"],
+)
+def test_files_of_others_are_refused(
+    keystore: Path, succeed: Callable[..., str], fail: Callable[..., str], make: Callable[..., Any], reason: str | None
+) -> None:
+    succeed("create_enclave", str(keystore), "/a")
+    path = keystore / "enclaves/a/cert.pem"
+    key = certificates.load_key(keystore / "enclaves/a/key.pem")
+    ca = certificates.load_certificate(keystore / "public/ca.cert.pem")
+    made = make("/a", key, ca, certificates.load_key(keystore / "private/ca.key.pem"))
+    path.write_bytes(certificates.certificate_pem(made))
+    if reason is None:
+        succeed("create_enclave", str(keystore), "/a")
+    else:
+        assert reason in fail("create_enclave", str(keystore), "/a")
+
+
+def test_expired_certificates_are_refused(
+    keystore: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    succeed: Callable[..., str],
+    fail: Callable[..., str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setattr(certificates, "_VALIDITY", timedelta(seconds=-10))
+    succeed("create_enclave", str(keystore), "/a")
+    error = fail("create_enclave", str(keystore), "/a")
+    assert "cert.pem: the certificate has expired; delete" in error and "create the enclave again" in error
+    root = str(tmp_path / "old")
+    assert "ca.cert.pem: the certificate has expired; create a keystore with new keys" in fail("create_keystore", root)
+
+
+def test_wide_permissions_do_not_replace_others_silently(
+    keystore: Path, golden: Path, succeed: Callable[..., str], run_here: Callable[..., Any]
+) -> None:
+    succeed("create_enclave", str(keystore), "/two_grants")
+    succeed("create_permission", str(keystore), "/two_grants", str(golden / "policies/two_grants.xml"))
+    code, _, err = run_here("security", "create_enclave", str(keystore), "/two_grants")
+    assert code == 0
+    assert err.endswith("/permissions.xml: replaced; enclave /two_grants may use all topics\n")
+
+
+@pytest.mark.parametrize("step", range(12))
+def test_an_interrupted_command_can_be_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: Callable[..., Any], step: int
+) -> None:
+    """The command is interrupted before its n-th file, and repeated until it succeeds."""
+    replace, count = os.replace, 0
+
+    def interrupted(source: str, target: Path) -> None:
+        nonlocal count
+        count += 1
+        if count == step + 1:
+            raise KeyboardInterrupt
+        replace(source, target)
+
+    root = tmp_path / "keystore"
+    words = "security", "generate_artifacts", "-k", str(root), "-e", "/a", "/"
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", interrupted)
+        assert run_here(*words)[0] == 130
+    assert not [*root.rglob(".new-*")]
+    assert run_here(*words)[0] == 0
+    before = files(root)
+    assert run_here(*words)[::2] == (0, "")
+    assert files(root) == before
+    for name in ("a", ""):
+        folder = root / "enclaves" / name
+        certificate = certificates.load_certificate(folder / "cert.pem")
+        assert certificates.is_key_of(certificates.load_key(folder / "key.pem"), certificate)
+        assert certificates.is_issued_by(certificate, certificates.load_certificate(folder / "identity_ca.cert.pem"))
+        signed_with(folder / "permissions.p7s", certificates.load_certificate(folder / "permissions_ca.cert.pem"))

@@ -1,0 +1,355 @@
+"""Policies that are wrong or hostile: where the error is, what was found, and what was expected."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.ros_cli.security.policy import read_policy
+from rosidl_py_gen.ros_cli.security.xml_reader import MAX_FILE_BYTES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+XI = 'xmlns:xi="http://www.w3.org/2001/XInclude"'
+POLICY = f"""<policy version="0.2.0" {XI}><enclaves>
+<enclave path="/a"><profiles>
+<profile ns="/" node="n">
+%s
+</profile></profiles></enclave></enclaves></policy>"""
+GOOD = '<topics publish="ALLOW"><topic>t</topic></topics>'
+
+
+def problems(path: Path, text: str | bytes) -> list[str]:
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(DefinitionError) as caught:
+        read_policy(str(path))
+    for one in caught.value.diagnostics:
+        assert one.path.endswith(".xml"), one
+    return [f"{Path(one.path).name}:{one.line}: {one.text}" for one in caught.value.diagnostics]
+
+
+def policy(content: str) -> str:
+    return POLICY % content
+
+
+def test_a_good_policy(tmp_path: Path) -> None:
+    (tmp_path / "p.xml").write_text(policy(GOOD))
+    assert read_policy(str(tmp_path / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "p.xml:1: not XML: no element found"),
+        ("no xml", "p.xml:1: not XML: syntax error"),
+        ("<policy version='0.2.0'>\n<enclaves></policy>", "p.xml:2: not XML: mismatched tag"),
+        ("<policies/>", "p.xml:1: the root element is <policies>; expected <policy version='0.2.0'>"),
+        ("<policy version='0.1.0'>%s", "p.xml:1: policy version: got '0.1.0'; expected '0.2.0'"),
+        ("<policy>%s", "p.xml:1: <policy> has no attribute version; expected version='...'"),
+        (
+            "<policy version='0.2.0'/>",
+            "p.xml:1: <policy> has 0 <enclaves> elements; expected one",
+        ),
+        (
+            "<policy version='0.2.0'><enclaves><enclave path='a'><profiles/></enclave></enclaves></policy>",
+            "p.xml:1: invalid enclave name 'a': it must begin with '/'",
+        ),
+        (
+            "<policy version='0.2.0'><enclaves><enclave path='/../x'><profiles/></enclave></enclaves></policy>",
+            "p.xml:1: invalid enclave name '/../x': character '.' is not allowed, only A-Z, a-z, 0-9, _ and / are",
+        ),
+        (
+            "<policy version='0.2.0'><enclaves><enclave path='/a'><profiles/></enclave></enclaves></policy>",
+            "p.xml:1: <profiles> is empty; expected at least one <profile>",
+        ),
+    ],
+)
+def test_what_is_no_policy(tmp_path: Path, text: str, expected: str) -> None:
+    if "%s" in text:
+        text %= policy(GOOD).partition("\n")[0].partition(">")[2] + policy(GOOD).partition("\n")[2]
+    assert expected in problems(tmp_path / "p.xml", text)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("<topic>t</topic>", "p.xml:4: <topic> in <profile>; expected <topics> or <services> or <actions>"),
+        (
+            '<topics publish="allow"><topic>t</topic></topics>',
+            "p.xml:4: <topics>: got publish='allow'; expected 'ALLOW' or 'DENY'",
+        ),
+        (
+            "<topics><topic>t</topic></topics>",
+            "p.xml:4: <topics> allows and denies nothing; expected publish or subscribe",
+        ),
+        (
+            '<topics request="ALLOW" publish="ALLOW"><topic>t</topic></topics>',
+            "p.xml:4: <topics> has the attribute request; expected publish or subscribe",
+        ),
+        ('<topics publish="ALLOW"/>', "p.xml:4: <topics> is empty; expected at least one <topic>"),
+        (
+            '<topics publish="ALLOW">\n<topic>a b</topic></topics>',
+            "p.xml:5: name of a topic: got 'a b'; expected a name such as 'chatter', '/chatter' or '~/status', which "
+            "may have the wildcards *, ? and [...]",
+        ),
+        (
+            '<services reply="ALLOW"><topic>t</topic></services>',
+            "p.xml:4: <topic> in <services>; expected <service>",
+        ),
+        (f"{GOOD} stray", "p.xml:3: <profile> has the text 'stray'; expected elements only"),
+        (
+            '<topics publish="ALLOW"><topic>t<b/></topic></topics>',
+            "p.xml:4: <b> in <topic>; expected text",
+        ),
+        (
+            '<x:topics xmlns:x="urn:x"/>',
+            "p.xml:4: <{urn:x}topics> in <profile>; expected <topics> or <services> or <actions>",
+        ),
+    ],
+)
+def test_what_is_wrong_in_a_profile(tmp_path: Path, content: str, expected: str) -> None:
+    assert expected in problems(tmp_path / "p.xml", policy(content))
+
+
+@pytest.mark.parametrize(
+    "name", ["", " ", "//a", "a//b", "~a", "a~", "{node}", "a\nb", "a&amp;b", "&lt;x&gt;", "\u00e9", "..", "a.b"]
+)
+def test_names_that_no_topic_has(tmp_path: Path, name: str) -> None:
+    (found,) = problems(tmp_path / "p.xml", policy(f'<topics publish="ALLOW"><topic>{name}</topic></topics>'))
+    assert "name of a topic: got " in found and "\n" not in found
+
+
+@pytest.mark.parametrize(
+    ("ns", "node"), [("a", "n"), ("/", "a/b"), ("/", ""), ("/ ", "n"), ("/", "n&#10;"), ("/&quot;", "n")]
+)
+def test_profiles_of_impossible_nodes(tmp_path: Path, ns: str, node: str) -> None:
+    text = policy(GOOD).replace('ns="/" node="n"', f'ns="{ns}" node="{node}"')
+    assert " of a profile: got " in problems(tmp_path / "p.xml", text)[0]
+
+
+def test_an_enclave_twice(tmp_path: Path) -> None:
+    text = policy(GOOD)
+    enclave = text[text.index("<enclave ") : text.index("</enclaves>")]
+    found = problems(tmp_path / "p.xml", text.replace("</enclaves>", f"\n{enclave}</enclaves>"))
+    assert [one.partition(": ")[0] for one in found] == ["p.xml:6"]
+    assert "enclave /a is also defined in " in found[0] and "p.xml:2; put all profiles into one <enclave>" in found[0]
+
+
+def test_all_problems_are_reported_up_to_a_limit(tmp_path: Path) -> None:
+    found = problems(tmp_path / "p.xml", policy("<x/>\n" * 100))
+    assert len(found) == 21 and found[-1].endswith(": 80 more problems are not shown")
+
+
+def test_the_command_shows_the_line(tmp_path: Path, keystore: Path, fail: Callable[..., str]) -> None:
+    path = tmp_path / "p.xml"
+    path.write_text(policy('  <topics publish="YES"><topic>t</topic></topics>'))
+    error = fail("create_permission", str(keystore), "/a", str(path))
+    assert error.endswith(
+        "p.xml:4:3: <topics>: got publish='YES'; expected 'ALLOW' or 'DENY'\n"
+        '      <topics publish="YES"><topic>t</topic></topics>\n      ^\n'
+    )
+
+
+# -------------------------------------------------------------------------------------------------------------- hostile
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        '<!DOCTYPE policy [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>',
+        '<!DOCTYPE policy SYSTEM "policy.dtd">',
+        '<!DOCTYPE policy [<!ENTITY x SYSTEM "file:///etc/passwd">]>',
+        '<!DOCTYPE policy [<!ENTITY % x SYSTEM "http://127.0.0.1/x"> %x;]>',
+        "<!DOCTYPE policy>",
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_document_types_and_entities_are_refused(tmp_path: Path, head: str, encoding: str) -> None:
+    text = f"<?xml version='1.0' encoding='{encoding}'?>\n{head}\n{policy(GOOD)}"
+    expected = "p.xml:2: document types and entities are refused; remove the <!DOCTYPE ...>"
+    assert problems(tmp_path / "p.xml", text.encode(encoding)) == [expected]
+
+
+@pytest.mark.parametrize("reference", ["&x;", "&nbsp;"])
+def test_references_to_entities_are_refused(tmp_path: Path, reference: str) -> None:
+    (found,) = problems(tmp_path / "p.xml", policy(f'<topics publish="ALLOW"><topic>{reference}</topic></topics>'))
+    assert found == "p.xml:4: not XML: undefined entity"
+
+
+@pytest.mark.parametrize("encoding", ["utf-7", "rot13", "hex", "unknown-1", "utf-32"])
+def test_strange_encodings_are_refused(tmp_path: Path, encoding: str) -> None:
+    (found,) = problems(tmp_path / "p.xml", f"<?xml version='1.0' encoding='{encoding}'?>{policy(GOOD)}")
+    assert "not XML" in found
+
+
+def test_a_file_is_limited(tmp_path: Path) -> None:
+    (found,) = problems(tmp_path / "p.xml", policy(f"<!--{'x' * MAX_FILE_BYTES}-->"))
+    assert found == f"p.xml:0: more than {MAX_FILE_BYTES} bytes; split the file by includes"
+
+
+def test_depth_is_limited(tmp_path: Path) -> None:
+    (found,) = problems(tmp_path / "p.xml", "<a>" * 50_000)
+    assert found == "p.xml:1: elements are nested more than 32 deep"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="FIFOs of POSIX")
+def test_a_fifo_does_not_block(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "f.xml")
+    with pytest.raises(DefinitionError, match="not a regular file; expected an XML file"):
+        read_policy(str(tmp_path / "f.xml"))
+    with pytest.raises(DefinitionError, match="not a regular file"):
+        read_policy("/dev/zero")
+    with pytest.raises(DefinitionError, match=r"not a regular file|cannot be read"):
+        read_policy(str(tmp_path))
+    with pytest.raises(DefinitionError, match="not a path of a file"):
+        read_policy("a\0b")
+
+
+def include(href: str, pointer: str = "/profile/*", **more: str) -> str:
+    xpointer = f' xpointer="xpointer({pointer})"' if pointer else ""
+    return f'<xi:include href="{href}"{xpointer}{"".join(f" {name}={value!r}" for name, value in more.items())}/>'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder policies, beside which is a profile that a policy there may not include."""
+    made = tmp_path / "policies"
+    (made / "sub").mkdir(parents=True)
+    for path in (tmp_path / "outside.xml", made / "inside.xml", made / "sub/deep.xml"):
+        path.write_text(f"<profile>{GOOD}</profile>")
+    (tmp_path / "policies-too").mkdir()
+    (tmp_path / "policies-too/x.xml").write_text(f"<profile>{GOOD}</profile>")
+    return made
+
+
+@pytest.mark.parametrize("href", ["inside.xml", "sub/deep.xml", "./sub/../inside.xml", "in%73ide.xml"])
+def test_includes_below_the_folder(folder: Path, href: str) -> None:
+    (folder / "p.xml").write_text(policy(include(href)))
+    assert read_policy(str(folder / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
+
+
+@pytest.mark.parametrize(
+    "href",
+    [
+        "../outside.xml",
+        "sub/../../outside.xml",
+        "%2e%2e/outside.xml",
+        "/etc/passwd",
+        "//etc/passwd",
+        "../policies-too/x.xml",
+    ],
+)
+def test_includes_stay_below_the_folder(folder: Path, href: str) -> None:
+    (found,) = problems(folder / "p.xml", policy(include(href)))
+    assert found.startswith("p.xml:4: xi:include: ") and "outside the folder of the policy; move the file" in found
+
+
+@pytest.mark.parametrize(
+    "href", ["", "file:///etc/passwd", "http://127.0.0.1/x.xml", "inside.xml#x", "inside.xml?x", "a%00b", "C:\\x.xml"]
+)
+def test_includes_are_paths(folder: Path, href: str) -> None:
+    (found,) = problems(folder / "p.xml", policy(include(href)))
+    assert "expected the path of a file below the folder of the policy" in found
+
+
+@pytest.mark.skipif(os.name == "nt", reason="symbolic links of POSIX")
+def test_symbolic_links_do_not_leave_the_folder(folder: Path) -> None:
+    (folder / "link.xml").symlink_to("../outside.xml")
+    (folder / "up").symlink_to("..")
+    (folder / "inner.xml").symlink_to("sub/deep.xml")
+    (folder / "loop.xml").symlink_to("loop.xml")
+    for href in ("link.xml", "up/outside.xml"):
+        (found,) = problems(folder / "p.xml", policy(include(href)))
+        assert "outside the folder of the policy" in found
+    (found,) = problems(folder / "p.xml", policy(include("loop.xml")))
+    assert "is not a file" in found
+    (folder / "p.xml").write_text(policy(include("inner.xml")))
+    read_policy(str(folder / "p.xml"))
+
+
+def test_a_policy_by_a_link_includes_what_is_beside_the_link(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "real.xml").write_text(policy(include("inside.xml")))
+    (folder / "link.xml").symlink_to("../real.xml")
+    with pytest.raises(DefinitionError, match=r"real\.xml|link\.xml") as caught:
+        read_policy(str(tmp_path / "real.xml"))
+    assert "is not a file" in str(caught.value)
+    read_policy(str(folder / "link.xml"))
+
+
+def test_what_includes_cannot_do(folder: Path) -> None:
+    for content, expected in (
+        (include("none.xml"), "xi:include: 'none.xml' is not a file; expected one at "),
+        (include("sub"), "xi:include: 'sub' is not a file"),
+        (include("inside.xml", parse="text"), "xi:include: got parse='text'; expected href, xpointer and parse='xml'"),
+        (include("inside.xml", encoding="x"), "xi:include: got encoding; expected href, xpointer and parse='xml'"),
+        (include("inside.xml", "/policy/*"), "xi:include: /policy/* is not in "),
+        (include("inside.xml", "//*"), "expected a path of names, as xpointer(/policy/enclaves/*)"),
+        (include("inside.xml", "id('x')"), "expected a path of names"),
+        (include("inside.xml", ""), "<profile> in <profile>; expected <topics> or <services> or <actions>"),
+        (
+            '<xi:include href="none.xml"><xi:fallback/></xi:include>',
+            "xi:fallback is not supported: a missing file must not change permissions silently",
+        ),
+    ):
+        assert any(expected in one for one in problems(folder / "p.xml", policy(content))), expected
+
+
+def test_an_error_in_an_included_file_has_its_line(folder: Path) -> None:
+    (folder / "sub/wrong.xml").write_text("<profile>\n\n<topics publish='x'><topic>t</topic></topics></profile>")
+    assert problems(folder / "p.xml", policy(include("sub/wrong.xml"))) == [
+        "wrong.xml:3: <topics>: got publish='x'; expected 'ALLOW' or 'DENY'"
+    ]
+
+
+def test_includes_in_a_circle(folder: Path) -> None:
+    (folder / "a.xml").write_text(f"<profile {XI}>{include('b.xml')}</profile>")
+    (folder / "b.xml").write_text(f"<profile {XI}>\n{include('a.xml')}</profile>")
+    (found,) = problems(folder / "p.xml", policy(include("a.xml")))
+    assert found.startswith("b.xml:2: ") and "a.xml includes itself" in found
+
+
+def test_an_include_may_be_a_whole_file(folder: Path) -> None:
+    (folder / "profile.xml").write_text(f"<profile ns='/' node='other'>{GOOD}</profile>")
+    text = policy(GOOD).replace("</profiles>", f"{include('profile.xml', '')}</profiles>")
+    (folder / "p.xml").write_text(text)
+    assert len(read_policy(str(folder / "p.xml")).enclaves["/a"].grants[0]) == 2
+
+
+def test_doubling_includes_are_limited(folder: Path) -> None:
+    """Each file includes the next one ten times: a billion elements."""
+    for number in range(9):
+        more = include(f"{number + 1}.xml") * 10
+        (folder / f"{number}.xml").write_text(f"<profile {XI}>{more}</profile>")
+    (folder / "9.xml").write_text(f"<profile>{GOOD * 10}</profile>")
+    (found,) = problems(folder / "p.xml", policy(include("0.xml")))
+    assert found.endswith("the policy has more than 1000 includes")
+
+
+def test_large_includes_are_limited(folder: Path) -> None:
+    (folder / "inside.xml").write_text(f"<profile>{GOOD * 10_000}</profile>")
+    (found,) = problems(folder / "p.xml", policy(include("inside.xml") * 20))
+    assert "the policy has more than 100000 elements, included ones counted" in found
+
+
+def test_deep_chains_of_includes_are_limited(folder: Path) -> None:
+    for number in range(40):
+        (folder / f"{number}.xml").write_text(f"<profile {XI}>{include(f'{number + 1}.xml')}</profile>")
+    (found,) = problems(folder / "p.xml", policy(include("0.xml")))
+    assert found.endswith("includes are nested more than 16 deep")
+
+
+@given(st.binary(max_size=200), st.booleans())
+def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory, data: bytes, inside: bool) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.xml"
+    path.write_bytes(policy(GOOD).encode().replace(b">t<", b">" + data + b"<") if inside else data)
+    try:
+        read_policy(str(path))
+    except DefinitionError as error:
+        assert "expected" in str(error) or "not XML" in str(error) or "refused" in str(error)
