@@ -1,7 +1,7 @@
 """Plot fields of a recorded topic over time: python examples/bag_plot.py drive /imu angular_velocity.z -o imu.png
 
 A bag is a folder or a file, of rosbag2 or ``rosidl-py bag record``; the types in it need not be installed. Every field
-gets a plot of its own. Needs ``pip install '.[mcap]' matplotlib``. Seen:
+gets a plot of its own. Needs ``pip install ".[mcap]" matplotlib``. Seen:
 
     300 messages of /imu, 2.990 s, in imu.png
 """

@@ -71,7 +71,7 @@ def test_workflows_run_what_readme_and_ci_run() -> None:
     lines = [line for _, step in steps() for line in step.get("run", "").splitlines()]
     assert [line for line in lines if line not in words] == [
         "apt-get update -qq && apt-get install -y -qq --no-install-recommends ca-certificates git python3 python3-venv",
-        "pip install '.[zenoh]'",
+        'pip install ".[zenoh]"',
         "python examples/messages.py",
         'test -z "$(git status --porcelain)"',
         "pip install -e '.[${{ env.HAS_DDS == 'true' && 'test' || 'test-without-dds' }}]'",

@@ -24,6 +24,8 @@ else:
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_OF_DICTS = "subscribe with the class instead of the name"
+
 MAX_UINT32 = 2**32 - 1
 """Largest value of rows, columns and sizes, which are uint32 in all messages."""
 
@@ -42,7 +44,8 @@ def reads_message(expected: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
                 return function(*args, **kwargs)
             except AttributeError as error:
                 message = [*args, *kwargs.values()][0]
-                raise ConversionError(f"expected {expected}, got {type(message).__name__}: {error!s:.200}") from error
+                reason = _OF_DICTS if isinstance(message, dict) else f"{error!s:.200}"
+                raise ConversionError(f"expected {expected}, got {type(message).__name__}: {reason}") from error
 
         return read
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import get_message, to_dict
 from rosidl_py_gen import numpy as conversions
 from rosidl_py_gen.numpy import ConversionError
 
@@ -41,6 +41,12 @@ def test_another_message_is_named_with_what_was_expected(function: str, expected
     for wrong in (Imu(), object()):
         with pytest.raises(ConversionError, match=f"expected {expected}, got <?{type(wrong).__name__}"):
             getattr(conversions, function)(wrong)
+
+
+@pytest.mark.parametrize("function", ["image_to_array", "pointcloud_to_array", "laserscan_to_points"])
+def test_dicts_of_subscriptions_without_a_class_are_named(function: str) -> None:
+    with pytest.raises(ConversionError, match="got dict: subscribe with the class instead of the name"):
+        getattr(conversions, function)(to_dict(Image()))
 
 
 def test_a_field_that_is_not_there_is_named() -> None:

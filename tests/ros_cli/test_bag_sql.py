@@ -74,8 +74,8 @@ def test_json_is_valid_and_no_output_steers_a_terminal(run_here: Any, tmp_path: 
     first, second = map(json.loads, said.splitlines())
     right = {"d": "NaN", "f": ["Infinity", "-Infinity", 0.5], "s": HOSTILE, "i": 2**63 - 1, "n": {"a": ["NaN"]}}
     assert first == {**right, "\x1b[1mname": HOSTILE} and second["d"] == 1e300
-    for file in files.values():
-        assert run_here("bag", "sql", query, bag, "-o", file) == (0, "", "")
+    for file, option in zip(files.values(), ("-o", "--output", "--out"), strict=True):
+        assert run_here("bag", "sql", query, bag, option, file) == (0, "", "")
     assert Path(files["json"]).read_text(encoding="utf-8") == said
     with open(files["csv"], encoding="utf-8", newline="") as stream:
         texts = [one["s"] for one in csv.DictReader(stream)]

@@ -29,7 +29,15 @@ _MAX_ROWS = 10_000
     type=click.Choice(["table", "csv", "json", "parquet"]),
     help="Output format. [default: by the ending of --output, else table]; json prints a line for each row.",
 )
-@click.option("-o", "--output", type=click.Path(), metavar="FILE", help="Write to a file instead of standard output.")
+@click.option(
+    "-o",
+    "--output",
+    "--out",
+    "output",
+    type=click.Path(),
+    metavar="FILE",
+    help="Write to a file instead of standard output.",
+)
 @click.option(
     "--memory-limit",
     default="1GB",
