@@ -63,6 +63,7 @@ class BuiltinTopicReaders:
         listener: listener that writes the handles of endpoint readers into the pipe.
         stream: writing end of that pipe.
         on_new_participant: called with GUID and addresses of each discovered Fast DDS participant.
+        new_warnings: returns texts to log, each once.
     """
 
     def __init__(
@@ -73,9 +74,11 @@ class BuiltinTopicReaders:
         listener: int,
         stream: int,
         on_new_participant: Callable[[bytes, str], None],
+        new_warnings: Callable[[], list[str]],
     ) -> None:
         self._api = api
         self._on_new_participant = on_new_participant
+        self._new_warnings = new_warnings
         self._fast_dds = fast_dds
         self._addresses: dict[bytes, str] = {}
         """Addresses of Fast DDS participants, by GUID prefix."""
@@ -137,7 +140,7 @@ class BuiltinTopicReaders:
         """Pass all new events to the sink."""
         with self._lock:
             events = [] if self._is_stopped else list(self._read_events())
-        for warning in self._fast_dds.new_warnings():
+        for warning in self._new_warnings():
             get_root_logger().warning(warning)
         if events and self.sink is not None:
             self.sink(events)
