@@ -26,6 +26,8 @@ _MAX_PEERS = 100
 """Maximum number of rejected peers to record. A peer may have any subject, so their number has no other bound."""
 _MAX_TEXT = 300
 _SUBJECT = re.compile(r"; subject: (.*?)(?:\(code: \d+\))?$")
+_OPENSSL = re.compile(r":?\s*[0-9A-F]{8,}:error:.*")
+"""Errors of OpenSSL, which contain an address that changes."""
 _CODE = re.compile(r"\s*\(code: \d+\)\s*$")
 _GUID = re.compile(r"\b[0-9a-f]{1,8}(?::[0-9a-f]{1,8}){3}\b")
 _SECURITY_FILES = ("security", "handshake")
@@ -123,7 +125,7 @@ class SecurityLog:
             return
 
     def _record(self, text: str) -> None:
-        text = printable(" ".join(text.split()), _MAX_TEXT)
+        text = printable(_OPENSSL.sub("", " ".join(text.split())), _MAX_TEXT)
         key = _GUID.sub("", text)
         if key in self._peers or len(self._peers) > _MAX_PEERS:
             return
