@@ -56,7 +56,11 @@ def governance(domain_id: int, kinds: Mapping[str, str] = SROS2_KINDS) -> str:
 
 
 def permissions(
-    subject: str, domain_id: int, publish: Sequence[str], subscribe: Sequence[str], not_after: str = "2034-01-01T00:00:00"
+    subject: str,
+    domain_id: int,
+    publish: Sequence[str],
+    subscribe: Sequence[str],
+    not_after: str = "2034-01-01T00:00:00",
 ) -> str:
     """The XML of a permissions file, with topics as DDS names them."""
 

@@ -18,8 +18,8 @@ from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.callback_failures import CallbacksNeverRanError, require_on_error
 from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
-from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.names.validation import validate_enclave
+from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
 from rosidl_py_gen.runtime.node.security import find_security

@@ -130,7 +130,7 @@ def _known_enclaves(root: Path) -> str:
     """Return a text about the enclaves that a keystore has."""
     if not root.is_dir():
         return f"; ROS_SECURITY_KEYSTORE={str(root.parent)!r} is not a keystore, as it has no folder enclaves"
-    found = []
+    found: list[str] = []
     for number, (folder, _, files) in enumerate(os.walk(root)):
         if number > _MAX_FOLDERS or len(found) > _MAX_LISTED_ENCLAVES:
             break

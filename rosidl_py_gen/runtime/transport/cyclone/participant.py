@@ -34,6 +34,7 @@ from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, Cyc
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_endpoints, request_samples
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import EarlySampleReaders
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import PROBE_TYPE, FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.governance import Governance, only_data_text
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
 from rosidl_py_gen.runtime.transport.cyclone.security import (
     CAPABILITY,
@@ -44,8 +45,9 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
 )
 from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
+from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
-from rosidl_py_gen.runtime.transport.dds.names import participant_user_data
+from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name
 from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint, DdsParticipant
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import SecurityEnclave
     from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
     from rosidl_py_gen.runtime.transport.samples import Sink
+    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002
@@ -142,6 +145,8 @@ class CycloneParticipant(DdsParticipant):
                 _security_log.open(self._report_soon)
                 undo.callback(_security_log.close, self._report_soon)
             self.entity = self._create_participant(user_data)
+            self._governance = Governance(security.folder, domain_id) if security is not None else None
+            self._only_data_rule = self._governance.only_data_rule() if self._governance is not None else ""
             undo.callback(_api.delete, self.entity)
             if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before the first peer replies
                 # Permissions concern the name of a topic, and every ROS participant may use this one.
@@ -178,7 +183,16 @@ class CycloneParticipant(DdsParticipant):
 
     def _new_warnings(self) -> list[str]:
         warnings = _fast_dds.new_warnings()
-        return warnings if self._security is None else [*warnings, *_security_log.new_records()]
+        if self._security is None:
+            return warnings
+        if self._only_data_rule and has_secured_fast_dds():
+            rule, self._only_data_rule = self._only_data_rule, ""
+            warnings.append(f"security: a peer on Fast DDS was found, and {only_data_text(rule)}")
+        return [*warnings, *_security_log.new_records()]
+
+    def service_refusal(self, service: ServiceSpec) -> str | None:
+        rule = self._governance and self._governance.only_data_rule(wire_name(service.topic_keys[0]))
+        return only_data_text(rule) if rule else _fast_dds.refusal
 
     @property
     def library(self) -> str:
@@ -198,7 +212,10 @@ class CycloneParticipant(DdsParticipant):
 
     def make_reader(self, endpoint: DdsEndpoint) -> CycloneReader:
         endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=False))
-        with endpoint_qos(_api, endpoint, is_writer=False) as cqos, self._naming_denied(endpoint.topic, is_writer=False):
+        with (
+            endpoint_qos(_api, endpoint, is_writer=False) as cqos,
+            self._naming_denied(endpoint.topic, is_writer=False),
+        ):
             create = partial(self._create, _api.create_reader, self._subscriber, endpoint, cqos)
             entity = self._early.create_reader(create, is_reliable=endpoint.qos.reliability is Reliability.RELIABLE)
         return CycloneReader(self, entity, endpoint)

@@ -55,7 +55,9 @@ _LARGE_BYTES = 1024
 
 def uses_sample_identity(guid: bytes) -> bool:
     """Return True if a client or server with that endpoint uses sample identities, and not headers."""
-    return guid.startswith(FAST_DDS_VENDOR) or (bool(_secured_fast_dds) and guid[:GUID_PREFIX_BYTES] in _secured_fast_dds)
+    return guid.startswith(FAST_DDS_VENDOR) or (
+        bool(_secured_fast_dds) and guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
+    )
 
 
 def has_hashed_guid(guid: bytes) -> bool:
@@ -66,6 +68,11 @@ def has_hashed_guid(guid: bytes) -> bool:
 def add_secured_fast_dds(guid: bytes) -> None:
     """Record that a participant with a hashed GUID is on Fast DDS."""
     _secured_fast_dds.add(guid[:GUID_PREFIX_BYTES])
+
+
+def has_secured_fast_dds() -> bool:
+    """Return True if there are secured participants on Fast DDS."""
+    return bool(_secured_fast_dds)
 
 
 def discard_secured_fast_dds(guid: bytes) -> None:

@@ -121,4 +121,6 @@ class DiscoveryInfoTopic:
 
 
 def _spec(qos: QoSProfile) -> EndpointSpec:
-    return EndpointSpec(DISCOVERY_TOPIC, _TYPE, qos, HASHES[_TYPE], avoid_ros_namespace_conventions=True, ignore_local=True)
+    return EndpointSpec(
+        DISCOVERY_TOPIC, _TYPE, qos, HASHES[_TYPE], avoid_ros_namespace_conventions=True, ignore_local=True
+    )
