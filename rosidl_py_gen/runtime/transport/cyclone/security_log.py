@@ -38,7 +38,7 @@ _FAST_DDS_HANDSHAKE = "Failed to convert octet sequence to ASN1 integer"
 _EXPLANATIONS = (
     (
         _FAST_DDS_HANDSHAKE,
-        "this is a limitation between Cyclone DDS and Fast DDS. They authenticate each other only if Cyclone DDS begins "
+        "a limitation between Cyclone DDS and Fast DDS: they authenticate each other only if Cyclone DDS begins "
         "the handshake; a hash of the names of their enclaves decides that. Rename one of these enclaves",
     ),
     ("certificate has expired", "the certificate of the peer has expired"),

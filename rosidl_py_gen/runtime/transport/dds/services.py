@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
@@ -57,6 +58,7 @@ class DdsClient(EndpointPairClient):
     ) -> None:
         super().__init__(service, participant.service_peers, reader, writer, gid)
         self._request_writer = writer
+        self._fast_dds = participant.fast_dds
         self._find_refusal = partial(participant.service_refusal, service)
         self._refusal: str | None = None
         """Result of `_find_refusal` that the result of `servers` is based on."""
@@ -114,6 +116,9 @@ class DdsClient(EndpointPairClient):
         readers = {*matched, *(reader.guid for reader in announced)}
         self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
         self._servers_version = version if servers.is_available else -1
+        unusable = servers.incompatible_server
+        if unusable is not None and self._fast_dds.refusal is None:  # because of the rules of a secured domain
+            servers = replace(servers, incompatible_server=unusable._replace(has_topics=False))
         return servers
 
 
