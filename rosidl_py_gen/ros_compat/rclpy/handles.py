@@ -100,7 +100,7 @@ class ContextHandle(Destroyable):
             self.runtime = runtime.Context(domain_id, args=args, loop_runner=self.loop_runner)
         except BaseException as error:
             self.loop_runner.close()
-            if isinstance(error, runtime.EnvironmentSettingError):
+            if isinstance(error, (runtime.EnvironmentSettingError, runtime.SecurityError)):
                 raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
         self.change_token: object = None

@@ -1,6 +1,6 @@
 """Nodes that the environment secures, for `test_security.py`: prints a line of JSON for each result.
 
-Arguments: a role, and the name of an enclave.
+Arguments: a role, and the name of an enclave; of several for the role "open".
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ async def listen(node: Node) -> None:
     show(color=(await parameters.get(["color"], timeout_s=TIMEOUT_S)))
     await goals.wait_for_server(TIMEOUT_S)
     goal = await goals.send_goal(Fibonacci.Goal(order=2), timeout_s=TIMEOUT_S)
-    show(result=list((await goal.result(TIMEOUT_S))[1].sequence))
+    show(result=[*map(int, (await goal.result(TIMEOUT_S))[1].sequence)])
     show(enclaves={one.fully_qualified_name: one.enclave for one in node.get_nodes()})
 
 
@@ -96,7 +96,19 @@ async def create(node: Node) -> None:
 ROLES = {"talk": talk, "listen": listen, "watch": watch, "flood": flood, "create": create}
 
 
+def open_each(enclaves: list[str]) -> None:
+    """Open a context of each enclave."""
+    for enclave in enclaves:
+        try:
+            Context(args=["test"], enclave=enclave).close()
+            show(**{enclave: "open"})
+        except RosidlError as error:
+            show(**{enclave: f"{type(error).__name__}: {error}"})
+
+
 async def main(role: str, enclave: str) -> None:
+    if role == "open":
+        return open_each(enclave.split(","))
     try:
         async with Context(args=["test"], enclave=enclave) as context, Node(role, context=context) as node:
             await ROLES[role](node)
