@@ -66,9 +66,9 @@ NOT_EVERYWHERE = {
 }
 """Modules that some machines do not have, and regular expressions for imports that need them."""
 ONLY_IN_TEST_ALL = {
-    "IPython", "botocore", "dask", "distributed", "duckdb", "flask", "fsspec", "griffe", "hatchling", "ipykernel",
-    "jupyter_client", "matplotlib", "mcap_ros2", "moto", "mypy", "pandas", "polars", "pyarrow", "pycdr2", "rosbags",
-    "ruff", "s3fs", "trustme", "upath", "uvloop",
+    "IPython", "botocore", "cryptography", "dask", "distributed", "duckdb", "flask", "fsspec", "griffe", "hatchling",
+    "ipykernel", "jupyter_client", "matplotlib", "mcap_ros2", "moto", "mypy", "pandas", "polars", "pyarrow", "pycdr2",
+    "rosbags", "ruff", "s3fs", "trustme", "upath", "uvloop",
 }  # fmt: skip
 """Modules that the extra `test-all` installs and `test` does not."""
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.hashes import SHA256
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, NoEncryption, PrivateFormat
 from cryptography.hazmat.primitives.serialization.pkcs7 import PKCS7Options, PKCS7SignatureBuilder
 from cryptography.x509.oid import NameOID
 
@@ -103,6 +103,10 @@ class Authority:
         builder = x509.CertificateRevocationListBuilder(self.name, _now() - _DAY, _now() + 3650 * _DAY)
         builder = builder.add_revoked_certificate(one)
         return builder.sign(self.key, SHA256()).public_bytes(Encoding.PEM)
+
+    def encrypted_key(self) -> bytes:
+        """The private key with a password, as PEM."""
+        return self.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret"))
 
     def sign(self, text: str) -> bytes:
         """The text as S/MIME."""

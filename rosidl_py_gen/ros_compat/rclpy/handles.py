@@ -90,6 +90,15 @@ class Destroyable:
         """Release the resources; called once, when no use is left."""
 
 
+@contextlib.contextmanager
+def denied_as_rcl_error() -> Iterator[None]:
+    """Raise RCLError where security denies an endpoint."""
+    try:
+        yield
+    except runtime.SecurityError as error:
+        raise RCLError(str(error)) from error
+
+
 class ContextHandle(Destroyable):
     """Context of the runtime, and the loop that spinning threads run."""
 

@@ -2,7 +2,7 @@
 
 The rules are those of rcl and rmw_cyclonedds. Where rcl remains unsecured silently, a warning is logged.
 
-Source: docs/internals/security.md 1 and 2.
+Source: docs/internals/dds.md 10.
 """
 
 from __future__ import annotations
