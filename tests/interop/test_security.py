@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 NODE = Path(__file__).parent / "peers" / "secured_node.py"
 LIBRARY = "libddsc.so.0debian"
 OF_NODE = ("rt/rosout", "rt/parameter_events", "rr/*")
-"""What every node publishes."""
+"""Topics that every node publishes."""
 TALKER = {"publish": ("rt/chatter", "rt/fibonacci/_action/*", *OF_NODE), "subscribe": ("rq/*",)}
 """Permissions as sros2 makes them from the policy of a talker."""
 # As the peers are bound: docs/internals/dds.md 8.

@@ -13,7 +13,7 @@ import os
 import re
 import threading
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import printable
 
@@ -107,7 +107,7 @@ class SecurityLog:
         records, self._records = self._records, []
         return records
 
-    def _on_line(self, _: object, pointer: ct._Pointer[_LogData]) -> None:
+    def _on_line(self, _: object, pointer: Any) -> None:
         """Called by Cyclone with a lock of its log held; must not raise, block or log."""
         try:
             data = pointer.contents
