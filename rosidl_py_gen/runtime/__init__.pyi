@@ -95,6 +95,7 @@ from rosidl_py_gen.runtime.node.environment import middleware as middleware
 from rosidl_py_gen.runtime.node.environment import read_environment as read_environment
 from rosidl_py_gen.runtime.node.node import Node as Node
 from rosidl_py_gen.runtime.node.parameter_methods import ParameterChange as ParameterChange
+from rosidl_py_gen.runtime.node.security import find_security as find_security
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError as CallbackAnswerError
 from rosidl_py_gen.runtime.parameters.client import MalformedAnswerError as MalformedAnswerError
 from rosidl_py_gen.runtime.parameters.client import ParameterClient as ParameterClient
@@ -150,6 +151,8 @@ from rosidl_py_gen.runtime.time.values import TimeRangeError as TimeRangeError
 from rosidl_py_gen.runtime.transport.api import BackendMissingError as BackendMissingError
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange as DiscoveryRange
 from rosidl_py_gen.runtime.transport.api import DomainSettings as DomainSettings
+from rosidl_py_gen.runtime.transport.api import SecurityEnclave as SecurityEnclave
+from rosidl_py_gen.runtime.transport.api import SecurityError as SecurityError
 from rosidl_py_gen.runtime.transport.api import Transport as Transport
 from rosidl_py_gen.runtime.transport.api import TransportError as TransportError
 from rosidl_py_gen.runtime.transport.cyclone.sockets import ENOUGH_SOCKET_BYTES as ENOUGH_SOCKET_BYTES

@@ -121,7 +121,8 @@ def _middleware(command_node: CommandNode) -> Iterator[Finding]:
         yield Finding(WARNING, text, advice)
     for capability, state in command_node.context.library_capabilities.items():
         if state not in ("yes", reason):
-            yield Finding(NOTE, f"{capability}: {state}", data={capability: state})
+            is_unused = capability == "DDS Security (SROS 2)" and command_node.context.settings.security is None
+            yield Finding(OK if is_unused else NOTE, f"{capability}: {state}", data={capability: state})
 
 
 async def _discovered(command_node: CommandNode) -> list[Finding]:

@@ -14,14 +14,15 @@ from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
-from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, middleware, read_environment
+from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, SecurityError, find_security, middleware, read_environment
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 _SHOWN_VARIABLES = (
     *("ROS_DISTRO", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY"),
-    *("ROS_SECURITY_ENABLE", "RMW_IMPLEMENTATION", "FASTDDS_BUILTIN_TRANSPORTS", "AMENT_PREFIX_PATH"),
+    *("ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "ROS_SECURITY_ENCLAVE_OVERRIDE"),
+    *("RMW_IMPLEMENTATION", "FASTDDS_BUILTIN_TRANSPORTS", "AMENT_PREFIX_PATH"),
 )
 _DDS = ("rmw_cyclonedds_cpp", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
 _FIRST_PORT = 7400
@@ -129,12 +130,22 @@ def _pitfalls(environ: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding(WARNING, "Fast DDS nodes with ROS_DISCOVERY_SERVER are discovered only by their server", advice)
     if environ.get("FASTDDS_BUILTIN_TRANSPORTS", "").upper().startswith("SHM"):
         yield Finding(WARNING, "Fast DDS nodes that use only shared memory cannot be reached", "use UDPv4 or DEFAULT")
-    if environ.get("ROS_SECURITY_ENABLE") == "true":
-        text = "secured nodes (ROS_SECURITY_ENABLE=true) are not found here: SROS 2 security is not supported"
-        yield Finding(
-            WARNING, text, "with ROS_SECURITY_STRATEGY=Enforce nodes do not start here, otherwise they are not secured"
-        )
+    yield from _security(environ)
     yield from cyclonedds_uri(environ.get("CYCLONEDDS_URI", ""))
+
+
+def _security(environ: Mapping[str, str]) -> Iterator[Finding]:
+    """Check the enclave ``/`` or that of ROS_SECURITY_ENCLAVE_OVERRIDE."""
+    warnings: list[str] = []
+    try:
+        security = find_security(environ, "/", warnings.append, is_supported=not uses_zenoh(environ))
+    except SecurityError as error:
+        yield Finding(BROKEN, str(error), public="the enclave is incomplete")
+        return
+    for text in warnings:
+        yield Finding(WARNING, text, public="the settings of security do not enable it")
+    if security is not None:
+        yield Finding(OK, f"security is on, with the files in {security.folder}", public="security is on")
 
 
 def cyclonedds_uri(value: str) -> Iterator[Finding]:

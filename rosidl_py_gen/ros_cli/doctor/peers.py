@@ -20,7 +20,7 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.ros_cli.doctor.echo import topics
 from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
-from rosidl_py_gen.runtime import WaitTimeoutError
+from rosidl_py_gen.runtime import SecurityError, WaitTimeoutError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -75,7 +75,10 @@ class SelfTest:
         """Run the test."""
         there, back = topics(self._test_id)
         node = self._command_node.node
-        out, replies = node.create_publisher(Time, there), node.create_subscription(Time, back)
+        try:
+            out, replies = node.create_publisher(Time, there), node.create_subscription(Time, back)
+        except SecurityError as error:
+            return Finding(NOTE, f"no self-test: {error}")
         if not await self._has_started():
             return Finding(NOTE, f"the second process of the self-test did not start within {_START_TIMEOUT_S:.0f} s")
         start_s = monotonic()
@@ -146,7 +149,9 @@ def peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
 
 def middleware_text(one: ParticipantInfo, middleware: str = "DDS") -> str:
     """Return the middleware and the range of ROS distributions of a participant."""
-    vendor = _VENDORS.get(one.guid[1]) if one.guid[0] == 1 else None
+    vendor = _VENDORS.get(one.vendor[1]) if one.vendor[:1] == b"\1" else None
+    if one.vendor != one.guid[:2]:
+        vendor = f"secured {vendor or 'DDS, probably Cyclone DDS'}"
     name = middleware if middleware != "DDS" else vendor or f"DDS of vendor {one.guid[:2].hex('.')}"
     if not one.is_ros:
         return f"{name}, not ROS"

@@ -20,7 +20,7 @@ from rosidl_py_gen.ros_cli.bag.display import size_text
 from rosidl_py_gen.ros_cli.command_node import now_s
 from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
 from rosidl_py_gen.ros_cli.recording.selection import owner_of
-from rosidl_py_gen.runtime import AdaptiveSubscription, validate_full_name
+from rosidl_py_gen.runtime import AdaptiveSubscription, SecurityError, validate_full_name
 from rosidl_py_gen.type_loading.from_description import definition_text
 
 if TYPE_CHECKING:
@@ -186,15 +186,21 @@ class Recorder:
         publishers = self._node.get_publishers_info_by_topic(topic)
         offered = [one.qos_profile for one in publishers if one.topic_type == kind]
         cls = type_resolution.opaque_class(self._command_node, topic, kind)
-        following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
-            self._node,
-            topic,
-            cls,
-            qos=self._qos.get(topic),
-            depth=_DEPTH,
-            raw=True,
-            note=lambda text: terminal_output.note(f"{topic}: {text}"),
-        )
+        try:
+            following: AdaptiveSubscription[bytes] = AdaptiveSubscription(
+                self._node,
+                topic,
+                cls,
+                qos=self._qos.get(topic),
+                depth=_DEPTH,
+                raw=True,
+                note=lambda text: terminal_output.note(f"{topic}: {text}"),
+            )
+        except SecurityError as error:  # the other topics are recorded
+            self.recorded.discard(topic)
+            self._refused.add(topic)
+            terminal_output.note(f"skipped {topic}: {error}")
+            return
         async with following as messages:
             self._subscriptions.append(messages)
             self._writer.add_topic(await self._bag_topic(topic, kind, offered))

@@ -90,6 +90,15 @@ class Destroyable:
         """Release the resources; called once, when no use is left."""
 
 
+@contextlib.contextmanager
+def denied_as_rcl_error() -> Iterator[None]:
+    """Raise RCLError where security denies an endpoint."""
+    try:
+        yield
+    except runtime.SecurityError as error:
+        raise RCLError(str(error)) from error
+
+
 class ContextHandle(Destroyable):
     """Context of the runtime, and the loop that spinning threads run."""
 
@@ -100,7 +109,7 @@ class ContextHandle(Destroyable):
             self.runtime = runtime.Context(domain_id, args=args, loop_runner=self.loop_runner)
         except BaseException as error:
             self.loop_runner.close()
-            if isinstance(error, runtime.EnvironmentSettingError):
+            if isinstance(error, (runtime.EnvironmentSettingError, runtime.SecurityError)):
                 raise RCLError(f"failed to initialize rcl: {error}") from None
             raise
         self.change_token: object = None

@@ -149,7 +149,7 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
             )
         except runtime.RosArgumentError as error:
             raise invalid_arguments_error(error) from error
-        except runtime.ClosedError as error:
+        except (runtime.ClosedError, runtime.SecurityError) as error:
             raise RCLError(str(error)) from error
         logger_name = node.fully_qualified_name[1:].replace("/", ".")
         self._rosidl_node: Handle[runtime.Node] = Handle(context_handle, node, context_handle, logger_name=logger_name)

@@ -14,7 +14,7 @@ from rclpy.constants import S_TO_NS
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
-from rclpy.handles import ContextHandle, Handle
+from rclpy.handles import ContextHandle, Handle, denied_as_rcl_error
 from rclpy.impl._fields import value_or_default
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
@@ -196,7 +196,7 @@ class NodeEntities:
 
     def _rosidl_create_with_events(self, create: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
         try:
-            with self.handle.context.creation_lock:
+            with self.handle.context.creation_lock, denied_as_rcl_error():
                 handle = self.handle.create_endpoint_handle(create(), SUBSCRIPTIONS)
         except runtime.UnsupportedEventError as error:
             raise UnsupportedEventTypeError(str(error)) from error
@@ -267,7 +267,7 @@ class NodeEntities:
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
         self._rosidl_resolve_name(srv_name, is_service=True)
-        with self.handle:
+        with self.handle, denied_as_rcl_error():
             _, node = self._rosidl_require_ok()
             handle = self.handle.create_endpoint_handle(
                 node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS
@@ -292,7 +292,7 @@ class NodeEntities:
         group = self.default_callback_group if callback_group is None else callback_group
         check_is_valid_srv_type(srv_type)
         self._rosidl_resolve_name(srv_name, is_service=True)
-        with self.handle:
+        with self.handle, denied_as_rcl_error():
             _, node = self._rosidl_require_ok()
             entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
             handle = self.handle.create_endpoint_handle(entity, SERVICES)

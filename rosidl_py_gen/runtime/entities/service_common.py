@@ -151,6 +151,8 @@ def incompatible_peer_text(graph: Graph, peer: IncompatiblePeer, service: str, r
     """Return the error text about a service peer that cannot be called or served."""
     endpoint = graph.endpoints.get(peer.guid)
     node = "a node" if endpoint is None else graph.describe_node(endpoint)
+    if not peer.has_topics:
+        return f"{role} of service {service} is {node} on Fast DDS, and {peer.reason}"
     return (
         f"{role} of service {service} is {node} on Fast DDS. Topics work with it, services do not here: "
         f"{peer.reason}. "

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
+from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
 from rosidl_py_gen.runtime.transport.discovery_events import (
     DiscoveredEndpoint,
     EntityLost,
@@ -113,7 +114,7 @@ class ParticipantInfo:
     """Member of the domain, usually a process.
 
     Attributes:
-        guid: 16 bytes; the first two are the number of the DDS vendor.
+        guid: 16 bytes.
         is_ros: True if it announces itself as a ROS participant.
         announces_type_hashes: True if one of its endpoints has a type hash (Iron and later); None without endpoints.
         is_own: True for the context's own participant.
@@ -124,6 +125,13 @@ class ParticipantInfo:
     announces_type_hashes: bool | None
     nodes: tuple[NodeInfo, ...]
     is_own: bool = False
+
+    @property
+    def vendor(self) -> bytes:
+        """Number of the DDS vendor, 2 bytes; empty for a secured participant, unless it is on Fast DDS."""
+        if uses_sample_identity(self.guid):
+            return FAST_DDS_VENDOR
+        return b"" if has_hashed_guid(self.guid) else self.guid[:2]
 
 
 @dataclass(slots=True)

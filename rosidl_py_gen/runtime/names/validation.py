@@ -101,6 +101,12 @@ def find_namespace_fault(namespace: str) -> NameFault | None:
     return None if namespace == "/" else _full_fault(namespace, MAX_NAMESPACE_LENGTH)
 
 
+def validate_enclave(name: str) -> None:
+    """Raise `InvalidNameError` if rcl would refuse the name of an enclave such as ``/`` or ``/robot/arm``."""
+    _check_type("enclave", name)
+    _raise_for(find_namespace_fault(name), "enclave", name)
+
+
 def normalize_namespace(namespace: str) -> str:
     """Return a namespace with its leading ``/``, which may be missing; raises `InvalidNameError`."""
     _check_type("namespace", namespace)

@@ -16,7 +16,7 @@ from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
 from rosidl_py_gen.runtime.names.remapping import InvalidRemapRuleError, RemapRule, parse_remap_rule
-from rosidl_py_gen.runtime.names.validation import normalize_namespace
+from rosidl_py_gen.runtime.names.validation import validate_enclave
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for
 
 if TYPE_CHECKING:
@@ -105,9 +105,8 @@ class _Parser:
             self.log_levels.append((name, parse_level(level)))
 
     def set_enclave(self, value: str) -> None:
-        if not value.startswith("/"):
-            raise RosArgumentError(f"an enclave must begin with '/', got {value!r}")
-        self.enclave = normalize_namespace(value)
+        validate_enclave(value)
+        self.enclave = value
 
     def set_log_config_file(self, value: str) -> None:
         raise RosArgumentError(

@@ -39,6 +39,7 @@ class Context:
         transport: ``"dds"`` or ``"zenoh"``; None uses ``RMW_IMPLEMENTATION``, else DDS if a libddsc is found. A
             `MemoryTransport` connects contexts of this process.
         loop_runner: runs the event loop of the context. None: the asyncio loop in which its nodes are used.
+        enclave: name of the enclave, such as ``/robot/arm``; None uses ``--enclave``, else ``/``.
 
     Raises:
         EnvironmentSettingError: an environment variable, or the argument of the same meaning, is invalid.
@@ -46,6 +47,8 @@ class Context:
         LogFileError: the log file cannot be created.
         BackendMissingError: the library of the transport is not installed.
         ClosedError: the runner is closed.
+        InvalidNameError: `enclave` is not an absolute name.
+        SecurityError: ``ROS_SECURITY_ENABLE`` requires security, and a file or the library prevents it.
         TransportError: DDS reports an error, the domain is open with other settings, or this process was forked from
             one that uses DDS.
     """
@@ -63,10 +66,13 @@ class Context:
         on_error: OnError = "log",
         announce_delay_s: float = 0.0,
         loop_runner: LoopRunner | None = None,
+        enclave: str | None = None,
     ) -> None:
         if not (loop_runner is None or isinstance(loop_runner, LoopRunner)):
             raise TypeError(f"loop_runner must be a LoopRunner, got {loop_runner!r:.100}")
-        self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s, loop_runner)
+        self._core = core = ContextCore(
+            domain_id, discovery, args, transport, on_error, announce_delay_s, loop_runner, enclave
+        )
         self._guards: list[FailureGuard] = []
         self.arguments: list[str] = list(core.ros_arguments.program)
         """Arguments without those of ROS; like `sys.argv`, they begin with the program's name."""

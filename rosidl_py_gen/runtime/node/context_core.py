@@ -7,6 +7,7 @@ import sys
 import threading
 import warnings
 import weakref
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
@@ -17,9 +18,11 @@ from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.callback_failures import CallbacksNeverRanError, require_on_error
 from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
+from rosidl_py_gen.runtime.names.validation import validate_enclave
 from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, check_security, middleware, read_environment
+from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
+from rosidl_py_gen.runtime.node.security import find_security
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
 from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
@@ -45,11 +48,15 @@ class ContextCore:
         on_error: OnError,
         announce_delay_s: float,
         loop_runner: LoopRunner | None,
+        enclave: str | None = None,
     ) -> None:
         self.on_error = require_on_error(on_error)
+        if enclave is not None:
+            validate_enclave(enclave)
         resolved_transport = resolve_transport(transport)
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
         self.ros_arguments = parse_arguments(sys.argv if args is None else args)
+        self.enclave = self.ros_arguments.enclave if enclave is None else enclave
         outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)
         try:
             self._open(settings, resolved_transport, announce_delay_s, loop_runner)
@@ -62,9 +69,13 @@ class ContextCore:
     ) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
-        self.settings = settings
+        is_supported, warn = getattr(transport, "has_security", False), get_root_logger().warning
+        security = find_security(os.environ, self.enclave, warn, is_supported=is_supported)
+        self.settings = settings = replace(settings, security=security)
+        if security is not None:
+            get_root_logger().info(f"found security directory {security.folder}")
         self.clocks = transport.clocks
-        self.participant = transport.open(settings, self.ros_arguments.enclave)
+        self.participant = transport.open(settings, self.enclave)
         self.loop_binding = LoopBinding(self.participant, loop_runner)
         self.discovery = Discovery(self.participant, self.loop_binding, announce_delay_s)
         self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
@@ -171,12 +182,9 @@ def resolve_transport(transport: Transport | str | None) -> Transport:
     Raises:
         TypeError: there is no such transport.
         BackendMissingError: the transport is not installed.
-        EnvironmentSettingError: the transport uses a network, and security is enforced.
     """
     warn = get_root_logger().warning
     name = middleware(os.environ, warn) if transport is None else transport
-    if name in (DDS, ZENOH):
-        check_security(os.environ, warn)
     if name == DDS:
         from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
 

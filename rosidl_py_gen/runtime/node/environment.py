@@ -1,4 +1,4 @@
-"""Environment variables of ROS 2 and Cyclone DDS: domain, discovery range, static peers, middleware, security.
+"""Environment variables of ROS 2 and Cyclone DDS: domain, discovery range, static peers, middleware.
 
 Source: docs/internals/protocol.md 10.6. The functions read a mapping, not `os.environ`.
 """
@@ -68,26 +68,6 @@ def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:
     if name:
         warn(f"RMW_IMPLEMENTATION={name!r:.100} ignored: unknown; expected one of {', '.join(_RMW_TO_TRANSPORT)}")
     return ZENOH if find_spec("zenoh") is not None and not library.is_found() else DDS
-
-
-def check_security(environ: Mapping[str, str], warn: Callable[[str], None]) -> None:
-    """Warn that nodes on a network are not secured as the environment requires; values are compared as in rcl.
-
-    Raises:
-        EnvironmentSettingError: ROS_SECURITY_STRATEGY forbids unsecured nodes.
-    """
-    if environ.get("ROS_SECURITY_ENABLE") != "true":
-        return
-    reason = "ROS_SECURITY_ENABLE=true: secured communication (SROS 2) is not supported"
-    if environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
-        raise EnvironmentSettingError(
-            f"{reason}, and ROS_SECURITY_STRATEGY=Enforce forbids unsecured communication; unset ROS_SECURITY_ENABLE "
-            "to communicate unencrypted"
-        )
-    warn(
-        f"{reason}; this process communicates unencrypted, and does not find secured nodes. Unset it to silence this "
-        "warning; with ROS_SECURITY_STRATEGY=Enforce it is an error"
-    )
 
 
 def _check_domain_id(origin: str, number: int | None, value: object) -> int:

@@ -31,6 +31,10 @@ class TransportError(RosidlError):
     """The middleware refused an operation; the message contains its reason."""
 
 
+class SecurityError(TransportError):
+    """Security (SROS 2) prevents a context or an endpoint, because of a file, the DDS library or permissions."""
+
+
 class BackendMissingError(ExtraMissingError):
     """The extra that contains the middleware is not installed."""
 
@@ -45,6 +49,21 @@ class DiscoveryRange(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class SecurityEnclave:
+    """Enclave of a secured context, with all files.
+
+    Attributes:
+        name: announced name of the enclave.
+        folder: folder of the files.
+        is_enforced: the context must not start unsecured, even if the DDS library has no security.
+    """
+
+    name: str
+    folder: str
+    is_enforced: bool
+
+
+@dataclass(frozen=True, slots=True)
 class DomainSettings:
     """Settings of a context that its participant is created with.
 
@@ -52,6 +71,7 @@ class DomainSettings:
         static_peers: hosts or addresses to contact directly, in this order.
         cyclonedds_uri: configuration of the user, XML or ``file://`` names separated by commas; may be empty.
         warnings: texts to log once.
+        security: enclave of the context; None if it is not secured.
     """
 
     domain_id: int = 0
@@ -59,6 +79,7 @@ class DomainSettings:
     static_peers: tuple[str, ...] = ()
     cyclonedds_uri: str = ""
     warnings: tuple[str, ...] = ()
+    security: SecurityEnclave | None = None
 
 
 # ----------------------------------------------------------------------------------------------------------- contract

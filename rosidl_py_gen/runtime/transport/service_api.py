@@ -53,10 +53,15 @@ class NoReply(NamedTuple):
 
 
 class IncompatiblePeer(NamedTuple):
-    """Endpoint of a peer that cannot be used, and the reason."""
+    """Endpoint of a peer that cannot be used, and the reason.
+
+    Attributes:
+        has_topics: topics of the peer work, and services may work with another DDS library.
+    """
 
     guid: bytes
     reason: str
+    has_topics: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from rosidl_py_gen.runtime.entities.lazy_types import lazy_service_type
 from rosidl_py_gen.runtime.entities.message_types import class_of
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
+from rosidl_py_gen.runtime.transport.api import SecurityError
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.type_resolution.announcements import TYPE_HASH
 from rosidl_py_gen.runtime.type_resolution.description_client import SERVICE
@@ -49,7 +50,10 @@ def start_type_descriptions(scope: EntityScope, names: NodeNames, store: Paramet
         store.declare(PARAMETER, parameter_value(True), descriptor)
     if store.get(PARAMETER).value is True:
         name, handler = names.resolve_service("~/get_type_description"), _DescriptionService(scope).handle
-        ServiceServer(scope, lazy_service_type(SERVICE), name, handler, SERVICES_DEFAULT)
+        try:
+            ServiceServer(scope, lazy_service_type(SERVICE), name, handler, SERVICES_DEFAULT)
+        except SecurityError as error:  # permissions for nodes of Humble, which do not have this service
+            scope.logger.warning(f"types of this node are not described to peers: {error}")
 
 
 class _DescriptionService:

@@ -108,6 +108,36 @@ static void call(struct channel *client, int count) {
   }
 }
 
+/* The files of the enclave in a folder, if there is one, as rmw_cyclonedds names them. */
+static void secure(dds_qos_t *qos, const char *folder) {
+  static const char *const files[][2] = {
+    {"auth.identity_ca", "identity_ca.cert.pem"}, {"auth.identity_certificate", "cert.pem"},
+    {"auth.private_key", "key.pem"}, {"access.permissions_ca", "permissions_ca.cert.pem"},
+    {"access.governance", "governance.p7s"}, {"access.permissions", "permissions.p7s"},
+  };
+  static const char *const plugins[][3] = {
+    {"auth", "auth", "authentication"}, {"crypto", "crypto", "crypto"}, {"access", "ac", "access_control"},
+  };
+  char name[200], value[1000];
+  if (folder == NULL) return;
+  for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+    snprintf(name, sizeof name, "dds.sec.%s", files[i][0]);
+    snprintf(value, sizeof value, "file:%s/%s", folder, files[i][1]);
+    dds_qset_prop(qos, name, value);
+  }
+  for (size_t i = 0; i < sizeof plugins / sizeof plugins[0]; i++) {
+    snprintf(name, sizeof name, "dds.sec.%s.library.path", plugins[i][0]);
+    snprintf(value, sizeof value, "dds_security_%s", plugins[i][1]);
+    dds_qset_prop(qos, name, value);
+    snprintf(name, sizeof name, "dds.sec.%s.library.init", plugins[i][0]);
+    snprintf(value, sizeof value, "init_%s", plugins[i][2]);
+    dds_qset_prop(qos, name, value);
+    snprintf(name, sizeof name, "dds.sec.%s.library.finalize", plugins[i][0]);
+    snprintf(value, sizeof value, "finalize_%s", plugins[i][2]);
+    dds_qset_prop(qos, name, value);
+  }
+}
+
 int main(int argc, char **argv) {
   struct channel channels[] = {
     {"string", &std_msgs_msg_dds__String__desc, false, 0, 0},
@@ -118,7 +148,10 @@ int main(int argc, char **argv) {
     {"image", &sensor_msgs_msg_dds__Image__desc, false, 0, 0},
   };
   const int count = sizeof channels / sizeof channels[0];
-  participant = check(dds_create_participant(DDS_DOMAIN_DEFAULT, NULL, NULL), "participant");
+  dds_qos_t *own = dds_create_qos();
+  secure(own, getenv("SECURE_ENCLAVE"));
+  participant = check(dds_create_participant(DDS_DOMAIN_DEFAULT, own, NULL), "participant");
+  dds_delete_qos(own);
   dds_entity_t waitset = check(dds_create_waitset(participant), "waitset");
   for (int i = 0; i < count; i++) {
     open_channel(&channels[i]);

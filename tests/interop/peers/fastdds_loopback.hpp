@@ -27,6 +27,24 @@ static DomainParticipant *participant;
 static Publisher *publisher;
 static Subscriber *subscriber;
 
+// The files of the enclave in the folder SECURE_ENCLAVE, if it is set, as rmw_fastrtps names them.
+static void secure(DomainParticipantQos &qos) {
+  const char *folder = std::getenv("SECURE_ENCLAVE");
+  if (folder == nullptr) return;
+  auto &all = qos.properties().properties();
+  const std::string files = std::string("file://") + folder + "/";
+  const std::string auth = "dds.sec.auth.builtin.PKI-DH.", access = "dds.sec.access.builtin.Access-Permissions.";
+  all.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
+  all.emplace_back(auth + "identity_ca", files + "identity_ca.cert.pem");
+  all.emplace_back(auth + "identity_certificate", files + "cert.pem");
+  all.emplace_back(auth + "private_key", files + "key.pem");
+  all.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
+  all.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
+  all.emplace_back(access + "permissions_ca", files + "permissions_ca.cert.pem");
+  all.emplace_back(access + "governance", files + "governance.p7s");
+  all.emplace_back(access + "permissions", files + "permissions.p7s");
+}
+
 static void open_participant(int domain, const std::function<void(DomainParticipantQos &)> &change = nullptr) {
   DomainParticipantQos qos = PARTICIPANT_QOS_DEFAULT;
   auto loopback = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
@@ -45,6 +63,7 @@ static void open_participant(int domain, const std::function<void(DomainParticip
   qos.wire_protocol().builtin.metatrafficUnicastLocatorList.push_back(own);  // instead of the multicast default
   const std::string enclave = "enclave=/;";
   qos.user_data().setValue(std::vector<rtps::octet>(enclave.begin(), enclave.end()));
+  secure(qos);
   if (change) change(qos);
   participant = DomainParticipantFactory::get_instance()->create_participant(domain, qos);
   if (participant == nullptr) { std::fprintf(stderr, "no participant\n"); std::exit(1); }

@@ -6,8 +6,6 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime import Context, MemoryTransport
-from rosidl_py_gen.runtime.node.context_core import resolve_transport
 from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError, read_environment
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange
 
@@ -81,27 +79,3 @@ def test_static_peers_are_split_and_long_ones_skipped() -> None:
     settings = read_environment({"ROS_STATIC_PEERS": f"10.0.0.1; host;;{'x' * 256}"})
     assert settings.static_peers == ("10.0.0.1", "host")
     assert "256 characters" in settings.warnings[0]
-
-
-def test_a_node_that_should_be_secured_does_not_start_unsecured(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    for enable, strategy, expected in (
-        ("true", "Enforce", "error"),
-        ("true", "enforce", "warning"),  # as in rcl, which compares exactly
-        ("true", "", "warning"),
-        ("True", "Enforce", ""),
-        ("1", "Enforce", ""),
-        ("", "Enforce", ""),
-    ):
-        monkeypatch.setenv("ROS_SECURITY_ENABLE", enable)
-        monkeypatch.setenv("ROS_SECURITY_STRATEGY", strategy)
-        for middleware in ("dds", "zenoh"):
-            caplog.clear()
-            if expected == "error":
-                with pytest.raises(EnvironmentSettingError, match="not supported, and ROS_SECURITY_STRATEGY=Enforce"):
-                    Context(0, transport=middleware, args=[])
-            else:
-                resolve_transport(middleware)
-            assert ("communicates unencrypted" in caplog.text) is (expected == "warning"), (enable, strategy)
-        Context(0, transport=MemoryTransport(), args=[]).close()  # stays in this process

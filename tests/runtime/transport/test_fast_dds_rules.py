@@ -363,15 +363,16 @@ class Packet:
 
     def __init__(self, submessage: bytes, *, source: int = rtps.INFO_SRC) -> None:
         self.data = ct.create_string_buffer(
-            bytes((source,)).ljust(24, b"\0") + bytes((rtps.INFO_DST,)).ljust(16, b"\0") + submessage
+            bytes((source,)).ljust(24, b"\0") + bytes((rtps.INFO_DST,)).ljust(16, b"\0") + submessage + bytes(80)
         )
         self.words = (ct.c_uint64 * 64)()  # all that is read
-        self.words[1] = self.words[2] = len(submessage)  # capacity and size
+        self.words[1], self.words[2] = len(submessage) + 80, len(submessage)  # capacity and size
         self.words[19] = ct.addressof(self.data)
         self.iov = ct.addressof(self.words) + 40
 
 
 WRITER = b"\0\0\x14\x03"
+INLINE_QOS = b"q" * rtps.INLINE_QOS_BYTES
 
 
 def packet(kind: int = rtps.DATA, *, writer: bytes = WRITER, number: int = 0, source: int = rtps.INFO_SRC) -> Packet:
@@ -392,10 +393,11 @@ def packet(kind: int = rtps.DATA, *, writer: bytes = WRITER, number: int = 0, so
 )
 def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(made: Packet, is_known: bool) -> None:
     fast_dds = FastDdsInterop(cyclone._api)
-    before = made.data.raw
-    assert fast_dds.set_inline_qos_flag(made.iov, WRITER) is is_known
+    before, size = made.data.raw, made.words[2]
+    fast_dds.append_inline_qos(made.iov, WRITER, INLINE_QOS)
     changed = [index for index, (old, new) in enumerate(zip(before, made.data.raw, strict=True)) if old != new]
-    assert len(changed) == is_known
+    assert len(changed) == (is_known and 1 + len(INLINE_QOS))
+    assert made.data.raw[40 + size : 40 + made.words[2]] == (INLINE_QOS if is_known else b"")
     assert (fast_dds.refusal is None) is is_known
 
 
@@ -405,12 +407,14 @@ def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() ->
     first.words[18] = first.words[19]
     first.words[16] = first.words[30] = older.words[19]
     before = older.data.raw
-    assert fast_dds.set_inline_qos_flag(first.iov, WRITER)
+    fast_dds.append_inline_qos(first.iov, WRITER, INLINE_QOS)
     assert first.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG and older.data.raw == before
     other = packet(number=8)
     other.words[18] = ct.addressof(ct.create_string_buffer(256))
+    size = other.words[2]
     for _ in range(2):
-        assert fast_dds.set_inline_qos_flag(other.iov, WRITER)
+        other.words[2] = size
+        fast_dds.append_inline_qos(other.iov, WRITER, INLINE_QOS)
     assert other.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG
     assert fast_dds.refusal is None and fast_dds.packets._pointer_offset == 112
 
@@ -421,7 +425,7 @@ def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, 
     made = packet()
     made.words[word] = value
     before = made.data.raw
-    assert not fast_dds.set_inline_qos_flag(made.iov, WRITER)
+    fast_dds.append_inline_qos(made.iov, WRITER, INLINE_QOS)
     assert made.data.raw == before and fast_dds.refusal is None
 
 

@@ -27,6 +27,7 @@ _set_handler = import_module("_signal").signal
 
 TIMEOUT = -10
 PRECONDITION_NOT_MET = -4
+NOT_ALLOWED_BY_SECURITY = -13
 SAMPLE_NOT_CONSUMED = frozenset({-3, -9, -12})
 """Return codes of `dds_writecdr` if it did not reach the writer: the caller still owns its reference to the sample."""
 SAMPLE_WITH_DATA = 2
@@ -141,6 +142,7 @@ _FUNCTIONS = {
     "-:pl": "dds_qset_lifespan dds_qset_deadline",
     "-:pb": "dds_qset_writer_data_lifecycle",
     "-:pup": "dds_qset_data_representation",
+    "-:pss": "dds_qset_prop",
     "b:ppp": "dds_qget_userdata dds_qget_history dds_qget_reliability dds_qget_liveliness",
     "b:psp": "dds_qget_prop",
     "b:pp": "dds_qget_durability dds_qget_lifespan dds_qget_deadline",
@@ -157,8 +159,8 @@ _WITH_GIL = {
 """Functions for samples. They never block and keep the GIL, because reacquiring it costs more than their work."""
 _WITHOUT_CONVERSION = ("dds_takecdr",)
 _SYMBOLS = ("ddsi_sertype_v0", "ddsi_serdata_from_ser", "ddsi_sertype_derive_sertype")
-_OPTIONAL = {"i:ip": "dds_get_entity_sertype", "-:pup": "dds_qset_psmx_instances"}
-"""Functions that 0.10 does not have."""
+_OPTIONAL = {"i:ip": "dds_get_entity_sertype", "-:pup": "dds_qset_psmx_instances", "-:pp": "dds_set_log_sink"}
+"""Functions that not every version has: 0.10 lacks the first two, 11.0 the last."""
 MIN_VERSION = "0.10"
 """First version that has all required symbols."""
 REQUIRED_SYMBOLS = (*" ".join([*_FUNCTIONS.values(), *_WITH_GIL.values()]).split(), *_WITHOUT_CONVERSION, *_SYMBOLS)

@@ -24,7 +24,12 @@ from rosidl_py_gen.runtime.transport.cyclone.c_api import (
 )
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
-from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
+from rosidl_py_gen.runtime.transport.dds.correlation import (
+    FAST_DDS_VENDOR,
+    add_secured_fast_dds,
+    discard_secured_fast_dds,
+    has_hashed_guid,
+)
 from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, topic_key_of
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
@@ -51,6 +56,8 @@ _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
 _ADDRESSES = b"__NetworkAddresses"
 """Property of a participant that Cyclone adds."""
+_FAST_DDS = (b"PARTICIPANT_TYPE", b"fastdds.physical_data.host")
+"""Properties that only participants on Fast DDS have."""
 _BUILTIN_PREFIX = "DCPS"
 """Prefix of the names of DDS builtin topics."""
 _TOPICS = (DCPS_PARTICIPANT, c_api.DCPS_PUBLICATION, c_api.DCPS_SUBSCRIPTION)
@@ -63,6 +70,7 @@ class BuiltinTopicReaders:
         listener: listener that writes the handles of endpoint readers into the pipe.
         stream: writing end of that pipe.
         on_new_participant: called with GUID and addresses of each discovered Fast DDS participant.
+        new_warnings: returns texts to log, each once.
     """
 
     def __init__(
@@ -73,9 +81,11 @@ class BuiltinTopicReaders:
         listener: int,
         stream: int,
         on_new_participant: Callable[[bytes, str], None],
+        new_warnings: Callable[[], list[str]],
     ) -> None:
         self._api = api
         self._on_new_participant = on_new_participant
+        self._new_warnings = new_warnings
         self._fast_dds = fast_dds
         self._addresses: dict[bytes, str] = {}
         """Addresses of Fast DDS participants, by GUID prefix."""
@@ -132,12 +142,14 @@ class BuiltinTopicReaders:
             self._addresses[prefix] = read_property(self._api, participant.qos, _ADDRESSES)
             if is_new:
                 self._on_new_participant(guid, self._addresses[prefix])
+        elif has_hashed_guid(guid) and any(read_property(self._api, participant.qos, name) for name in _FAST_DDS):
+            add_secured_fast_dds(guid)  # our requests for its endpoints would be dropped, as they are not protected
 
     def report(self) -> None:
         """Pass all new events to the sink."""
         with self._lock:
             events = [] if self._is_stopped else list(self._read_events())
-        for warning in self._fast_dds.new_warnings():
+        for warning in self._new_warnings():
             get_root_logger().warning(warning)
         if events and self.sink is not None:
             self.sink(events)
@@ -155,6 +167,7 @@ class BuiltinTopicReaders:
                     guid = bytes(cast_loan(pointer, BuiltinParticipant).key)  # all builtin samples begin with the key
                     events.append(EntityLost(guid))
                     if is_participant:
+                        discard_secured_fast_dds(guid)
                         self._addresses.pop(guid[:GUID_PREFIX_BYTES], None)
                     else:
                         self._forget_later(handle)

@@ -14,7 +14,7 @@ import time
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.api import SecurityError, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone.topics import Sertypes
@@ -51,6 +51,7 @@ class Domain:
         self._end_lock = threading.Lock()
         self._has_ended = False
         self.types = Sertypes(api, fast_dds.prepare)
+        self._enclave_folder = ""
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == c_api.PRECONDITION_NOT_MET else code
         if self._handle == 0:  # another user of the same libddsc has created the domain
@@ -90,6 +91,19 @@ class Domain:
                 )
             domain._users += 1
             return domain
+
+    def require_enclave(self, folder: str) -> None:
+        """Raise `SecurityError` if the domain is used by another enclave, whose permissions Cyclone would apply.
+
+        Source: docs/internals/dds.md 10.
+        """
+        with Domain._lock:
+            self._enclave_folder = self._enclave_folder or folder
+            if self._enclave_folder != folder:
+                raise SecurityError(
+                    f"domain {self._domain_id} is used by this process with the enclave in {self._enclave_folder}, and "
+                    f"Cyclone DDS has one for each domain of a process; got {folder}. Use one enclave, or two processes"
+                )
 
     def leave(self) -> None:
         """Undo one `join`; the last one waits for other threads that write, and deletes the domain.

@@ -42,6 +42,10 @@ _WHEELS = {
 """Packages that contain the library, and the folders. cyclonedds has another copy elsewhere, for compilers."""
 
 
+_SECURITY_SYMBOL = "DDS_Security_Exception_set"
+"""Function that exists only in builds with DDS Security."""
+
+
 @dataclass(frozen=True)
 class DdscLibrary:
     """Loaded libddsc with all required symbols.
@@ -61,6 +65,11 @@ class DdscLibrary:
 
     def __str__(self) -> str:
         return f"Cyclone DDS {self.version}, {self.file}"
+
+    @property
+    def has_security(self) -> bool:
+        """True if the library was built with DDS Security."""
+        return hasattr(self.handle, _SECURITY_SYMBOL)
 
     @cached_property
     def unsupported_elements(self) -> frozenset[str]:
@@ -95,8 +104,11 @@ def _load_cached() -> DdscLibrary | str:
 
 
 def load(environ: Mapping[str, str]) -> DdscLibrary | str:
-    """Return the first usable candidate, or the text of the error."""
-    tried = []
+    """Return the first usable candidate, or the text of the error.
+
+    With ROS_SECURITY_ENABLE=true, a library with security precedes those without it.
+    """
+    tried, without_security = [], None
     for name in candidates(environ):
         try:
             library = ct.CDLL(name)
@@ -106,9 +118,15 @@ def load(environ: Mapping[str, str]) -> DdscLibrary | str:
             continue
         missing = [symbol for symbol in REQUIRED_SYMBOLS if not hasattr(library, symbol)]
         if not missing:
-            return DdscLibrary(library, _file_of(library, name))
+            found = DdscLibrary(library, file_of(library, name))
+            if found.has_security or environ.get("ROS_SECURITY_ENABLE") != "true":
+                return found
+            without_security = without_security or found
+            continue
         reason = f"it lacks {missing[0]}, which Cyclone DDS has from {MIN_VERSION} on"
         tried.append(f"{name}: {'it is not a libddsc' if 'dds_create_participant' in missing else reason}")
+    if without_security is not None:
+        return without_security
     is_set = environ.get(VARIABLE)
     only = f" {VARIABLE} is set, so nothing else was tried." if is_set else ""
     fix = f"Correct {VARIABLE}, or unset it" if is_set else f"To install it: {install_advice()}"
@@ -139,7 +157,8 @@ def _files(below: Path, folder: str) -> list[str]:
     return sorted(os.path.normpath(file) for file in below.glob(f"{folder}/{_PATTERN}"))
 
 
-def _file_of(library: ct.CDLL, name: str) -> str:
+def file_of(library: ct.CDLL, name: str) -> str:
+    """Return the real path of the libddsc that a handle leads to; `name` if the system does not report it."""
     try:
         dladdr = ct.CDLL(None).dladdr
     except (AttributeError, OSError, TypeError):  # Windows
@@ -157,6 +176,17 @@ def has_wheel() -> bool:
         and sys.implementation.name == "cpython"
         and (system == "darwin" or (system, machine) in (("linux", "x86_64"), ("win32", "AMD64")))
     )
+
+
+def security_advice() -> str:
+    """Return how to get a library with DDS Security on this system."""
+    if sys.platform == "linux":
+        return (
+            "use a libddsc with security: apt install libddsc0debian (Debian from 12, Ubuntu from 24.04, Raspberry Pi "
+            f"OS), then {VARIABLE}=libddsc.so.0debian; or source a ROS installation with rmw_cyclonedds; or name "
+            f"another one in {VARIABLE}"
+        )
+    return f"build Cyclone DDS with OpenSSL (ENABLE_SECURITY), and name its library in {VARIABLE}"
 
 
 def install_advice() -> str:

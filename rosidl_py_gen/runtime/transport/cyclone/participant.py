@@ -16,14 +16,15 @@ from __future__ import annotations
 import os
 import threading
 from collections import defaultdict
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings, SecurityError, TransportError
 from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
@@ -33,18 +34,31 @@ from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, Cyc
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_endpoints, request_samples
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import EarlySampleReaders
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import PROBE_TYPE, FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.governance import Governance, only_data_text
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
+from rosidl_py_gen.runtime.transport.cyclone.security import (
+    CAPABILITY,
+    creation_error,
+    denied_error,
+    find_plugins,
+    security_properties,
+)
+from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
-from rosidl_py_gen.runtime.transport.dds.names import participant_user_data
+from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
+from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
+from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name
 from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint, DdsParticipant
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
+    from rosidl_py_gen.runtime.transport.api import SecurityEnclave
     from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
     from rosidl_py_gen.runtime.transport.samples import Sink
+    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002
@@ -54,12 +68,14 @@ notification, later on a busy machine; after 10 ms it sends a request of its own
 _library = library.find()
 _api = c_api.CycloneApi(_library.handle)
 _fast_dds = FastDdsInterop(_api, _library.unsupported_elements)
+_security_log = SecurityLog(_api)
 
 
 class CycloneTransport:
     """Transport that joins DDS domains; it has no state."""
 
     clocks = SYSTEM_CLOCKS
+    has_security = True
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain; all participants of a process must configure it alike (`domain.py`)."""
@@ -73,13 +89,35 @@ class CycloneTransport:
             unsupported=_library.unsupported_elements,
         )
         is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
-        return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml, is_local=is_local)
+        user_data, security = participant_user_data(enclave), _usable_security(settings)
+        return CycloneParticipant(settings.domain_id, user_data, xml, is_local=is_local, security=security)
+
+
+def _usable_security(settings: DomainSettings) -> SecurityEnclave | None:
+    """Return the enclave of a secured context; None, with a warning, if the library permits no security.
+
+    Raises:
+        SecurityError: security is enforced, and the library has none.
+    """
+    enclave = settings.security
+    plugins = find_plugins(_library) if enclave is not None else {}
+    if enclave is None or not isinstance(plugins, str):
+        return enclave
+    if enclave.is_enforced:
+        raise SecurityError(f"ROS_SECURITY_STRATEGY=Enforce requires a secured context, but {plugins}")
+    get_root_logger().warning(
+        f"ROS_SECURITY_ENABLE=true, but {plugins}. This process communicates unencrypted, and does not find secured "
+        "nodes"
+    )
+    return None
 
 
 class CycloneParticipant(DdsParticipant):
     """Participant of the DDS transport."""
 
-    def __init__(self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool) -> None:
+    def __init__(
+        self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool, security: SecurityEnclave | None = None
+    ) -> None:
         super().__init__(_fast_dds)
         self.api = _api
         self.domain_id = domain_id
@@ -91,6 +129,7 @@ class CycloneParticipant(DdsParticipant):
         """Readers by entity, which is the handle that `pipe` contains."""
         self.buffers = TakeBuffers()
         self._is_local = is_local
+        self._security = security
         with ExitStack() as undo:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
@@ -101,21 +140,59 @@ class CycloneParticipant(DdsParticipant):
             _api.lset_data_available_arg(self._listener, putw, self.pipe.stream, True)
             self._early = EarlySampleReaders(_api, _fast_dds, self._listener)
             undo.callback(self._early.close)
-            with new_qos(_api, user_data) as qos:
-                activity = f"create a participant in domain {domain_id}"
-                self.entity = _api.check(_api.create_participant(domain_id, qos, None), activity)
+            if security is not None:
+                self.domain.require_enclave(security.folder)
+                _security_log.open(self._report_soon)
+                undo.callback(_security_log.close, self._report_soon)
+            self.entity = self._create_participant(user_data)
+            self._governance = Governance(security.folder, domain_id) if security is not None else None
+            self._only_data_rule = self._governance.only_data_rule() if self._governance is not None else ""
             undo.callback(_api.delete, self.entity)
             if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before the first peer replies
-                self.domain.types.create_topic(self.entity, PROBE_TYPE, PROBE_TYPE)
+                # Permissions concern the name of a topic, and every ROS participant may use this one.
+                self.domain.types.create_topic(self.entity, DISCOVERY_TOPIC, PROBE_TYPE)
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
             self.guid = _api.guid_of(self.entity)
             self.discovery = BuiltinTopicReaders(
                 *(_api, _fast_dds, self.entity, self._listener, self.pipe.stream),
                 on_new_participant=partial(request_endpoints, self.guid, is_local=is_local),
+                new_warnings=self._new_warnings,
             )
             self._early.probe_layout(self.discovery.entities[0])
             self._undo = undo.pop_all()
+
+    def _create_participant(self, user_data: bytes) -> int:
+        security, domain_id = self._security, self.domain_id
+        if security is None:
+            with new_qos(_api, user_data) as qos:
+                activity = f"create a participant in domain {domain_id}"
+                return _api.check(_api.create_participant(domain_id, qos, None), activity)
+        plugins = find_plugins(_library)
+        assert isinstance(plugins, dict)
+        with new_qos(_api, user_data, security_properties(security, plugins)) as qos, _security_log.captured() as lines:
+            code: int = _api.create_participant(domain_id, qos, None)
+        if code < 0:
+            raise creation_error(security, domain_id, f"{_api.strretcode(code).decode()}, {code}", lines)
+        return code
+
+    def _report_soon(self) -> None:
+        """Make the loop call `BuiltinTopicReaders.report`. Called by Cyclone; must not raise, block or log."""
+        if "discovery" in vars(self):
+            putw(self.discovery.entities[0], self.pipe.stream)
+
+    def _new_warnings(self) -> list[str]:
+        warnings = _fast_dds.new_warnings()
+        if self._security is None:
+            return warnings
+        if self._only_data_rule and has_secured_fast_dds():
+            rule, self._only_data_rule = self._only_data_rule, ""
+            warnings.append(f"security: a peer on Fast DDS was found, and {only_data_text(rule)}")
+        return [*warnings, *_security_log.new_records()]
+
+    def service_refusal(self, service: ServiceSpec) -> str | None:
+        rule = self._governance and self._governance.only_data_rule(wire_name(service.topic_keys[0]))
+        return only_data_text(rule) if rule else _fast_dds.refusal
 
     @property
     def library(self) -> str:
@@ -124,20 +201,34 @@ class CycloneParticipant(DdsParticipant):
     @property
     def capabilities(self) -> dict[str, str]:
         _ = self.fast_dds.slots  # probes whether services are available
-        return self.fast_dds.capabilities()
+        plugins = find_plugins(_library)
+        return {**self.fast_dds.capabilities(), CAPABILITY: plugins if isinstance(plugins, str) else "yes"}
 
     def make_writer(self, endpoint: DdsEndpoint) -> CycloneWriter:
         endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=True))
-        with endpoint_qos(_api, endpoint, is_writer=True) as cqos:
+        with endpoint_qos(_api, endpoint, is_writer=True) as cqos, self._naming_denied(endpoint.topic, is_writer=True):
             entity = self._create(_api.create_writer, self._publisher, endpoint, cqos, None)
         return CycloneWriter(self, entity, endpoint)
 
     def make_reader(self, endpoint: DdsEndpoint) -> CycloneReader:
         endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=False))
-        with endpoint_qos(_api, endpoint, is_writer=False) as cqos:
+        with (
+            endpoint_qos(_api, endpoint, is_writer=False) as cqos,
+            self._naming_denied(endpoint.topic, is_writer=False),
+        ):
             create = partial(self._create, _api.create_reader, self._subscriber, endpoint, cqos)
             entity = self._early.create_reader(create, is_reliable=endpoint.qos.reliability is Reliability.RELIABLE)
         return CycloneReader(self, entity, endpoint)
+
+    @contextmanager
+    def _naming_denied(self, topic: str, *, is_writer: bool) -> Iterator[None]:
+        """Raise `SecurityError` with the topic if security denies an endpoint."""
+        try:
+            yield
+        except TransportError as error:
+            if self._security is None or f"({c_api.NOT_ALLOWED_BY_SECURITY})" not in str(error):
+                raise
+            raise denied_error(self._security, topic, is_writer=is_writer) from None
 
     def _create(
         self, create: Callable[..., int], parent: int, endpoint: DdsEndpoint, qos: int, listener: int | None

@@ -51,6 +51,8 @@ _received_fragment = struct.Struct("=Q16xHH")
 _RECEIVED_HEAD_BYTES = 48
 _packet_head = struct.Struct("=8xQQi4xQ")
 """Capacity, size of the submessages, presence of parameters, message or null; the iov follows."""
+_PACKET_SIZE = 16
+"""Offset of the size of the submessages in a packet that is being built."""
 _PACKET_DATA_HEAD_BYTES = 40
 _sequence_number = struct.Struct("<iI").unpack_from
 _SEQUENCE_NUMBER_OFFSET = 15
@@ -343,15 +345,18 @@ class PacketAccess:
         self._has_received = True
         return head, head[begin:]
 
-    def set_inline_qos_flag(self, iov: int, writer_id: bytes) -> bool:
-        """Set the flag in the packet that `iov` belongs to; return False if no packet is being built.
+    def append_inline_qos(self, iov: int, writer_id: bytes, inline_qos: bytes) -> bool:
+        """Append inline QoS to the packet that `iov` belongs to; return False if no packet is being built.
+
+        The packet ends with the header of the submessage, and Cyclone sends the payload after it. Cyclone reserves room
+        for inline QoS of its own.
 
         The address of the packet's data is stored at an unknown distance from the iov. The first time, all words there
         are tested as pointers; if exactly one leads to a packet of the writer, its distance is cached. Later packets
-        are compared byte by byte before the flag is set.
+        are compared byte by byte before anything is changed.
 
         Raises:
-            ValueError: the memory does not contain a packet of that writer.
+            ValueError: the memory does not contain a packet of that writer, or the packet has no room.
         """
         offset = self._pointer_offset  # another thread may set it
         with _direct_reader if offset is not None else SafeMemoryReader() as read:
@@ -370,7 +375,9 @@ class PacketAccess:
             address = ct.c_void_p.from_address(iov + offset).value or 0
             data = bytes_at(address, _PACKET_DATA_HEAD_BYTES + size) if address else b""
             flags = _find_flags(data, writer_id)
-            if flags:
+            if flags and size + len(inline_qos) <= capacity:
+                ct.memmove(address + len(data), inline_qos, len(inline_qos))
+                ct.c_size_t.from_address(iov - _packet_head.size + _PACKET_SIZE).value = size + len(inline_qos)
                 ct.c_ubyte.from_address(address + flags).value |= rtps.INLINE_QOS_FLAG
                 return True
         raise ValueError(f"unexpected packet head {head.hex()}")

@@ -13,7 +13,7 @@ from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History, Liveliness, QoSProfile, Reliability
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
@@ -35,12 +35,14 @@ rmw_cyclonedds has infinity; the value does not influence matching (docs/interna
 
 
 @contextmanager
-def new_qos(api: CycloneApi, user_data: bytes) -> Iterator[int]:
-    """Yield default QoS with that USER_DATA."""
+def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes, bytes]] = ()) -> Iterator[int]:
+    """Yield default QoS with that USER_DATA, and with names and values of properties."""
     qos = api.create_qos()
     try:
         if user_data:
             api.qset_userdata(qos, user_data, len(user_data))
+        for name, value in properties:
+            api.qset_prop(qos, name, value)
         yield qos
     finally:
         api.delete_qos(qos)

@@ -34,6 +34,10 @@ ClientId: TypeAlias = "int | bytes"
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
+_HASHED_BIT = 0x80
+"""First bit of a secured participant's GUID, a hash of the subject of its certificate (docs/internals/dds.md 12)."""
+_secured_fast_dds: set[bytes] = set()
+"""GUID prefixes of secured participants on Fast DDS, which properties of the participants tell."""
 SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
 _READER_BIT = 0x04
@@ -51,7 +55,29 @@ _LARGE_BYTES = 1024
 
 def uses_sample_identity(guid: bytes) -> bool:
     """Return True if a client or server with that endpoint uses sample identities, and not headers."""
-    return guid.startswith(FAST_DDS_VENDOR)
+    return guid.startswith(FAST_DDS_VENDOR) or (
+        bool(_secured_fast_dds) and guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
+    )
+
+
+def has_hashed_guid(guid: bytes) -> bool:
+    """Return True if a GUID is that of a secured participant, which does not begin with the vendor."""
+    return bool(guid[0] & _HASHED_BIT)
+
+
+def add_secured_fast_dds(guid: bytes) -> None:
+    """Record that a participant with a hashed GUID is on Fast DDS."""
+    _secured_fast_dds.add(guid[:GUID_PREFIX_BYTES])
+
+
+def has_secured_fast_dds() -> bool:
+    """Return True if there are secured participants on Fast DDS."""
+    return bool(_secured_fast_dds)
+
+
+def discard_secured_fast_dds(guid: bytes) -> None:
+    """Forget a lost participant."""
+    _secured_fast_dds.discard(guid[:GUID_PREFIX_BYTES])
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:

@@ -21,7 +21,6 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     EntityLost,
     NodeEntities,
     NodesAnnounced,
-    TopicKey,
 )
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 
-_TOPIC = TopicKey("unmangled", "ros_discovery_info")
+DISCOVERY_TOPIC = "ros_discovery_info"
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
@@ -74,7 +73,7 @@ class DiscoveryInfoTopic:
             if isinstance(event, EntityLost):
                 self._heard_writers.discard(event.guid)
                 self._unheard_writers.discard(event.guid)
-            elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.topic_key == _TOPIC:
+            elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name == DISCOVERY_TOPIC:
                 self._expect_message(event.guid)
 
     def _expect_message(self, writer: bytes) -> None:
@@ -122,4 +121,6 @@ class DiscoveryInfoTopic:
 
 
 def _spec(qos: QoSProfile) -> EndpointSpec:
-    return EndpointSpec(_TOPIC.name, _TYPE, qos, HASHES[_TYPE], avoid_ros_namespace_conventions=True, ignore_local=True)
+    return EndpointSpec(
+        DISCOVERY_TOPIC, _TYPE, qos, HASHES[_TYPE], avoid_ros_namespace_conventions=True, ignore_local=True
+    )

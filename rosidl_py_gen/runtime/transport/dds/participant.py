@@ -7,6 +7,7 @@ knows the client's request writer (docs/internals/protocol.md 5.2).
 from __future__ import annotations
 
 import itertools
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from rosidl_py_gen.runtime.transport.api import EndpointSpec, Reader, Writer
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
@@ -76,15 +77,21 @@ class DdsParticipant:
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _request_and_reply_endpoints(service, qos)
         reader = self.make_reader(replace(reply, client_id=own_id))
-        writer = self.make_writer(replace(request, client_id=own_id))
+        with _closed_on_failure(reader):
+            writer = self.make_writer(replace(request, client_id=own_id))
         return DdsClient(self, service, reader, writer, entity_gid(own_id))
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _request_and_reply_endpoints(service, qos)
         writer = self.make_writer(replace(reply, service_id=own_id))
-        reader = self.make_reader(replace(request, service_id=own_id))
+        with _closed_on_failure(writer):
+            reader = self.make_reader(replace(request, service_id=own_id))
         return DdsServer(self, service, reader, writer, entity_gid(own_id))
+
+    def service_refusal(self, service: ServiceSpec) -> str | None:
+        """Return why servers of one service on Fast DDS cannot be used; None if they can."""
+        return self.fast_dds.refusal
 
     @property
     def services_unavailable_reason(self) -> str | None:
@@ -121,6 +128,16 @@ class DdsParticipant:
         """Stop announcing and reporting nodes."""
         if self._discovery_info is not None:
             self._discovery_info.close()
+
+
+@contextmanager
+def _closed_on_failure(endpoint: Reader | Writer) -> Iterator[None]:
+    """Close an endpoint if the other one of its pair cannot be created, because permissions may allow only one."""
+    try:
+        yield
+    except BaseException:
+        endpoint.close()
+        raise
 
 
 def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:

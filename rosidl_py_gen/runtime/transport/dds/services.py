@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
@@ -57,8 +59,9 @@ class DdsClient(EndpointPairClient):
         super().__init__(service, participant.service_peers, reader, writer, gid)
         self._request_writer = writer
         self._fast_dds = participant.fast_dds
+        self._find_refusal = partial(participant.service_refusal, service)
         self._refusal: str | None = None
-        """Value of `FastDdsInterop.refusal` that the result of `servers` is based on."""
+        """Result of `_find_refusal` that the result of `servers` is based on."""
         self._servers_version = -1
         """Version of the peers whose servers `_correlation` has; -1 to find the servers with each request."""
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
@@ -97,7 +100,7 @@ class DdsClient(EndpointPairClient):
         return self._next_lost()
 
     def servers(self) -> ServerAvailability:
-        refusal = self._fast_dds.refusal
+        refusal = self._find_refusal()
         if refusal != self._refusal:
             self._refusal = refusal
             self._servers.clear()
@@ -113,6 +116,9 @@ class DdsClient(EndpointPairClient):
         readers = {*matched, *(reader.guid for reader in announced)}
         self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
         self._servers_version = version if servers.is_available else -1
+        unusable = servers.incompatible_server
+        if unusable is not None and self._fast_dds.refusal is None:  # because of the rules of a secured domain
+            servers = replace(servers, incompatible_server=unusable._replace(has_topics=False))
         return servers
 
 

@@ -13,7 +13,7 @@ from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleHooks, create_no_sample
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS
-from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
+from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
 from rosidl_py_gen.runtime.transport.discovery_events import EntityLost
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class FastDdsInterop:
             for event in events:
                 if isinstance(event, EntityLost):
                     self._peers.discard((reader, event.guid))
-                elif event.guid.startswith(FAST_DDS_VENDOR):
+                elif uses_sample_identity(event.guid):
                     self._peers.add((reader, event.guid))
             if not self._peers and not self._unread:
                 self._enable_receive_hooks(False)
@@ -177,13 +177,12 @@ class FastDdsInterop:
         """Return the hooks of a sertype; None if it has none."""
         return self._tables.get(private_layout.vtable_address(type_object, SAMPLE_FUNCTIONS))
 
-    def set_inline_qos_flag(self, iov: int, writer_id: bytes) -> bool:
-        """Set the flag in the packet that `iov` belongs to; return False if no packet of that writer is being built."""
+    def append_inline_qos(self, iov: int, writer_id: bytes, inline_qos: bytes) -> None:
+        """Append inline QoS to the packet that `iov` belongs to, if a packet of that writer is being built."""
         try:
-            return self.packets.set_inline_qos_flag(iov, writer_id)
+            self.packets.append_inline_qos(iov, writer_id, inline_qos)
         except Exception as err:  # must not reach Cyclone
             self.disable(f"a packet to send, {err}")
-            return False
 
 
 def _untested_platform() -> str | None:

@@ -7,8 +7,8 @@ are entries of a vtable. The types of services get a copy of it with two hooks:
   sample with the identity embedded (`correlation.embed_identity`), and release the first.
 - Send (`to_ser_ref`): the sample is created with a hidden prefix (random magic, writer id, encoded inline QoS), and its
   size field is reduced by the prefix, so that Cyclone sees only the message. When Cyclone requests the bytes for the
-  first fragment, the hook sets the inline-QoS flag in the packet and lets the iovec begin at the inline QoS; later
-  fragments are shifted past the prefix. This holds for retransmissions, too. Readers of this process get no packet, but
+  first fragment, the hook appends the inline QoS to the header in the packet; all fragments are shifted past the
+  prefix. This holds for retransmissions, too. Readers of this process get no packet, but
   the sample itself; the taking reader embeds the identity.
 
 Rules, each with a test:
@@ -158,12 +158,12 @@ class SampleHooks:
         return sample
 
     def _to_ser_ref(self, sample: int, offset: int | None, size: int, iov: int) -> Any:
-        """Set the iovec of a fragment; the first one begins at the inline QoS. Called by Cyclone; must not raise."""
+        """Set the iovec of a fragment, and add inline QoS to the first one. Called by Cyclone; must not raise."""
         result = self._plain_to_ser_ref(sample, offset or 0, size, iov)
         begin = sample + self.payload_offset
         if bytes_at(begin, len(_IDENTITY_MAGIC)) == _IDENTITY_MAGIC:
-            message = begin + _PREFIX_BYTES + (offset or 0)
-            if not offset and self._owner.set_inline_qos_flag(iov, bytes_at(begin + len(_IDENTITY_MAGIC), 4)):
-                message, size = message - rtps.INLINE_QOS_BYTES, rtps.INLINE_QOS_BYTES + size
-            private_layout.write_iovec(iov, message, size)
+            if not offset:
+                prefix = bytes_at(begin + len(_IDENTITY_MAGIC), 4 + rtps.INLINE_QOS_BYTES)
+                self._owner.append_inline_qos(iov, prefix[:4], prefix[4:])
+            private_layout.write_iovec(iov, begin + _PREFIX_BYTES + (offset or 0), size)
         return result

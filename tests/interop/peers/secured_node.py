@@ -1,0 +1,119 @@
+"""Nodes that the environment secures, for `test_security.py`: prints a line of JSON for each result.
+
+Arguments: a role, and the name of an enclave; of several for the role "open".
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from contextlib import suppress
+from typing import Any
+
+from rosidl_py_gen import get_action, get_message, get_service
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime import Context, Node
+
+String: Any = get_message("std_msgs/msg/String")
+Add: Any = get_service("example_interfaces/srv/AddTwoInts")
+Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
+TIMEOUT_S = 8.0
+
+
+def show(**result: object) -> None:
+    print(json.dumps(result), flush=True)
+
+
+async def talk(node: Node) -> None:
+    """Publish on /chatter, and serve /add, /fibonacci and parameters, until the process is killed."""
+
+    async def count(goal: Any) -> Any:
+        goal.publish_feedback(Fibonacci.Feedback(sequence=[0, 1]))
+        return Fibonacci.Result(sequence=[0, 1, 1])
+
+    node.declare_parameter("color", "red")
+    node.create_service(Add, "/add", lambda request: Add.Response(sum=request.a + request.b))
+    node.create_action_server(Fibonacci, "/fibonacci", count)
+    publisher = node.create_publisher(String, "/chatter")
+    show(ready=True)
+    number = 0
+    while True:
+        publisher.publish(String(data=f"secret {number}"))
+        number += 1
+        await asyncio.sleep(0.02)
+
+
+async def listen(node: Node) -> None:
+    """Use everything that `talk` has."""
+    subscription = node.create_subscription(String, "/chatter")
+    client, goals = node.create_client(Add, "/add"), node.create_action_client(Fibonacci, "/fibonacci")
+    show(received=(await subscription.receive(timeout_s=TIMEOUT_S)).data)
+    await client.wait_for_service(TIMEOUT_S)
+    show(sum=(await client.call(Add.Request(a=2, b=3), timeout_s=TIMEOUT_S)).sum)
+    parameters = node.create_parameter_client("/talk")
+    show(color=(await parameters.get(["color"], timeout_s=TIMEOUT_S)))
+    await goals.wait_for_server(TIMEOUT_S)
+    goal = await goals.send_goal(Fibonacci.Goal(order=2), timeout_s=TIMEOUT_S)
+    show(result=[*map(int, (await goal.result(TIMEOUT_S))[1].sequence)])
+    show(enclaves={one.fully_qualified_name: one.enclave for one in node.get_nodes()})
+
+
+async def watch(node: Node) -> None:
+    """Report what is seen in two seconds."""
+    subscription, received = node.create_subscription(String, "/chatter"), []
+    with suppress(RosidlError):
+        received = [(await subscription.receive(timeout_s=2)).data]
+    show(nodes=[one.name for one in node.get_nodes()], received=received)
+
+
+async def flood(node: Node) -> None:
+    """Publish large messages as fast as possible, until the process is killed."""
+    publishers = [node.create_publisher(String, f"/{name}") for name in ("chatter", "other")]
+    show(ready=True)
+    while True:
+        for publisher in publishers:
+            publisher.publish(String(data="x" * 60_000))
+        await asyncio.sleep(0)
+
+
+async def create(node: Node) -> None:
+    """Try to create endpoints."""
+    kinds = {
+        "publisher": lambda: node.create_publisher(String, "/secret"),
+        "subscription": lambda: node.create_subscription(String, "/secret"),
+        "service": lambda: node.create_service(Add, "/secret", lambda request: Add.Response()),
+        "client": lambda: node.create_client(Add, "/secret"),
+    }
+    for name, function in kinds.items():
+        try:
+            function()
+            show(**{name: "created"})
+        except RosidlError as error:
+            show(**{name: f"{type(error).__name__}: {error}"})
+
+
+ROLES = {"talk": talk, "listen": listen, "watch": watch, "flood": flood, "create": create}
+
+
+def open_each(enclaves: list[str]) -> None:
+    """Open a context of each enclave."""
+    for enclave in enclaves:
+        try:
+            Context(args=["test"], enclave=enclave).close()
+            show(**{enclave: "open"})
+        except RosidlError as error:
+            show(**{enclave: f"{type(error).__name__}: {error}"})
+
+
+async def main(role: str, enclave: str) -> None:
+    if role == "open":
+        return open_each(enclave.split(","))
+    try:
+        async with Context(args=["test"], enclave=enclave) as context, Node(role, context=context) as node:
+            await ROLES[role](node)
+    except RosidlError as error:
+        show(error=f"{type(error).__name__}: {error}")
+
+
+asyncio.run(main(*sys.argv[1:]))

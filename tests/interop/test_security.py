@@ -1,0 +1,488 @@
+"""Secured networks (SROS 2), on Debian's libddsc, whatever library the other tests use: nodes of ours in processes, the
+program in C on Cyclone DDS 0.10, and those in C++ on Fast DDS 2.9."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from ctypes import CDLL
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from support.keystores import Authority, Keystore
+from support.node_fixtures import domain_id
+
+from rosidl_py_gen.bags import BagReader
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+NODE = Path(__file__).parent / "peers" / "secured_node.py"
+LIBRARY = "libddsc.so.0debian"
+OF_NODE = ("rt/rosout", "rt/parameter_events", "rr/*")
+"""Topics that every node publishes."""
+TALKER = {"publish": ("rt/chatter", "rt/fibonacci/_action/*", *OF_NODE), "subscribe": ("rq/*",)}
+"""Permissions as sros2 makes them from the policy of a talker."""
+# As the peers are bound: docs/internals/dds.md 8.
+_BOUND = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General></Domain>"
+    "</CycloneDDS>"
+)
+
+
+@pytest.fixture(autouse=True)
+def debian_library() -> None:
+    try:
+        assert hasattr(CDLL(LIBRARY), "DDS_Security_Exception_set")
+    except OSError:
+        assert "ROSIDL_TEST_REQUIRE_PEERS" not in os.environ, "libddsc0debian is missing"
+        pytest.skip("needs libddsc0debian")
+
+
+@pytest.fixture
+def keystore(tmp_path: Path) -> Keystore:
+    return Keystore(tmp_path / "keystore", domain_id())
+
+
+Result = dict[str, Any]
+
+
+@contextmanager
+def started(role: str, enclave: str, environ: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """Run a node; without variables of security it is an unsecured one."""
+    base = {"ROSIDL_LIBDDSC": LIBRARY, "CYCLONEDDS_URI": _BOUND, "PYTHONPATH": str(NODE.parents[3])}
+    process = subprocess.Popen(
+        [sys.executable, str(NODE), role, enclave],
+        env={**os.environ, **base, **environ},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def talking(role: str, enclave: str, environ: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """Run a node that goes on until the end of the block, from when it is ready."""
+    with started(role, enclave, environ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        line = process.stdout.readline()
+        assert line == '{"ready": true}\n', line or process.stderr.read()
+        yield process
+
+
+def results(role: str, enclave: str, environ: Mapping[str, str]) -> tuple[Result, str]:
+    """Run a node to its end; return what it reports, and its log."""
+    with started(role, enclave, environ) as process:
+        out, log = process.communicate(timeout=60)
+    merged: Result = {}
+    for line in out.splitlines():
+        merged |= json.loads(line)
+    return merged, log
+
+
+def log_of(process: subprocess.Popen[str]) -> str:
+    """End a node, and return its log."""
+    process.terminate()
+    return process.communicate(timeout=10)[1]
+
+
+def side_by_side(*functions: Callable[[], Any]) -> list[Any]:
+    with ThreadPoolExecutor(len(functions)) as pool:
+        return [future.result() for future in [pool.submit(function) for function in functions]]
+
+
+# ---------------------------------------------------------------------------------------------------- nodes of ours
+
+
+def test_two_nodes_with_the_permissions_of_their_policies(keystore: Keystore) -> None:
+    keystore.enclave("/talker", **TALKER)
+    keystore.enclave("/robot/listener", publish=("rq/*", *OF_NODE), subscribe=("rt/*", "rr/*", "rq/listen/*"))
+    environ = keystore.environment()
+    with talking("talk", "/talker", environ) as talker:
+        (found, log), (unsecured, unsecured_log) = side_by_side(
+            lambda: results("listen", "/robot/listener", environ), lambda: results("watch", "/", {})
+        )
+        assert "found security directory" in log_of(talker)
+    assert found.pop("received").startswith("secret "), log
+    assert "error" not in found, found
+    assert "enclaves" in found, (found, log)
+    assert found.pop("enclaves") == {"/talk": "/talker", "/listen": "/robot/listener"}
+    assert found == {"sum": 5, "color": ["red"], "result": [0, 1, 1]}
+    assert "WARN" not in log and f"found security directory {keystore.folder}/enclaves/robot/listener" in log
+    # Unsecured peers neither see anything nor are seen.
+    assert unsecured == {"nodes": ["watch"], "received": []}
+    assert unsecured_log == ""
+
+
+def test_what_permissions_do_not_allow_is_named(keystore: Keystore) -> None:
+    keystore.enclave("/reader", publish=OF_NODE, subscribe=("rt/secret", "rq/reader/*", "rq/create/*"))
+    keystore.enclave("/writer", publish=("rt/secret", "rq/secretRequest", *OF_NODE), subscribe=("rq/create/*", "rr/*"))
+    keystore.enclave("/nothing", publish=(), subscribe=())
+    environ = keystore.environment()
+    (reader, _), (writer, _), (nothing, _) = side_by_side(
+        *(lambda name=name: results("create", name, environ) for name in ("/reader", "/writer", "/nothing"))
+    )
+    denied = "SecurityError: enclave /{} must not {} (DDS topic {}): the permissions in {}/permissions.p7s"
+    folder = keystore.folder / "enclaves"
+    assert reader["subscription"] == "created"
+    assert reader["publisher"].startswith(denied.format("reader", "publish to /secret", "rt/secret", folder / "reader"))
+    assert "must not subscribe to requests of /secret (DDS topic rq/secretRequest)" in reader["service"]
+    assert "must not subscribe to replies of /secret" in reader["client"]
+    assert (writer["publisher"], writer["client"]) == ("created", "created")
+    assert "must not subscribe to /secret" in writer["subscription"]
+    assert nothing["error"].startswith("SecurityError: enclave /nothing must not publish to /rosout")
+
+
+def test_wrong_files_are_named(keystore: Keystore) -> None:
+    other = Authority("otherCA")
+    keystore.enclave("/expired", days=(-10, -1))
+    keystore.enclave("/early", days=(5, 10))
+    keystore.enclave("/subject", subject="/somebody")
+    keystore.enclave("/old", not_after="2021-01-01T00:00:00")
+    keystore.enclave("/good")
+    revoked = keystore.enclave("/revoked")
+    (revoked.folder / "crl.pem").write_bytes(keystore.authority.revoke(revoked.certificate))
+    key, issued, changed, missing, broken = map(
+        keystore.enclave, ("/key", "/issued", "/changed", "/missing", "/broken")
+    )
+    (key.folder / "key.pem").write_bytes((keystore.folder / "enclaves/good/key.pem").read_bytes())
+    pem = keystore.enclave("/other", authority=other).folder / "identity_ca.cert.pem"
+    (issued.folder / "identity_ca.cert.pem").write_bytes(pem.read_bytes())
+    permissions = changed.folder / "permissions.p7s"
+    permissions.write_bytes(permissions.read_bytes().replace(b"DENY", b"ALLOW"))
+    (missing.folder / "key.pem").unlink()
+    (missing.folder / "governance.p7s").unlink()
+    (broken.folder / "permissions.p7s").write_text("junk")
+    expected = {
+        "/expired": "the certificate of the enclave, {}/cert.pem, has expired",
+        "/early": "the certificate of the enclave, {}/cert.pem, is not valid yet",
+        "/subject": "{}/permissions.p7s has no grant for the subject of {}/cert.pem",
+        "/old": "the permissions in {}/permissions.p7s are outside of their validity",
+        "/revoked": "the certificate of the enclave, {}/cert.pem, is revoked by {}/crl.pem",
+        "/key": "{}/key.pem (private key of the enclave) is damaged, has a password, or is not the key of {}/cert.pem",
+        "/issued": "{}/cert.pem was not issued by the CA of {}/identity_ca.cert.pem",
+        "/changed": "{}/governance.p7s or permissions.p7s was changed, or is not signed by the CA of",
+        "/missing": "{} (enclave /missing) lacks key.pem (private key of the enclave), governance.p7s (signed rules",
+        "/broken": "{}/permissions.p7s (signed permissions of the enclave) is not a file in S/MIME format",
+        "/nowhere": "there is no folder {} (enclave /nowhere); the keystore has the enclaves /",
+    }
+    found, log = results("open", ",".join([*expected, "/good"]), keystore.environment())
+    assert found.pop("/good") == "open", log
+    for name, text in expected.items():
+        folder = f"{keystore.folder}/enclaves{name}"
+        assert found[name].startswith("SecurityError: ") and text.format(folder, folder) in found[name], found[name]
+    assert "rror occurred" not in log, "Cyclone's lines are in the errors"
+
+
+def test_a_domain_that_the_governance_does_not_have(keystore: Keystore) -> None:
+    keystore.enclave("/good")
+    keystore.write_governance(domain_id() + 1)
+    result, _ = results("watch", "/good", keystore.environment())
+    assert f"governance.p7s has no rule for domain {domain_id()}; add the domain" in result["error"]
+
+
+def test_a_process_has_one_enclave_for_each_domain(keystore: Keystore) -> None:
+    for name in ("/one", "/two"):
+        keystore.enclave(name)
+    program = """
+import sys
+from rosidl_py_gen.runtime import Context, SecurityError
+with Context(enclave="/one", args=["x"]), Context(args=["x", "--ros-args", "--enclave", "/one"]):
+    try:
+        Context(enclave="/two", args=["x"])
+    except SecurityError as error:
+        print(error)
+with Context(enclave="/two", args=["x"]) as context:  # all others are closed
+    print(context.settings.security.name)
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, **keystore.environment()},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    first, second = run.stdout.splitlines()
+    assert "Use one enclave, or two processes" in first and second == "/two"
+
+
+def test_a_rejected_peer_is_logged_once(keystore: Keystore) -> None:
+    keystore.enclave("/talker")
+    stranger = keystore.enclave("/stranger", authority=Authority())
+    expired = keystore.enclave("/later")
+    (keystore.folder / "enclaves/talker/crl.pem").write_bytes(keystore.authority.revoke(expired.certificate))
+    environ = keystore.environment()
+    with talking("talk", "/talker", environ) as talker:
+        strangers = side_by_side(
+            *(lambda name=name: results("watch", name, environ) for name in ("/stranger", "/later", "/stranger"))
+        )
+        log = log_of(talker)
+    for found, _ in strangers:
+        assert found["received"] == [] and "talk" not in found["nodes"]
+    lines = [line for line in log.splitlines() if "was rejected" in line] + [
+        line for _, text in strangers for line in text.splitlines() if "was rejected" in line
+    ]
+    # The side that begins the handshake, by a hash of the subjects, gets to know nothing.
+    assert stranger.certificate is not None
+    about = [line for line in lines if "stranger" in line or "/CN=\\/talker" in line or "later" in line]
+    assert about == lines and len(lines) == len(set(lines)) and 1 <= len(lines) <= 5, lines
+    assert any("issued by another CA" in line for line in lines), lines
+
+
+def test_a_flood_of_an_unsecured_peer_changes_nothing(keystore: Keystore) -> None:
+    keystore.enclave("/talker")
+    keystore.enclave("/listener")
+    environ = keystore.environment()
+    with talking("flood", "/", {}), talking("talk", "/talker", environ) as talker:
+        before = _resident_bytes(talker.pid)
+        for _ in range(2):
+            found, log = results("listen", "/listener", environ)
+            assert found["received"].startswith("secret ") and found["sum"] == 5, log
+            assert "flood" not in str(found)
+        assert _resident_bytes(talker.pid) < before + (20 << 20)
+        assert "WARN" not in log_of(talker)
+
+
+def _resident_bytes(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+# ------------------------------------------------------------------------------------------------------- permissive
+
+
+def test_where_rcl_stays_unsecured_without_a_word_there_is_a_warning(keystore: Keystore) -> None:
+    keystore.enclave("/good")
+    secured = keystore.environment()
+    cases = [
+        ({**secured, "ROS_SECURITY_ENABLE": "1"}, "ROS_SECURITY_ENABLE='1' does not enable security"),
+        ({**secured, "ROS_SECURITY_STRATEGY": "enforce"}, "ROS_SECURITY_STRATEGY='enforce' does not enforce security"),
+        ({**secured, "ROS_SECURITY_STRATEGY": "", "ROS_SECURITY_KEYSTORE": ""}, "ROS_SECURITY_KEYSTORE is not set"),
+        (
+            {**secured, "ROS_SECURITY_STRATEGY": "Permissive", "ROS_SECURITY_ENCLAVE_OVERRIDE": "bad"},
+            "ROS_SECURITY_ENCLAVE_OVERRIDE='bad', which must begin with '/'",
+        ),
+    ]
+    found = side_by_side(*(lambda environ=environ: results("watch", "/good", environ) for environ, _ in cases))
+    for (_, text), (result, log) in zip(cases, found, strict=True):
+        assert "error" not in result and text in log, (text, log)
+    assert ["communicates unencrypted" in log for _, log in found] == [True, False, True, True]
+    assert "found security directory" in found[1][1]
+
+
+def test_the_override_chooses_the_folder_and_not_the_name(keystore: Keystore) -> None:
+    keystore.enclave("/good")
+    environ = keystore.environment(ROS_SECURITY_ENCLAVE_OVERRIDE="/good")
+    with talking("talk", "/", environ) as talker:
+        found, _ = results("listen", "/a/b", environ)
+        assert f"found security directory {keystore.folder}/enclaves/good" in log_of(talker)
+    assert found["enclaves"] == {"/talk": "/", "/listen": "/a/b"}
+
+
+# ------------------------------------------------------------------------------------------------------------ commands
+
+
+def command(*arguments: str, environ: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "rosidl_py_gen.ros_cli", *arguments],
+        env={**os.environ, "CYCLONEDDS_URI": _BOUND, **environ},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_commands_in_a_secured_network(keystore: Keystore, tmp_path: Path) -> None:
+    keystore.enclave("/talker")
+    keystore.enclave("/cli", publish=("rq/*", "rr/*", "rt/events/*"), subscribe=("rt/chatter", "rr/*", "rq/*"))
+    environ = keystore.environment(ROS_SECURITY_ENCLAVE_OVERRIDE="/cli")
+    with talking("talk", "/talker", keystore.environment()):
+        nodes, echo, call, doctor, record = side_by_side(
+            lambda: command("node", "list", environ=environ),
+            lambda: command("topic", "echo", "/chatter", "--once", environ=environ),
+            lambda: command(
+                *("service", "call", "/add", "example_interfaces/srv/AddTwoInts", "{a: 1, b: 2}"), environ=environ
+            ),
+            lambda: command("doctor", "--json", environ=environ),
+            lambda: command(
+                *("bag", "record", "/chatter", "/rosout", "-o", str(tmp_path / "bag"), "--duration", "4"),
+                environ=environ,
+            ),
+        )
+    assert "/talk" in nodes.stdout.splitlines(), nodes
+    assert "secret" in echo.stdout, echo
+    assert "sum" in call.stdout and "3" in call.stdout, call
+    assert "skipped /rosout: enclave / must not subscribe to /rosout" in record.stderr, record
+    with BagReader(tmp_path / "bag") as bag:
+        assert {topic for topic, *_ in bag.messages()} == {"/chatter"}
+    texts = json.loads(doctor.stdout)
+    assert any("security is on" in one["text"] for one in texts["settings"]), texts
+    assert any("secured DDS, probably Cyclone DDS" in one["text"] for one in texts["peers"]), texts
+
+
+def test_a_library_without_security_says_what_to_install(keystore: Keystore) -> None:
+    pytest.importorskip("cyclonedds")
+    keystore.enclave("/good")
+    import cyclonedds
+
+    folder = Path(cyclonedds.__file__).parents[1] / "cyclonedds.libs"
+    wheel = next(folder.glob("libddsc*"), None)
+    if wheel is None:
+        pytest.skip("the wheel has no libddsc here")
+    environ = keystore.environment(ROSIDL_LIBDDSC=str(wheel))
+    enforced, permissive = side_by_side(
+        lambda: results("watch", "/good", environ),
+        lambda: results("watch", "/good", {**environ, "ROS_SECURITY_STRATEGY": ""}),
+    )
+    for text in (enforced[0]["error"], permissive[1]):
+        assert "was built without security; use a libddsc with security: apt install libddsc0debian" in text
+        assert "ROSIDL_LIBDDSC=libddsc.so.0debian" in text
+    # Without the variable, the library of Debian is found, because only it has security.
+    found, log = results("watch", "/good", {**environ, "ROSIDL_LIBDDSC": ""})
+    assert "error" not in found and "found security directory" in log
+
+
+# ------------------------------------------------------------------------------------------------------- other programs
+
+
+@contextmanager
+def secured_peer(program: Path, *arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run a program in C or C++ with the files of an enclave."""
+    uri = _BOUND.replace("<Domain>", f"<Domain Id='{domain_id()}'>")
+    process = subprocess.Popen(
+        [str(program), *arguments],
+        env={**os.environ, "CYCLONEDDS_URI": uri, "SECURE_ENCLAVE": str(folder)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None and process.stdout.readline() == "READY\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+ECHO = """
+import asyncio, sys
+from rosidl_py_gen import get_message, get_service
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime import Context, Node
+String, Add = get_message("std_msgs/msg/String"), get_service("example_interfaces/srv/AddTwoInts")
+
+async def main(enclave, *services):
+    async with Context(args=["x"], enclave=enclave) as context, Node("ours", context=context) as node:
+        if services[0] == "serve":
+            node.create_service(Add, "/p_add", lambda request: Add.Response(sum=request.a + request.b))
+            print("READY", flush=True)
+            await asyncio.sleep(30)
+        publisher = node.create_publisher(String, "/ask_string")
+        answers = node.create_subscription(String, "/answer_string")
+        try:
+            if services[0] == "topics":
+                await publisher.wait_for_subscribers(timeout_s=8)
+                await answers.wait_for_publishers(timeout_s=8)
+                for size in (5, 70_000):
+                    publisher.publish(String(data="x" * size))
+                    print(len((await answers.receive(timeout_s=8)).data), flush=True)
+            for name in services[1:]:
+                client = node.create_client(Add, name)
+                await client.wait_for_service(8)
+                print((await client.call(Add.Request(a=1, b=41), timeout_s=8)).sum, flush=True)
+        except RosidlError as error:
+            print(f"{type(error).__name__}: {error}", flush=True)
+
+asyncio.run(main(*sys.argv[1:]))
+"""
+
+
+@contextmanager
+def ours(keystore: Keystore, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", ECHO, *arguments],
+        env={**os.environ, "CYCLONEDDS_URI": _BOUND, **keystore.environment()},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
+    with ours(keystore, *arguments) as process:
+        out, log = process.communicate(timeout=60)
+    return out.splitlines(), log
+
+
+def test_a_program_on_cyclone(keystore: Keystore, cyclone_peer: Path) -> None:
+    keystore.enclave("/ours")
+    folder = keystore.enclave("/peer").folder
+    with secured_peer(cyclone_peer, folder=folder):
+        lines, log = outcome(keystore, "/ours", "topics", "/c_add")
+    assert lines == ["5", "70000", "42"], log
+
+
+# The hash of /talker is smaller than that of /listener, so whoever has it begins the handshake.
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        {},
+        {"data": "NONE"},
+        {"data": "SIGN", "metadata": "SIGN", "rtps": "NONE"},
+        {"data": "NONE", "metadata": "NONE", "rtps": "ENCRYPT", "discovery": "NONE", "liveliness": "NONE"},
+    ],
+    ids=["as sros2", "plain data", "signed", "packets only"],
+)
+def test_services_with_fast_dds(tmp_path: Path, fastdds_service_peer: Path, kinds: dict[str, str]) -> None:
+    keystore, domain = Keystore(tmp_path / "keystore", domain_id(), kinds), str(domain_id())
+    keystore.enclave("/talker")
+    folder = keystore.enclave("/listener").folder
+    with secured_peer(fastdds_service_peer, "serve", domain, "f_add", folder=folder):
+        lines, log = outcome(keystore, "/talker", "calls", "/f_add")
+    assert lines == ["42"], log
+    with ours(keystore, "/talker", "serve") as server:
+        assert server.stdout is not None and server.stdout.readline() == "READY\n"
+        with secured_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", folder=folder) as peer:
+            assert peer.stdout is not None
+            assert [peer.stdout.readline() for _ in range(2)] == ["SUM 3\n", "SUM 7\n"]
+
+
+def test_topics_with_fast_dds(keystore: Keystore, fastdds_peer: Path) -> None:
+    keystore.enclave("/talker")
+    folder = keystore.enclave("/listener").folder
+    with secured_peer(fastdds_peer, "echo", str(domain_id()), folder=folder):
+        lines, log = outcome(keystore, "/talker", "topics")
+    assert lines == ["5", "70000"], log
+
+
+def test_fast_dds_that_begins_the_handshake_is_reported(keystore: Keystore, fastdds_service_peer: Path) -> None:
+    folder = keystore.enclave("/talker").folder
+    keystore.enclave("/listener")
+    with secured_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", folder=folder):
+        lines, log = outcome(keystore, "/listener", "calls", "/f_add")
+    assert lines[0].startswith("WaitTimeoutError"), lines
+    assert log.count("they authenticate each other only if Cyclone DDS begins the handshake") == 1, log
+
+
+def test_services_that_governance_makes_impossible_are_refused(tmp_path: Path, fastdds_service_peer: Path) -> None:
+    keystore = Keystore(tmp_path / "keystore", domain_id(), {"metadata": "NONE"})
+    keystore.enclave("/talker")
+    folder = keystore.enclave("/listener").folder
+    with secured_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", folder=folder):
+        lines, log = outcome(keystore, "/talker", "calls", "/f_add")
+    assert lines[0].startswith("IncompatibleServiceError") and "protects data but not metadata" in lines[0], lines
+    assert log.count("a peer on Fast DDS was found, and the governance rule '*' protects data") == 1, log
