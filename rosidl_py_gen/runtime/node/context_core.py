@@ -10,6 +10,7 @@ import weakref
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.distributions import command_distribution
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
 from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
@@ -54,7 +55,7 @@ class ContextCore:
         if enclave is not None:
             validate_enclave(enclave)
         resolved_transport = resolve_transport(transport)
-        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
+        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery, distro=command_distribution())
         self.ros_arguments = parse_arguments(sys.argv if args is None else args)
         self.enclave = self.ros_arguments.enclave if enclave is None else enclave
         outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)

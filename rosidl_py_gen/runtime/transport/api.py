@@ -72,6 +72,7 @@ class DomainSettings:
         cyclonedds_uri: configuration of the user, XML or ``file://`` names separated by commas; may be empty.
         warnings: texts to log once.
         security: enclave of the context; None if it is not secured.
+        ros_distro: name of the ROS distribution that was selected; may be empty.
     """
 
     domain_id: int = 0
@@ -80,6 +81,7 @@ class DomainSettings:
     cyclonedds_uri: str = ""
     warnings: tuple[str, ...] = ()
     security: SecurityEnclave | None = None
+    ros_distro: str = ""
 
 
 # ----------------------------------------------------------------------------------------------------------- contract
@@ -152,6 +154,12 @@ class Reader(_Endpoint, Protocol):
 
     def writer_guid(self, handle: int) -> bytes | None:
         """Return the GUID of a sample's writer handle; None if the handle is unknown or expired."""
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        """Receive samples of writers with another definition, too; does nothing if the transport delivers them anyway.
+
+        Thread: loop, or any if no loop runs.
+        """
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,10 +36,15 @@ class NodeEntities:
 
 @dataclass(frozen=True, slots=True)
 class NodesAnnounced:
-    """The participant with that GUID announced all its nodes."""
+    """The participant with that GUID announced all its nodes.
+
+    Attributes:
+        is_humble: the announcement has the layout of Humble and earlier; None if it does not tell.
+    """
 
     guid: bytes
     nodes: tuple[NodeEntities, ...]
+    is_humble: bool | None = None
 
 
 class TopicKey(NamedTuple):
@@ -65,7 +70,7 @@ class DiscoveredEndpoint:
             ROS.
         type_hash: RIHS01 text of the message; empty if not announced.
         service_id: identifier that both endpoints of one client or server share; may be empty.
-        service_hash: RIHS01 text of the service, if announced instead of those of its messages.
+        service_hash: RIHS01 text of the service, if announced: instead of those of its messages (Zenoh), or with them.
         wire_name: name of the topic in the middleware.
         wire_type: name of the type in the middleware.
     """

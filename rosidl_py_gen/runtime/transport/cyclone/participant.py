@@ -90,7 +90,14 @@ class CycloneTransport:
         )
         is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         user_data, security = participant_user_data(enclave), _usable_security(settings)
-        return CycloneParticipant(settings.domain_id, user_data, xml, is_local=is_local, security=security)
+        return CycloneParticipant(
+            settings.domain_id,
+            user_data,
+            xml,
+            is_local=is_local,
+            security=security,
+            ros_distro=settings.ros_distro,
+        )
 
 
 def _usable_security(settings: DomainSettings) -> SecurityEnclave | None:
@@ -116,9 +123,16 @@ class CycloneParticipant(DdsParticipant):
     """Participant of the DDS transport."""
 
     def __init__(
-        self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool, security: SecurityEnclave | None = None
+        self,
+        domain_id: int,
+        user_data: bytes,
+        xml: str,
+        *,
+        is_local: bool,
+        security: SecurityEnclave | None = None,
+        ros_distro: str = "",
     ) -> None:
-        super().__init__(_fast_dds)
+        super().__init__(_fast_dds, ros_distro)
         self.api = _api
         self.domain_id = domain_id
         self._closed = False

@@ -36,6 +36,7 @@ class DdsEndpoint:
     Attributes:
         client_id: `entity_id` of the client that it belongs to, if any.
         service_id: `entity_id` of the server that it belongs to, if any.
+        service_hash: RIHS01 text of the service that it belongs to, if any.
     """
 
     topic: str
@@ -44,6 +45,7 @@ class DdsEndpoint:
     type_hash: str = ""
     client_id: str = ""
     service_id: str = ""
+    service_hash: str = ""
     ignore_local: bool = False
 
 
@@ -53,8 +55,9 @@ class DdsParticipant:
     middleware = "DDS"
     guid: bytes
 
-    def __init__(self, fast_dds: FastDdsInterop) -> None:
+    def __init__(self, fast_dds: FastDdsInterop, ros_distro: str) -> None:
         self.fast_dds = fast_dds
+        self._ros_distro = ros_distro
         self.service_peers = ServicePeers()
         self._entity_numbers = itertools.count(1)
         self._discovery_info: DiscoveryInfoTopic | None = None
@@ -111,7 +114,7 @@ class DdsParticipant:
     ) -> Callable[[list[DiscoveryEvent]], None]:
         """Report nodes of peers to `sink`; return the sink for all other discovery events."""
         self.stop_discovery_info()
-        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink)
+        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro)
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self.service_peers.apply(events)
@@ -148,6 +151,10 @@ def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:
 def _request_and_reply_endpoints(service: ServiceSpec, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
     requests, replies = map(wire_name, service.topic_keys)
     return (
-        DdsEndpoint(requests, wire_type(f"{service.type}_Request"), qos, service.request_hash),
-        DdsEndpoint(replies, wire_type(f"{service.type}_Response"), qos, service.response_hash),
+        DdsEndpoint(
+            requests, wire_type(f"{service.type}_Request"), qos, service.request_hash, service_hash=service.type_hash
+        ),
+        DdsEndpoint(
+            replies, wire_type(f"{service.type}_Response"), qos, service.response_hash, service_hash=service.type_hash
+        ),
     )
