@@ -49,7 +49,8 @@ class Governance:
             return ""
         return (
             f"the governance rule {expression!r:.100} protects data but not metadata, and then Cyclone DDS and Fast "
-            "DDS do not understand each other; use metadata_protection_kind SIGN or ENCRYPT, or data_protection_kind NONE"
+            "DDS do not understand each other; use metadata_protection_kind SIGN or ENCRYPT, or data_protection_kind "
+            "NONE"
         )
 
 
