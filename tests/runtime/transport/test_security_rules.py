@@ -43,7 +43,10 @@ def governance(folder: Path, domains: str, *rules: tuple[str, str, str], domain_
     ],
 )
 def test_the_rule_of_the_domain(tmp_path: Path, domains: str, is_found: bool) -> None:
-    assert governance(tmp_path, domains, ("*", "NONE", "ENCRYPT")).only_data_rule() == ("*" if is_found else "")
+    assert (
+        governance(tmp_path, domains, ("*", "NONE", "ENCRYPT")).only_data_reason().startswith("the governance rule '*'")
+        is is_found
+    )
 
 
 def test_the_first_rule_that_names_a_topic_decides(tmp_path: Path) -> None:
@@ -54,20 +57,20 @@ def test_the_first_rule_that_names_a_topic_decides(tmp_path: Path) -> None:
         ("*", "NONE", "NONE"),
     )
     made = governance(tmp_path, "<id>5</id>", *rules)
-    assert made.only_data_rule() == "r[rt]/*"
-    topics = {"rt/plain": "", "rt/other/x": "r[rt]/*", "rq/addRequest": "", "rr/addReply": "r[rt]/*", "ros": ""}
-    assert {topic: made.only_data_rule(topic) for topic in topics} == topics
+    assert "rule 'r[rt]/*' protects" in made.only_data_reason()
+    topics = {"rt/plain": False, "rt/other/x": True, "rq/addRequest": False, "rr/addReply": True, "ros": False}
+    assert {topic: bool(made.only_data_reason(topic)) for topic in topics} == topics
 
 
 @given(st.text(alphabet="<>/ *!-domainrulestpicexpr5", max_size=300))
 def test_any_text_is_no_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     folder = tmp_path_factory.mktemp("governance")
     (folder / "governance.p7s").write_text(text)
-    Governance(str(folder), 5).only_data_rule("rt/x")
+    Governance(str(folder), 5).only_data_reason("rt/x")
 
 
 def test_a_file_that_is_not_there_is_no_rule(tmp_path: Path) -> None:
-    assert Governance(str(tmp_path), 5).only_data_rule() == ""
+    assert Governance(str(tmp_path), 5).only_data_reason() == ""
 
 
 # -------------------------------------------------------------------------------------------------------------- lines

@@ -38,14 +38,20 @@ class Governance:
         ]
         """Expression of each rule, and True if it protects the data of a topic, but not the metadata."""
 
-    def only_data_rule(self, topic: str = "") -> str:
-        """Return the expression of the rule that applies to a DDS topic, if it protects nothing but the data.
+    def only_data_reason(self, topic: str = "") -> str:
+        """Return why peers on Fast DDS get no data of a DDS topic, because its rule protects nothing but the data.
 
-        Without a topic, the first such rule is returned. The result is empty if there is none.
+        Without a topic, the reason is about the first such rule. It is empty if there is none.
         """
         rules = (rule for rule in self._rules if (fnmatchcase(topic, rule[0]) if topic else rule[1]))
         expression, is_only_data = next(rules, ("", False))
-        return expression if is_only_data else ""
+        if not is_only_data:
+            return ""
+        return (
+            f"the governance rule {expression!r:.100} protects data but not metadata, and then Cyclone DDS and Fast "
+            "DDS do not understand each other; use metadata_protection_kind SIGN or ENCRYPT, or data_protection_kind "
+            "NONE"
+        )
 
 
 def _has_domain(rule: str, domain_id: int) -> bool:
@@ -57,11 +63,3 @@ def _has_domain(rule: str, domain_id: int) -> bool:
         if (low is None or int(low[1]) <= domain_id) and (high is None or domain_id <= int(high[1])):
             return True
     return False
-
-
-def only_data_text(expression: str) -> str:
-    """Return why peers on Fast DDS get no data of a topic."""
-    return (
-        f"the governance rule {expression!r:.100} protects data but not metadata, and then Cyclone DDS and Fast DDS do "
-        "not understand each other; use metadata_protection_kind SIGN or ENCRYPT, or data_protection_kind NONE"
-    )

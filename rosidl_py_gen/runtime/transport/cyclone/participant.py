@@ -18,7 +18,7 @@ import threading
 from collections import defaultdict
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
@@ -34,7 +34,6 @@ from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, Cyc
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_endpoints, request_samples
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import EarlySampleReaders
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import PROBE_TYPE, FastDdsInterop
-from rosidl_py_gen.runtime.transport.cyclone.governance import Governance, only_data_text
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
 from rosidl_py_gen.runtime.transport.cyclone.security import (
     CAPABILITY,
@@ -43,7 +42,6 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
     find_plugins,
     security_properties,
 )
-from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
@@ -56,6 +54,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.runtime.transport.api import SecurityEnclave
+    from rosidl_py_gen.runtime.transport.cyclone.governance import Governance
+    from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog
     from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
     from rosidl_py_gen.runtime.transport.samples import Sink
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
@@ -68,7 +68,13 @@ notification, later on a busy machine; after 10 ms it sends a request of its own
 _library = library.find()
 _api = c_api.CycloneApi(_library.handle)
 _fast_dds = FastDdsInterop(_api, _library.unsupported_elements)
-_security_log = SecurityLog(_api)
+
+
+@cache
+def _security_log() -> SecurityLog:
+    from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog  # only secured contexts load it
+
+    return SecurityLog(_api)
 
 
 class CycloneTransport:
@@ -144,6 +150,9 @@ class CycloneParticipant(DdsParticipant):
         self.buffers = TakeBuffers()
         self._is_local = is_local
         self._security = security
+        self._governance: Governance | None = None
+        self._only_data_reason = ""
+        """Reason why peers on Fast DDS do not receive some topics, until it was logged."""
         with ExitStack() as undo:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
@@ -156,11 +165,9 @@ class CycloneParticipant(DdsParticipant):
             undo.callback(self._early.close)
             if security is not None:
                 self.domain.require_enclave(security.folder)
-                _security_log.open(self._report_soon)
-                undo.callback(_security_log.close, self._report_soon)
+                _security_log().open(self._report_soon)
+                undo.callback(_security_log().close, self._report_soon)
             self.entity = self._create_participant(user_data)
-            self._governance = Governance(security.folder, domain_id) if security is not None else None
-            self._only_data_rule = self._governance.only_data_rule() if self._governance is not None else ""
             undo.callback(_api.delete, self.entity)
             if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before the first peer replies
                 # Permissions concern the name of a topic, and every ROS participant may use this one.
@@ -184,10 +191,15 @@ class CycloneParticipant(DdsParticipant):
                 return _api.check(_api.create_participant(domain_id, qos, None), activity)
         plugins = find_plugins(_library)
         assert isinstance(plugins, dict)
-        with new_qos(_api, user_data, security_properties(security, plugins)) as qos, _security_log.captured() as lines:
+        properties = security_properties(security, plugins)
+        with new_qos(_api, user_data, properties) as qos, _security_log().captured() as lines:
             code: int = _api.create_participant(domain_id, qos, None)
         if code < 0:
             raise creation_error(security, domain_id, f"{_api.strretcode(code).decode()}, {code}", lines)
+        from rosidl_py_gen.runtime.transport.cyclone.governance import Governance
+
+        self._governance = Governance(security.folder, domain_id)
+        self._only_data_reason = self._governance.only_data_reason()
         return code
 
     def _report_soon(self) -> None:
@@ -199,14 +211,14 @@ class CycloneParticipant(DdsParticipant):
         warnings = _fast_dds.new_warnings()
         if self._security is None:
             return warnings
-        if self._only_data_rule and has_secured_fast_dds():
-            rule, self._only_data_rule = self._only_data_rule, ""
-            warnings.append(f"security: a peer on Fast DDS was found, and {only_data_text(rule)}")
-        return [*warnings, *_security_log.new_records()]
+        if self._only_data_reason and has_secured_fast_dds():
+            rule, self._only_data_reason = self._only_data_reason, ""
+            warnings.append(f"security: a peer on Fast DDS was found, and {rule}")
+        return [*warnings, *_security_log().new_records()]
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
-        rule = self._governance and self._governance.only_data_rule(wire_name(service.topic_keys[0]))
-        return only_data_text(rule) if rule else _fast_dds.refusal
+        rule = self._governance and self._governance.only_data_reason(wire_name(service.topic_keys[0]))
+        return rule or _fast_dds.refusal
 
     @property
     def library(self) -> str:
