@@ -63,7 +63,8 @@ def read_environment(
     else:
         domain_id = _check_domain_id("domain_id", domain_id, domain_id)
     distro = environ.get(ENVIRONMENT_VARIABLE, "").strip().lower() if distro is None else distro
-    return DomainSettings(domain_id, discovery_range, peers, environ.get("CYCLONEDDS_URI", ""), tuple(warnings), distro)
+    uri = environ.get("CYCLONEDDS_URI", "")
+    return DomainSettings(domain_id, discovery_range, peers, uri, tuple(warnings), ros_distro=distro)
 
 
 def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:
