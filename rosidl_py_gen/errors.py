@@ -115,6 +115,14 @@ class DefinitionError(RosidlError):
         super().__init__("\n".join(problem.with_caret() for problem in self.diagnostics))
 
 
+class UnknownDistributionError(RosidlError, ValueError):
+    """The definitions of a ROS distribution are not bundled; the text names those that are."""
+
+
+class DistributionWarning(UserWarning):
+    """ROS_DISTRO names a distribution whose definitions are not bundled; those of the default are used."""
+
+
 class TypeNotFoundError(RosidlError, LookupError):
     """A requested interface is neither importable nor on the search path."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from importlib.util import find_spec
@@ -16,8 +17,19 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.base.names import RosName
 
+MSGS_PACKAGE = "rosidl_py_gen.msgs."
+"""Import prefix of the packages that the runtime needs."""
 PREGENERATED_PACKAGE = "rosidl_py_gen.pregenerated."
 """Import prefix of the bundled interfaces, which are generated when a wheel is built; a checkout has none."""
+
+
+ROS_PACKAGE_INDEX = os.path.join("share", "ament_index", "resource_index", "rosidl_interfaces")
+"""Folder below an installation prefix with one file per interface package; wheels of ROS install into it, too."""
+
+
+def has_installed_ros_packages() -> bool:
+    """Return True if the environment has interface packages of ROS, such as the wheels ``ros-jazzy-std-msgs``."""
+    return os.path.isdir(os.path.join(sys.prefix, ROS_PACKAGE_INDEX))
 
 
 def find_installed_class(name: RosName, *roots: str) -> type | None:
@@ -29,7 +41,7 @@ def find_installed_class(name: RosName, *roots: str) -> type | None:
         name: name of the interface.
         roots: import prefixes in order; by default packages of the user, then `rosidl_py_gen.msgs`.
     """
-    for root in roots or ("", "rosidl_py_gen.msgs."):
+    for root in roots or ("", MSGS_PACKAGE):
         # The import hook can add modules to a package; only generated files count here.
         if not (
             _is_generated_package(root + name.package) and _is_generated_package(f"{root}{name.package}.{name.kind}")

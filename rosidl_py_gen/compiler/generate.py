@@ -12,6 +12,7 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
+from rosidl_py_gen.base.distributions import DISTRIBUTIONS
 from rosidl_py_gen.base.generated_files import GENERATED_HEADER
 from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE
 from rosidl_py_gen.base.names import RosName, py_name
@@ -25,6 +26,7 @@ from rosidl_py_gen.compiler.codegen.output_folder import (
     plan_changes,
 )
 from rosidl_py_gen.compiler.codegen.template_model import Target, module_name, module_path
+from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, is_absent
 from rosidl_py_gen.compiler.frontend.model import Interface, MessageDef, messages_of
 from rosidl_py_gen.compiler.frontend.partial_selection import drop_unused_invalid_files, split_valid
 from rosidl_py_gen.compiler.frontend.registry import (
@@ -217,7 +219,10 @@ def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces, and a table of their hashes."""
     search = scan_search_path([interfaces_dir()], ament="", bundled=False)
     result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=_MSGS)
-    table = {"hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES)))}
+    table = {
+        "hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES))),
+        "distribution_hashes.py": _distribution_table(),
+    }
     changes = plan_changes(folder, table, [])
     if not dry:
         apply_changes(folder, table, changes)
@@ -232,6 +237,28 @@ def generate_pregenerated(folder: Path) -> GenerationResult:
         f'{GENERATED_HEADER}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8"
     )
     return result
+
+
+def _distribution_table() -> str:
+    """Return the module with the hashes of types that are not the same in all distributions."""
+    hashes: dict[str, dict[str, list[str]]] = {}
+    for distro in DISTRIBUTIONS:
+        registry, names = load(scan_search_path(ament="", distro=distro), [*bundled_packages(distro)])
+        for top in (name for name in names if not is_absent(name, distro)):
+            for name in registry.closure(str(top)):
+                if name == str(top) or name.startswith(f"{top}_"):
+                    hashes.setdefault(name, {}).setdefault(registry.type_hash(name), []).append(distro)
+    rows = ""
+    for name, found in sorted(hashes.items()):
+        if [*found.values()] != [[*DISTRIBUTIONS]]:
+            texts = "".join(f'        "{text}": "{" ".join(distros)}",\n' for text, distros in found.items())
+            rows += f'    "{name}": {{\n{texts}    }},\n'
+    return f"""{GENERATED_HEADER}. Do not edit.
+\"\"\"RIHS01 hashes and their distributions, oldest first, of the bundled types that not all distributions share.\"\"\"
+
+HASHES = {{
+{rows}}}
+"""
 
 
 def _hash_table(registry: InterfaceRegistry, names: list[RosName]) -> str:

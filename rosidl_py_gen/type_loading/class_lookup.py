@@ -13,9 +13,15 @@ import threading
 from functools import cache
 from itertools import pairwise
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE, find_installed_class
+from rosidl_py_gen.base.distributions import DEFAULT, Selection, selected
+from rosidl_py_gen.base.installed_classes import (
+    MSGS_PACKAGE,
+    PREGENERATED_PACKAGE,
+    find_installed_class,
+    has_installed_ros_packages,
+)
 from rosidl_py_gen.base.names import RosName, split_ros_name
 from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import constants, hashes_of, referenced_classes, type_description, type_hash
@@ -40,38 +46,42 @@ _MAX_LEAVES = 10_000
 _lock = threading.RLock()
 _loaded: dict[str, list[type]] = {}
 """Loaded classes by full name, one for each different definition."""
-_by_name: dict[tuple[str, tuple[str, ...]], type] = {}
-_registries: dict[tuple[str, ...], InterfaceRegistry] = {}
+_by_name: dict[tuple[str, tuple[str, ...], Selection], type] = {}
+_registries: dict[tuple[tuple[str, ...], str, Selection], InterfaceRegistry] = {}
 _compilations = 0
 
 
-def get_message(name: str, *, path: SearchFolders = ()) -> type[Message]:
+def get_message(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Message]:
     """Return the class of a message, such as ``std_msgs/msg/String`` or short ``std_msgs/String``.
 
     This is the generated class if it is importable, else a class of the definition in `path`, AMENT_PREFIX_PATH or the
-    bundled interfaces. Messages of services and actions have names such as ``std_srvs/srv/SetBool_Request``. The result
-    is cached: later changes of definitions and of importable packages have no effect.
+    bundled interfaces of the distribution that ROS_DISTRO names. Messages of services and actions have names such as
+    ``std_srvs/srv/SetBool_Request``. The result is cached: later changes of definitions and of importable packages have
+    no effect.
 
     Args:
         name: name of the message.
         path: package folders, folders of packages, or ``src`` of workspaces.
+        distro: ``humble``, ``jazzy``, ``kilted`` or ``lyrical``: the class of the definition in `path`, else of this
+            distribution, also if another one is importable.
 
     Raises:
         InvalidNameError: the name is invalid.
         TypeNotFoundError: there is no such message.
         DefinitionError: its definition has problems.
+        UnknownDistributionError: `distro` has another value.
     """
-    return _get(name, "msg", Message, path)
+    return _get(name, "msg", Message, path, distro)
 
 
-def get_service(name: str, *, path: SearchFolders = ()) -> type[Service[Any, Any]]:
+def get_service(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Service[Any, Any]]:
     """Return the class of a service, such as ``std_srvs/srv/SetBool``; see `get_message`."""
-    return _get(name, "srv", Service, path)
+    return _get(name, "srv", Service, path, distro)
 
 
-def get_action(name: str, *, path: SearchFolders = ()) -> type[Action[Any, Any, Any]]:
+def get_action(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Action[Any, Any, Any]]:
     """Return the class of an action, such as ``example_interfaces/action/Fibonacci``; see `get_message`."""
-    return _get(name, "action", Action, path)
+    return _get(name, "action", Action, path, distro)
 
 
 def compile_definition(name: str, text: str) -> type[Any]:
@@ -170,7 +180,7 @@ def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
 
 
 def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> type[Any] | None:
-    """Return a loaded class of a name, or a class of the search path; None if no class fits.
+    """Return a loaded class of a name, or a class of the search path or of any distribution; None if no class fits.
 
     Args:
         name: full name.
@@ -197,7 +207,46 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
                 continue
             if fits(hashes_of(cls)):
                 return cls
+        for definition in distribution_definitions(name):
+            cls = definition.load()
+            if fits(hashes_of(cls)):
+                return cls
     return None
+
+
+class DistributionDefinition(NamedTuple):
+    """A definition of a type that not all distributions share.
+
+    Attributes:
+        type_name: full name of the type.
+        type_hash: its RIHS01 hash.
+        distributions: the distributions with this definition, oldest first.
+    """
+
+    type_name: str
+    type_hash: str
+    distributions: tuple[str, ...]
+
+    def load(self) -> type[Any]:
+        """Return the class of the definition; it is compiled on first use. Thread: any."""
+        return _get(self.type_name, "", object, (), self.distributions[-1])
+
+
+def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
+    """Return the different definitions that the bundled distributions have of a type.
+
+    The lookup is in a generated table; nothing is compiled. Constants and default values are not compared.
+
+    Args:
+        name: full name of a message, service or action, which may be derived (``pkg/srv/X_Request``).
+
+    Returns:
+        A definition for each hash; empty for a type that is the same in all distributions, or in none.
+    """
+    from rosidl_py_gen.msgs.distribution_hashes import HASHES
+
+    rows = HASHES.get(name, {})
+    return tuple(DistributionDefinition(name, text, tuple(distros.split())) for text, distros in rows.items())
 
 
 def definition_origin(cls: type[Any], *, path: SearchFolders = ()) -> str:
@@ -211,6 +260,9 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = ()) -> str:
         registry = _registry(tuple(str(entry) for entry in folders))
         package = registry.search.packages.get(name.package)
         if package is None or package.origin == "bundled":
+            for one in distribution_definitions(str(name)):
+                if one.type_hash == type_hash(cls) and DEFAULT not in one.distributions:
+                    return f"bundled ({', '.join(one.distributions)})"
             return "bundled" if package else "another text of this process"
         file = package.files.get(registry.owner(name) or name)
     return display_path(file or package.folder)
@@ -236,18 +288,19 @@ def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: Searc
 # --- by name ----------------------------------------------------------------------------------------------------------
 
 
-def _get(text: str, kind: str, base: type[T], path: SearchFolders) -> type[T]:
+def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str | None = None) -> type[T]:
     if not isinstance(text, str):
         raise InvalidNameError(f"expected the name of an interface, found {type(text).__name__}")
     entries = tuple(str(entry) for entry in ([path] if isinstance(path, (str, os.PathLike)) else path))
     name = split_ros_name(text, kind)
     full_name = str(name)
+    choice = selected(distro)
     with _lock:
-        cls: type | None = _by_name.get((full_name, entries))
+        cls: type | None = _by_name.get((full_name, entries, choice))
         if cls is None:
-            cls = None if entries else find_installed_class(name)
-            cls = cls or _pregenerated_class(name, entries) or _from_definitions(name, entries)
-            _by_name[full_name, entries] = cls
+            cls = _installed_class(name, entries, choice)
+            cls = cls or _pregenerated_class(name, entries, choice) or _from_definitions(name, entries, choice)
+            _by_name[full_name, entries, choice] = cls
     if not issubclass(cls, base):
         kinds = {Message: "a message", Service: "a service", Action: "an action"}
         found = next(words for one, words in kinds.items() if issubclass(cls, one))
@@ -255,14 +308,37 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders) -> type[T]:
     return cls
 
 
-def _pregenerated_class(name: RosName, path: tuple[str, ...]) -> type | None:
+def _installed_class(name: RosName, path: tuple[str, ...], choice: Selection) -> type | None:
+    """Return the importable generated class; of `rosidl_py_gen.msgs` only one with the distribution's definition."""
+    if path or choice.is_explicit:
+        return None
+    cls = find_installed_class(name)
+    is_own = cls is not None and cls.__module__.startswith(MSGS_PACKAGE)
+    return cls if cls is None or not is_own or _has_definition_of(cls, choice.name) else None
+
+
+def _has_definition_of(cls: type[Any], distro: str) -> bool:
+    """Return True if a class of the default distribution has the same definition in another one."""
+    if distro == DEFAULT:
+        return True
+    from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces
+
+    used = map(split_ros_name, (cls._TYPE.name, *referenced_classes(cls)))
+    changed = changed_interfaces(distro)
+    return all(one._replace(name=one.name.partition("_")[0]) not in changed for one in used)
+
+
+def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Selection) -> type | None:
     """Return the pregenerated class of a bundled definition in a wheel: 10 ms, while a compilation takes 80 ms.
 
-    None if another definition precedes the bundled one, or if a type that it refers to has another class.
+    None if another definition precedes the bundled one, if the distribution has another definition, or if a type that
+    it refers to has another class.
     """
-    if path or os.environ.get("AMENT_PREFIX_PATH"):
+    if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or has_installed_ros_packages())):
         return None
     cls = find_installed_class(name, PREGENERATED_PACKAGE)
+    if cls is not None and not _has_definition_of(cls, choice.name):
+        return None
     parts = referenced_classes(cls) if cls is not None else {}
     for full_name, part in parts.items():
         in_use = _loaded.get(full_name) or [find_installed_class(split_ros_name(full_name)) or part]
@@ -275,14 +351,14 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...]) -> type | None:
     return cls
 
 
-def _registry(path: tuple[str, ...]) -> InterfaceRegistry:
+def _registry(path: tuple[str, ...], distro: str | None = None) -> InterfaceRegistry:
     """Return the cached registry of a search path; files that change later are not read again."""
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
-    key = (*path, os.environ.get("AMENT_PREFIX_PATH", ""))
+    key = (path, os.environ.get("AMENT_PREFIX_PATH", ""), selected(distro))
     if key not in _registries:
-        _registries[key] = InterfaceRegistry(scan_search_path(path))
+        _registries[key] = InterfaceRegistry(scan_search_path(path, distro=distro))
     return _registries[key]
 
 
@@ -302,11 +378,15 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
         return registry
 
 
-def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
+def _from_definitions(name: RosName, path: tuple[str, ...], choice: Selection) -> type:
     from rosidl_py_gen.compiler.frontend.registry import read_checked
 
-    registry = _registry(path)
-    if path and registry.owner(name) is None and (cls := find_installed_class(name)) is not None:
+    registry = _registry(path, choice.name if choice.is_explicit else None)
+    if choice.is_explicit:
+        may_be_installed = name.package not in registry.search.packages
+    else:
+        may_be_installed = bool(path) and registry.owner(name) is None
+    if may_be_installed and (cls := find_installed_class(name)) is not None:
         return cls
     try:
         read_checked(registry, name)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.names import KINDS, did_you_mean
+from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS
 from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces, package_name
 from rosidl_py_gen.errors import DefinitionError, display_path
@@ -40,6 +41,8 @@ def missing_package(search: SearchPath, package: str, subject: str, type_name: s
         type_name: full name of the interface that was requested; empty for the whole package.
     """
     where = f"(searched: {', '.join(search.searched) or 'nothing'})"
+    if note := other_distributions_note(package):
+        return f"{subject}{note} {where}"
     searched = [Path(entry) for entry in search.searched if os.path.isdir(entry)]
     here = Path()
     for root in (*searched, *(root / "share" / package for root in searched), here):
@@ -67,7 +70,8 @@ def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:
     if package is None and name.package not in search.refused:
         return missing_package(search, name.package, f'no package "{name.package}" for {name}', str(name))
     known = [str(other) for one in search.packages.values() for other in one.files]
-    hint = (package.not_in_cmake_note(name) if package else "") or did_you_mean(str(name), known)
+    hint = (package.not_in_cmake_note(name) if package else "") or other_distributions_note(name.package, name)
+    hint = hint or did_you_mean(str(name), known)
     return f"{subject}{hint} (searched: {', '.join(search.searched) or 'nothing'})"
 
 

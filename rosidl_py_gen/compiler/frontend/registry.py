@@ -22,6 +22,7 @@ from rosidl_py_gen.base.descriptions import (
     service_rows,
 )
 from rosidl_py_gen.base.names import INTERFACE_RULE, KINDS, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.derived_interfaces import IMPLIED
 from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.missing import missing_interface, missing_package
@@ -322,7 +323,8 @@ def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: Fiel
         text = missing_package(registry.search, name.package, subject, str(name)) if is_first else subject
         registry.diagnostics.add(at, text)
     elif package is not None:
-        hint = package.not_in_cmake_note(name) or _other_type(registry, message.name, name)
+        hint = package.not_in_cmake_note(name) or other_distributions_note(name.package, name)
+        hint = hint or _other_type(registry, message.name, name)
         registry.diagnostics.add(at, f'unknown type "{short}"{hint}')
 
 

@@ -1,7 +1,8 @@
 """Search for interface packages and their files.
 
 Of packages with one name, the first is used: from the folders of the caller, the prefixes of AMENT_PREFIX_PATH, wheels
-of message packages, and the bundled interfaces.
+of message packages, and the bundled interfaces of a distribution. Those of a distribution that was selected explicitly
+follow the folders of the caller.
 
 The search reads only directory entries and names in package.xml; interface files and CMakeLists.txt are opened later. A
 folder msg, srv or action without interface files is not a package: Python packages and C++ headers have such folders.
@@ -12,14 +13,18 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.distributions import DEFAULT, selected
+from rosidl_py_gen.base.installed_classes import ROS_PACKAGE_INDEX, has_installed_ros_packages
 from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, is_package_name
-from rosidl_py_gen.base.resources import ENTRY_POINTS, interfaces_dir
+from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS, mentions_interfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
@@ -32,6 +37,8 @@ _NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
 INSTALLED = "installed"
 """The origin of packages that pip installed."""
+BUNDLED = "bundled"
+"""The origin of the bundled packages."""
 MAX_DEPTH = 12
 _MAX_XML_BYTES = 1 << 20
 
@@ -51,6 +58,8 @@ class Package:
     folder: Path
     origin: str
     from_source: bool = False
+    known_files: dict[RosName, Path] | None = None
+    """The interface files, if they are in several folders; None for those of `folder`."""
 
     @cached_property
     def listing(self) -> CMakeInterfaceList | None:
@@ -65,11 +74,13 @@ class Package:
     @cached_property
     def files(self) -> dict[RosName, Path]:
         """The interface files in name order."""
+        if self.known_files is not None:
+            return self.known_files
         return self._in_folders() if self.listing is None else self.listing.files
 
     def not_in_cmake_note(self, name: RosName) -> str:
         """Return a note about an interface whose file exists, but is not in CMakeLists.txt; else an empty text."""
-        file = None if name in self.files else self._in_folders().get(name)
+        file = None if self.listing is None or name in self.files else self._in_folders().get(name)
         return f"; {name.kind}/{file.name} is there, but CMakeLists.txt does not list it" if file else ""
 
     def _in_folders(self) -> dict[RosName, Path]:
@@ -107,7 +118,10 @@ class SearchPath:
 
 
 def scan_search_path(
-    folders: Sequence[str | os.PathLike[str]] = (), ament: str | None = None, bundled: bool = True
+    folders: Sequence[str | os.PathLike[str]] = (),
+    ament: str | None = None,
+    bundled: bool = True,
+    distro: str | None = None,
 ) -> SearchPath:
     """Search folders, ament prefixes, installed wheels and the bundled interfaces.
 
@@ -115,23 +129,29 @@ def scan_search_path(
         folders: folders of packages, of one package, or ``src`` of colcon workspaces.
         ament: prefixes joined by the path separator; None reads AMENT_PREFIX_PATH.
         bundled: search installed wheels and the bundled interfaces, too.
+        distro: distribution of the bundled interfaces, which then precede ament prefixes and wheels; None for that of
+            the command or of ROS_DISTRO.
 
     Raises:
         DefinitionError: a folder does not exist, cannot be read, or contains no package or two of one name.
+        UnknownDistributionError: the definitions of `distro` are not bundled.
     """
     found = SearchPath({})
     for folder in folders:
         _add(found, str(folder), _packages_below(Path(folder), found.refused))
+    choice = selected(distro) if bundled else None
+    if choice is not None and choice.is_explicit:
+        _add_bundled(found, choice.name)
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
     for prefix in filter(None, prefixes.split(os.pathsep)):
         share = Path(prefix) / "share"
         holders = (Path(entry.path) for entry in _entries(share) if holds_interfaces(Path(entry.path)))
         _add(found, prefix, (Package(path.name, path, prefix) for path in holders if is_package_name(path.name)))
-    if bundled:
+    if choice is not None:
         if installed := [*_installed()]:
             _add(found, INSTALLED, installed)
-        holders = (Path(entry.path) for entry in _entries(interfaces_dir()))
-        _add(found, "bundled", (Package(path.name, path, "bundled") for path in holders if holds_interfaces(path)))
+        if not choice.is_explicit:
+            _add_bundled(found, choice.name)
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
 
 
@@ -146,7 +166,30 @@ def preload() -> None:
     from importlib import metadata  # noqa: F401
 
 
+def _add_bundled(found: SearchPath, distro: str) -> None:
+    packages = (
+        Package(name, one.folder, BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
+    )
+    _add(found, BUNDLED if distro == DEFAULT else f"{BUNDLED} ({distro})", packages)
+
+
 def _installed() -> Iterator[Package]:
+    """Yield the packages of wheels: those of this tool, then those of ROS, which install into ``share`` of the prefix.
+
+    Only packages of the ament index are read: ``share`` of a system has thousands of other folders, and ROS 1 packages.
+    """
+    names: set[str] = set()
+    for package in _installed_by_entry_points():
+        names.add(package.name)
+        yield package
+    if has_installed_ros_packages():
+        for entry in _entries(Path(sys.prefix, ROS_PACKAGE_INDEX)):
+            folder = Path(sys.prefix, "share", entry.name)
+            if entry.name not in names and is_package_name(entry.name) and holds_interfaces(folder):
+                yield Package(entry.name, folder, INSTALLED)
+
+
+def _installed_by_entry_points() -> Iterator[Package]:
     from importlib.metadata import entry_points  # slow to import
 
     for name, module in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):

@@ -1,0 +1,103 @@
+"""ROS 2 distributions whose definitions are bundled, and the one that this process uses.
+
+A distribution is selected for a call (``distro=``), for a command (``--distro``), or for a process (ROS_DISTRO). The
+first two are explicit: definitions of that distribution precede those of AMENT_PREFIX_PATH and of installed wheels.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NamedTuple
+
+from rosidl_py_gen.errors import DistributionWarning, UnknownDistributionError, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DISTRIBUTIONS = ("humble", "jazzy", "kilted", "lyrical")
+"""Names of the distributions, oldest first."""
+DEFAULT = "jazzy"
+"""Distribution without a selection; its definitions are stored in full, those of others as differences."""
+ENVIRONMENT_VARIABLE = "ROS_DISTRO"
+_BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
+"""For each other distribution, the one that its stored differences are relative to."""
+_SAME_AS = {"rolling": "lyrical"}
+_command_selection: str | None = None
+_reported: set[str] = set()
+
+
+class Selection(NamedTuple):
+    """A selected distribution; `is_explicit` is False if it is the default or that of ROS_DISTRO."""
+
+    name: str
+    is_explicit: bool
+
+
+def checked_distribution(name: str) -> str:
+    """Return the name of a distribution in lower case; ``rolling`` is read as the newest one.
+
+    Raises:
+        UnknownDistributionError: its definitions are not bundled.
+    """
+    found = _find(name) if isinstance(name, str) else None
+    if found is None:
+        text = f"no definitions of the ROS distribution {printable(repr(name), 60)}; expected {_expected()}"
+        raise UnknownDistributionError(text)
+    return found
+
+
+def selected(distro: str | None = None) -> Selection:
+    """Return the distribution of a call: `distro`, else that of the command, of ROS_DISTRO, or the default.
+
+    Raises:
+        UnknownDistributionError: the definitions of `distro` are not bundled; ROS_DISTRO causes only a warning.
+    """
+    if distro is not None:
+        return Selection(checked_distribution(distro), True)
+    if _command_selection is not None:
+        return Selection(_command_selection, True)
+    name = os.environ.get(ENVIRONMENT_VARIABLE, "")
+    found = _find(name) if name else DEFAULT
+    if found is None:
+        if name not in _reported:
+            _reported.add(name)
+            text = f"{ENVIRONMENT_VARIABLE}: no definitions of {printable(repr(name), 60)}; using those of {DEFAULT}"
+            warnings.warn(DistributionWarning(f"{text}. Known: {_expected()}"), stacklevel=3)
+        found = DEFAULT
+    return Selection(found, False)
+
+
+@contextmanager
+def distribution_of_command(distro: str) -> Iterator[None]:
+    """Select a distribution explicitly for all calls without ``distro=`` inside the block.
+
+    Raises:
+        UnknownDistributionError: its definitions are not bundled.
+    """
+    global _command_selection
+    before, _command_selection = _command_selection, checked_distribution(distro)
+    try:
+        yield
+    finally:
+        _command_selection = before
+
+
+def layers(distro: str) -> list[str]:
+    """Return the distributions whose stored differences lead from the default to a distribution, in order."""
+    found: list[str] = []
+    while distro != DEFAULT:
+        found.insert(0, distro)
+        distro = _BASES[distro]
+    return found
+
+
+def _find(name: str) -> str | None:
+    lower = name.strip().lower()
+    lower = _SAME_AS.get(lower, lower)
+    return lower if lower in DISTRIBUTIONS else None
+
+
+def _expected() -> str:
+    return ", ".join((*DISTRIBUTIONS, *_SAME_AS))

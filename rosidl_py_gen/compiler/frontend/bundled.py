@@ -1,0 +1,118 @@
+"""Bundled interface packages of a ROS distribution.
+
+`interfaces/` has the definitions of the default distribution; `interfaces/distributions/<name>` has the files of
+another one that differ or are new, and ``absent.txt``, which names packages and interfaces that it lacks.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, layers
+from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.frontend.derived_interfaces import IMPLIED
+
+_NEEDED = frozenset(package for packages in IMPLIED.values() for package in packages)
+"""Packages that services and actions need in any distribution: classes of events refer to `service_msgs`."""
+
+
+class BundledFiles(NamedTuple):
+    """Files of a bundled package: its folder, and its interfaces if they are not just those of the folder."""
+
+    folder: Path
+    files: dict[RosName, Path] | None
+
+
+class _Difference(NamedTuple):
+    """Stored difference of a distribution to its base."""
+
+    files: dict[RosName, Path]
+    folders: dict[str, Path]
+    absent: frozenset[str]
+
+
+def bundled_packages(distro: str) -> dict[str, BundledFiles]:
+    """Return the packages of a distribution by name.
+
+    Packages that every service or action refers to are included if the distribution lacks them; see `is_absent`.
+    """
+    top = interfaces_dir()
+    packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}
+    for layer in layers(distro):
+        difference = _difference(layer)
+        absent_names = difference.absent
+        for name in absent_names - _NEEDED:
+            packages.pop(name, None)
+        changed = {name.package for name in difference.files} | {name.partition("/")[0] for name in absent_names}
+        for package in sorted(changed):
+            old = packages.get(package)
+            if old is None and package not in difference.folders:
+                continue
+            folder = old.folder if old else difference.folders[package]
+            files = dict((old.files or files_below(package, old.folder)) if old else {})
+            files.update({name: path for name, path in difference.files.items() if name.package == package})
+            files = {name: path for name, path in files.items() if str(name) not in absent_names}
+            packages[package] = BundledFiles(folder, dict(sorted(files.items())))
+    return packages
+
+
+def is_absent(name: RosName, distro: str) -> bool:
+    """Return True for an interface of `bundled_packages` that is no part of the distribution."""
+    return any(name.package in _difference(layer).absent for layer in layers(distro))
+
+
+@cache
+def changed_interfaces(distro: str) -> frozenset[RosName]:
+    """Return the interfaces whose definition is not that of the default distribution, and those of one of both only."""
+    if distro == DEFAULT:
+        return frozenset()
+    own, default = _paths(distro), _paths(DEFAULT)
+    return frozenset(name for name in own.keys() | default.keys() if own.get(name) != default.get(name))
+
+
+def other_distributions_note(package: str, name: RosName | None = None) -> str:
+    """Return a note about the distributions that have a package, or an interface of it; empty if none has it."""
+    having = [
+        distro
+        for distro in DISTRIBUTIONS
+        if (name in _paths(distro) if name else any(one.package == package for one in _paths(distro)))
+    ]
+    if not having:
+        return ""
+    *others, last = having
+    names = f"{', '.join(others)} and {last}" if others else last
+    return f"; it is part of {names} only: select that with --distro, distro= or ROS_DISTRO"
+
+
+@cache
+def _paths(distro: str) -> dict[RosName, Path]:
+    found: dict[RosName, Path] = {}
+    for package, (folder, files) in bundled_packages(distro).items():
+        found.update(files_below(package, folder) if files is None else files)
+    return {name: path for name, path in found.items() if not is_absent(name, distro)}
+
+
+def files_below(package: str, folder: Path) -> dict[RosName, Path]:
+    """Return the .msg, .srv and .action files of a package's folder."""
+    return {
+        RosName(package, kind, path.stem): path for kind in KINDS for path in sorted((folder / kind).glob(f"*.{kind}"))
+    }
+
+
+@cache
+def _difference(distro: str) -> _Difference:
+    top = interfaces_dir() / "distributions" / distro
+    folders = {name: top / name for name in _package_folders(top)}
+    files: dict[RosName, Path] = {}
+    for package, folder in folders.items():
+        files.update(files_below(package, folder))
+    lines = (top / "absent.txt").read_text(encoding="utf-8").split()
+    return _Difference(files, folders, frozenset(str(split_ros_name(one)) if "/" in one else one for one in lines))
+
+
+def _package_folders(top: Path) -> list[str]:
+    return sorted(entry.name for entry in os.scandir(top) if entry.is_dir() and entry.name != "distributions")
