@@ -24,6 +24,8 @@ ENVIRONMENT_VARIABLE = "ROS_DISTRO"
 _BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
 """For each other distribution, the one that its stored differences are relative to."""
 _SAME_AS = {"rolling": "lyrical"}
+NAMES = (*DISTRIBUTIONS, *_SAME_AS)
+"""Names that select a distribution."""
 _command_selection: str | None = None
 _reported: set[str] = set()
 
@@ -100,4 +102,4 @@ def _find(name: str) -> str | None:
 
 
 def _expected() -> str:
-    return ", ".join((*DISTRIBUTIONS, *_SAME_AS))
+    return ", ".join(NAMES)

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -28,10 +28,12 @@ from rosidl_py_gen.generator_cli.diagnostics_output import (
     print_problems,
     rows,
 )
+from rosidl_py_gen.generator_cli.distro_option import DISTRIBUTION, distro
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
+_F = TypeVar("_F", bound=Callable[..., Any])
 _Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 
@@ -56,6 +58,7 @@ _PATH = click.option(
     help="Folder of a package, of packages, or src of a workspace. May be repeated. "
     "Searched before those of pyproject.toml, AMENT_PREFIX_PATH and the bundled interfaces.",
 )
+
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 _FILTER = partial(
     click.option,
@@ -72,6 +75,11 @@ _OUT = partial(
     show_default=True,
     shell_complete=_completion("complete_directories"),
 )
+
+
+def _paths(command: _F) -> _F:
+    """Add ``--path`` and ``--distro``."""
+    return _PATH(distro(command))  # type: ignore[no-any-return]
 
 
 def _run(module: str, **arguments: Any) -> None:
@@ -94,7 +102,7 @@ class _Group(click.Group):
 
 @click.group(cls=_Group, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="rosidl-py-gen")
-@_PATH
+@_paths
 @_FILTER(
     envvar="IDL_PACKAGE_FILTER",
     help="Packages, or interfaces as package/msg/Name, separated by : or ;. Dependencies are added. "
@@ -177,7 +185,7 @@ def _is_typed(context: click.Context, name: str) -> bool:
 
 @_cli.command()
 @click.argument("names", nargs=-1, shell_complete=_completion("complete_packages_and_interfaces"))
-@_PATH
+@_paths
 @_JSON
 def check(**arguments: Any) -> None:
     """Read definitions and report their problems.
@@ -191,7 +199,7 @@ def check(**arguments: Any) -> None:
 
 @_cli.command()
 @click.argument("name", shell_complete=_completion("complete_interfaces"))
-@_PATH
+@_paths
 @click.option("--full", is_flag=True, help="Print the text for bags: the definition and all that it uses.")
 @_JSON
 def interface(**arguments: Any) -> None:
@@ -203,9 +211,16 @@ def interface(**arguments: Any) -> None:
 
 
 @_cli.command()
-@click.argument("old", shell_complete=_completion("complete_files"))
-@click.argument("new", shell_complete=_completion("complete_files"))
+@click.argument("sources", nargs=-1, metavar="[OLD] [NEW]", shell_complete=_completion("complete_files"))
 @_PATH
+@click.option(
+    "--distro",
+    "distros",
+    multiple=True,
+    metavar="NAME",
+    type=DISTRIBUTION,
+    help="ROS 2 distribution: twice in the place of OLD and NEW, or once in that of OLD.",
+)
 @_FILTER(help="Packages or interfaces to compare, separated by : or ;.")
 @click.option(
     "--fail-on",
@@ -228,21 +243,25 @@ def diff(**arguments: Any) -> None:
     """Compare definitions: additions, removals and changes, and whether old data can be read.
 
     OLD and NEW are each a folder of packages, a git revision (main, or v1.2:src/my_msgs), a bag, or a running node by
-    its full name (/robot). The prefixes folder:, git:, bag: and node: state the kind. Exits with 1 on a breaking
-    change.
+    its full name (/robot). The prefixes folder:, git:, bag:, node: and distro: state the kind. Exits with 1 on a
+    breaking change.
 
     
     rosidl-py-gen diff main .
     rosidl-py-gen diff v1.2:src/my_msgs HEAD:src/my_msgs --json
     rosidl-py-gen diff drive.mcap ~/robot_ws/src --fail-on data
     rosidl-py-gen diff /robot ~/robot_ws/src --fail-on hash
+    rosidl-py-gen diff --distro humble --distro lyrical
     """
-    _run("diff", **arguments)
+    sources = (*(f"distro:{name.lower()}" for name in arguments.pop("distros")), *arguments.pop("sources"))
+    if len(sources) != 2:
+        raise click.UsageError(f"expected OLD and NEW, each a source or --distro NAME; found {len(sources)}")
+    _run("diff", old=sources[0], new=sources[1], **arguments)
 
 
 @_cli.command()
 @click.argument("names", nargs=-1, shell_complete=_completion("complete_packages"))
-@_PATH
+@_paths
 @_OUT(default="dist", help="Folder that receives the wheels.")
 @click.option("--no-dependencies", is_flag=True, help="Make no wheels of packages that NAMES depend on.")
 @_JSON

@@ -1,8 +1,8 @@
-"""Sources of definitions for `diff`: a folder, a git revision, a bag, or a running node.
+"""Sources of definitions for `diff`: a folder, a git revision, a bag, a running node, or a ROS 2 distribution.
 
-The kind of a source is stated by the prefix `folder:`, `git:`, `bag:` or `node:`. Without one, a source is an existing
-file or folder, else a node if it starts with ``/``, else a revision. Folders and revisions are complete: a type that
-they lack does not exist. Bags and nodes have only some definitions.
+The kind of a source is stated by the prefix `folder:`, `git:`, `bag:`, `node:` or `distro:`. Without one, a source is
+an existing file or folder, else a node if it starts with ``/``, else a revision. Folders, revisions and distributions
+are complete: a type that they lack does not exist. Bags and nodes have only some definitions.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.compiler.compatibility.definition_set import (
     DefinitionSet,
@@ -20,8 +21,9 @@ from rosidl_py_gen.compiler.compatibility.definition_set import (
     collect_with_dependencies,
     merge,
 )
+from rosidl_py_gen.compiler.frontend.bundled import is_absent
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import BUNDLED, scan_search_path
 from rosidl_py_gen.compiler.generate import load, notes_of
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, RosidlError, TypeNotFoundError, display_path
 from rosidl_py_gen.generator_cli import git_revision
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
-KINDS = ("folder", "git", "bag", "node")
+KINDS = ("folder", "git", "bag", "node", "distro")
 _BAG_FILES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _METADATA = "metadata.yaml"
 
@@ -49,7 +51,7 @@ class DiffSource(NamedTuple):
     @property
     def is_whole(self) -> bool:
         """True if a type that the source lacks does not exist."""
-        return self.kind in ("folder", "git")
+        return self.kind in ("folder", "git", "distro")
 
 
 @dataclass(slots=True)
@@ -134,6 +136,8 @@ def load_sources(
                     return _from_revision(*revision, paths)
                 case "bag":
                     return _from_bag(source.text, paths)
+                case "distro":
+                    return _from_distribution(source.text)
                 case _:
                     from rosidl_py_gen.generator_cli.node_definitions import types_of_node
 
@@ -149,6 +153,13 @@ def _from_folder(folder: str, paths: Sequence[str]) -> LoadedDefinitions:
     registry, names = load(search, own) if own else (InterfaceRegistry(search), [])
     names = [name for name in names if name.package in own]
     return LoadedDefinitions(collect(registry, names), search, [*map(str, notes_of(search, names))])
+
+
+def _from_distribution(distro: str) -> LoadedDefinitions:
+    search = scan_search_path(ament="", distro=distro)
+    registry, names = load(search, [name for name, one in search.packages.items() if one.origin == BUNDLED])
+    names = [name for name in names if not is_absent(name, selected(distro).name)]
+    return LoadedDefinitions(collect(registry, names), search)
 
 
 def _from_revision(folder: Path | None, display: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar
 
 import click
 
+from rosidl_py_gen.generator_cli.distro_option import distro
+
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
@@ -45,7 +47,7 @@ def _with_project_path(ctx: click.Context, param: click.Parameter, value: tuple[
 
 show_types = click.option("-t", "--show-types", is_flag=True, help="Show the types.")
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
-paths = click.option(
+_path = click.option(
     "--path",
     "paths",
     multiple=True,
@@ -55,6 +57,11 @@ paths = click.option(
     help="Folder with interface packages; searched before the folders of pyproject.toml and AMENT_PREFIX_PATH, and the "
     "bundled packages. May be repeated.",
 )
+
+
+def paths(command: F) -> F:
+    """Add ``--path`` and ``--distro``, which select definitions."""
+    return _path(distro(command))  # type: ignore[no-any-return]
 
 
 def seconds(*names: str, maximum: float | None = None, **settings: Any) -> Callable[[F], F]:

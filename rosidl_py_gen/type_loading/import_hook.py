@@ -20,6 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
+from rosidl_py_gen.base.distributions import Selection, selected
 from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.names import KINDS, RosName
 from rosidl_py_gen.base.registration import Registration
@@ -74,6 +75,7 @@ def install_import_hook(
     path: SearchFolders = (),
     workspace_of: str | os.PathLike[str] | None = None,
     override_installed: bool = False,
+    distro: str | None = None,
 ) -> Registration:
     """Make ``import x_msgs.msg`` work in this process for every package with definitions.
 
@@ -91,6 +93,8 @@ def install_import_hook(
             and of `path` become importable, too.
         override_installed: also replace importable packages, such as those of a sourced ROS installation. By default
             they are used; either way, a warning is issued.
+        distro: ``humble``, ``jazzy``, ``kilted`` or ``lyrical``: definitions of this distribution follow those of
+            `path` and of the workspace. By default those of ROS_DISTRO, or of Jazzy, are the last.
 
     Returns:
         A registration. Its `close`, or the end of a ``with`` block, removes the hook and its modules.
@@ -99,6 +103,7 @@ def install_import_hook(
         DefinitionError: a folder of `path` contains no package or two of one name, or `workspace_of` does not exist, or
             one of them is not a path.
         RuntimeError: a hook with other settings is installed; with the same settings, that hook is returned.
+        UnknownDistributionError: `distro` has another value.
         ValueError: `message_api` has another value.
     """
     global _installed
@@ -113,6 +118,7 @@ def install_import_hook(
         folders,
         None if workspace_of is None else _path_text("workspace_of", workspace_of),
         override_installed,
+        selected(distro),
     )
     with _lock:
         if _installed is None:
@@ -188,13 +194,18 @@ class _Finder(MetaPathFinder, Loader):
     """A finder and loader of `sys.meta_path`."""
 
     def __init__(
-        self, message_api: str, path: Sequence[str], workspace_of: str | None, override_installed: bool
+        self,
+        message_api: str,
+        path: Sequence[str],
+        workspace_of: str | None,
+        override_installed: bool,
+        choice: Selection,
     ) -> None:
         from rosidl_py_gen.compiler.frontend.search_path import holds_packages, scan_search_path
         from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
 
-        self.settings = (message_api, tuple(path), workspace_of, override_installed)
+        self.settings = (message_api, tuple(path), workspace_of, override_installed, choice)
         self._is_rclpy, self._override = message_api == "rclpy", override_installed
         workspaces = [Workspace(Path(entry).resolve()) for entry in path]
         folders = [
@@ -213,7 +224,8 @@ class _Finder(MetaPathFinder, Loader):
         self._fallback = _FallbackFinder(workspaces)
         self.last = [self._fallback] if workspaces else []
         self._compat = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
-        self._interfaces: Interfaces = Interfaces(scan_search_path(folders), folders)
+        distro = choice.name if choice.is_explicit else None
+        self._interfaces: Interfaces = Interfaces(scan_search_path(folders, distro=distro), folders, distro)
         self._other_origins: dict[str, str] = {}
         self._search_state = threading.local()
 
@@ -245,8 +257,13 @@ class _Finder(MetaPathFinder, Loader):
     def found(self) -> dict[str, FoundPackage]:
         found = {name: FoundPackage(name, folder, ()) for name, folder in self._fallback.packages.items()}
         for name, package in self._interfaces.search.packages.items():
-            files = (os.path.relpath(file, package.folder).replace(os.sep, "/") for file in package.files.values())
-            found[name] = FoundPackage(name, package.folder, tuple(sorted(files)))
+            folder = package.folder
+            if package.known_files is not None:  # of a distribution, in several folders
+                from rosidl_py_gen.type_loading.share_folder import share_folder
+
+                folder = share_folder(name, folder, package.known_files)
+            files = (f"{interface.kind}/{file.name}" for interface, file in package.files.items())
+            found[name] = FoundPackage(name, folder, tuple(sorted(files)))
         return dict(sorted(found.items()))
 
     def _compat_package(self, name: str) -> ModuleSpec | None:

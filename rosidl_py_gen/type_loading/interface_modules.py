@@ -37,11 +37,12 @@ _GET: dict[str, Callable[..., type]] = {"msg": get_message, "srv": get_service, 
 
 
 class Interfaces:
-    """Interfaces of a search path and their modules."""
+    """Interfaces of a search path and their modules; `distro` is the explicitly selected distribution, or None."""
 
-    def __init__(self, search: SearchPath, folders: Sequence[str]) -> None:
+    def __init__(self, search: SearchPath, folders: Sequence[str], distro: str | None = None) -> None:
         self.search = search
         self._folders = folders
+        self._distro = distro
         self._lock = threading.RLock()
         self._digests: dict[str, str] = {}
         self._registry: InterfaceRegistry | None = None
@@ -80,7 +81,7 @@ class Interfaces:
             return
         for part in _SUFFIXES[name.kind]:
             get = get_service if part in _SERVICES_OF_ACTIONS else get_message if part else _GET[name.kind]
-            module.__dict__[py_name(name.name + part)] = get(f"{name}{part}", path=self._folders)
+            module.__dict__[py_name(name.name + part)] = get(f"{name}{part}", path=self._folders, distro=self._distro)
         module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 
     def code(self, name: RosName) -> tuple[code_cache.Parts, CodeType]:

@@ -15,13 +15,14 @@ import posixpath
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, takewhile
 from pathlib import Path
 
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.type_loading.cache_files import cache_home
@@ -87,20 +88,24 @@ def cmake_installs(folder: Path) -> list[Install]:
     return found
 
 
-def share_folder(name: str, folder: Path) -> Path:
+def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | None = None) -> Path:
     """Return the share folder of a source package: `folder` itself, or one of links.
 
     Args:
         name: name of the package.
         folder: its source folder.
+        interfaces: its interface files, if some are in other folders.
     """
     tree: _Tree = {entry: folder / entry for entry in _names(folder)}
-    is_same = True
+    is_same = interfaces is None
+    for kind in {interface.kind for interface in interfaces or ()}:
+        tree[kind] = {path.name: path for interface, path in (interfaces or {}).items() if interface.kind == kind}
     for place, source in _installed(name, folder):
         is_same &= _insert(tree, [part for part in place.split("/") if part not in ("", ".")], source)
     if is_same:
         return folder
-    made = (cache_home() or _temporary_home()) / "share" / hashlib.sha256(os.fsencode(folder)).hexdigest()[:24] / name
+    places = "\n".join(map(str, (folder, *(interfaces or {}).values())))
+    made = (cache_home() or _temporary_home()) / "share" / hashlib.sha256(os.fsencode(places)).hexdigest()[:24] / name
     try:
         made.mkdir(mode=0o700, parents=True, exist_ok=True)
         _link(tree, made, [_MAX_ENTRIES])

@@ -204,3 +204,25 @@ def test_the_default_needs_no_compiler_for_the_selection() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
+
+
+def test_the_import_hook_uses_a_distribution() -> None:
+    program = """
+from rosidl_py_gen import found_packages, install_import_hook, type_hash
+hook = install_import_hook({settings}, distro="humble")
+from lifecycle_msgs.msg import TransitionEvent
+from rcl_interfaces.msg import Log
+from sensor_msgs.msg import Range
+import rcl_interfaces.msg
+print(Range.get_fields_and_field_types() if hasattr(Range, "get_fields_and_field_types") else Range.__slots__)
+print(type(Log.DEBUG).__name__, hasattr(rcl_interfaces.msg, "LoggerLevel"))
+found = found_packages()["sensor_msgs"]
+print("variance" in (found.folder / "msg" / "Range.msg").read_text(), (found.share / "msg" / "Imu.msg").is_file())
+print((found_packages()["rcl_interfaces"].folder / "msg" / "LoggerLevel.msg").exists())
+"""
+    for message_api, kind in (("native", "int"), ("rclpy", "bytes")):
+        text = program.format(settings=f"message_api={message_api!r}")
+        done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+        fields, *others = done.stdout.splitlines()
+        assert "max_range" in fields and "variance" not in fields
+        assert others == [f"{kind} False", "False True", "False"]

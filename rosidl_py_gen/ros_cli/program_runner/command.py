@@ -8,7 +8,15 @@ import click
 
 from rosidl_py_gen.ros_cli import options
 
-_OPTIONS = {"--path": True, "--check": False, "--list": False, "--json": False, "-h": False, "--help": False}
+_OPTIONS = {
+    "--path": True,
+    "--distro": True,
+    "--check": False,
+    "--list": False,
+    "--json": False,
+    "-h": False,
+    "--help": False,
+}
 """Options before the program, and True for those with a value."""
 
 
