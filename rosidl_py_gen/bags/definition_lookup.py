@@ -1,8 +1,9 @@
 """Classes for the channels of a bag, also if the bag has no definitions, as SQLite bags before Iron.
 
 The definition in the bag is used; else, if the bag has a type hash, only a definition with this hash; else the first of
-this name: from the caller, importable, on the search path or bundled. The last is a guess: one warning names it, and
-messages are measured. A message that is longer or shorter than its fields was written with another definition.
+this name: from the caller, of the distribution that the bag was recorded with, importable, on the search path or
+bundled. The last is a guess: one warning names it, and messages are measured. A message that is longer or shorter than
+its fields was written with another definition.
 """
 
 from __future__ import annotations
@@ -10,17 +11,26 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags.common import BagError, BagTopic, BagWarning
 from rosidl_py_gen.bags.decoder import ENCODINGS, decoder_of
+from rosidl_py_gen.base.distributions import checked_distribution, selected
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.field_walk import encoded_length
 from rosidl_py_gen.cdr.layout import EMPTY_MESSAGE, HEADER_BYTES, NETWORK_ALIGN
 from rosidl_py_gen.cdr.structured_layout import varying_field
-from rosidl_py_gen.errors import DecodeError, DefinitionError, InvalidNameError, RosidlError, printable
+from rosidl_py_gen.errors import (
+    DecodeError,
+    DefinitionError,
+    InvalidNameError,
+    RosidlError,
+    UnknownDistributionError,
+    printable,
+)
 from rosidl_py_gen.type_loading.class_lookup import SearchFolders, definition_origin, find_class
 from rosidl_py_gen.type_loading.from_description import definition_text
 
@@ -51,7 +61,8 @@ class TopicDefinition:
 
     Attributes:
         message_class: class of the messages.
-        origin: ``the bag``, ``an empty definition in the bag``, ``typestore``, a file, a module, or ``bundled``.
+        origin: ``the bag``, ``an empty definition in the bag``, ``typestore``, a file, a module, ``bundled``, or
+            ``bundled (humble)`` with the distribution.
         is_recorded: True if it is the recorded definition: in the bag, or with the recorded hash; False if it is a
             guess by name.
     """
@@ -72,6 +83,7 @@ class Definitions:
     Args:
         bag: path of the bag, for messages.
         hashes: from ``metadata.yaml``, by topic and type, for files that do not have them.
+        recorded_distro: returns the distribution of the recorder, or an empty text; called once, if it is needed.
 
     Raises:
         TypeError: `typestore` contains neither a message class nor a text.
@@ -79,7 +91,12 @@ class Definitions:
     """
 
     def __init__(
-        self, bag: Path, search_path: SearchFolders, typestore: Typestore | None, hashes: Mapping[tuple[str, str], str]
+        self,
+        bag: Path,
+        search_path: SearchFolders,
+        typestore: Typestore | None,
+        hashes: Mapping[tuple[str, str], str],
+        recorded_distro: Callable[[], str] = str,
     ) -> None:
         self._bag = bag
         self._search_path = search_path
@@ -89,6 +106,7 @@ class Definitions:
                 raise TypeError(f"typestore: {name}: expected a message class or the text of a definition")
             self._typestore[str(split_ros_name(name, "msg"))] = entry
         self._hashes = hashes
+        self._recorded_distro = recorded_distro
         self._cache: dict[tuple[str, ...], TopicDefinition] = {}
         self._has_warned = False
 
@@ -140,8 +158,19 @@ class Definitions:
         cls = self._from_typestore(name)
         if cls is not None:
             return TopicDefinition(cls, "typestore", False)
-        cls = get_message(name, path=self._search_path)
-        return TopicDefinition(cls, definition_origin(cls, path=self._search_path), False)
+        distro = self._distro
+        cls = get_message(name, path=self._search_path, distro=distro)
+        return TopicDefinition(cls, definition_origin(cls, path=self._search_path, distro=distro), False)
+
+    @cached_property
+    def _distro(self) -> str | None:
+        """Distribution of the recorder, if its definitions are bundled and the command selects no other."""
+        if selected().is_explicit:
+            return None
+        try:
+            return checked_distribution(self._recorded_distro())
+        except UnknownDistributionError:  # an older one, or none is stated
+            return None
 
     def _find_by_hash(self, topic: BagTopic, name: str, recorded_hash: str) -> TopicDefinition:
         """Return the definition with the recorded hash; raises `BagError` if only others are known."""

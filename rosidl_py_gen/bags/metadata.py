@@ -35,6 +35,7 @@ class BagMetadata:
         storage: ``mcap`` or ``sqlite3``.
         files: names in the folder, in the order of recording.
         compression: of whole files or of messages (``zstd``), empty for none; not of chunks inside MCAP files.
+        ros_distro: distribution of the recorder; empty if it is not known.
     """
 
     storage: str
@@ -42,6 +43,7 @@ class BagMetadata:
     topics: tuple[BagTopic, ...] = ()
     compression: str = ""
     compression_mode: str = ""
+    ros_distro: str = ""
 
 
 def read_metadata(folder: Path) -> BagMetadata:
@@ -102,7 +104,21 @@ def _parse_metadata(value: Any) -> BagMetadata:
             )
         )
     storage, mode = _text(value["storage_identifier"]), _text(value.get("compression_mode") or "").lower()
-    return BagMetadata(storage, files, tuple(topics), _text(value.get("compression_format") or "").lower(), mode)
+    compression = _text(value.get("compression_format") or "").lower()
+    return BagMetadata(storage, files, tuple(topics), compression, mode, _text(value.get("ros_distro") or ""))
+
+
+def distro_of_metadata_text(text: str) -> str:
+    """Return the distribution in metadata that are stored inside a file; empty if they do not have it.
+
+    Raises:
+        YamlError: the text is not YAML.
+        TypeError: the distribution is neither a text nor a number.
+    """
+    value = load_yaml(text)
+    if isinstance(value, dict) and isinstance(value.get("rosbag2_bagfile_information"), dict):
+        value = value["rosbag2_bagfile_information"]
+    return _text(value.get("ros_distro") or "") if isinstance(value, dict) else ""
 
 
 @dataclass(slots=True)

@@ -79,7 +79,8 @@ class BagReader:
         max_decompressed_bytes: maximum size of a decompressed chunk or message. A few bytes can state any size; 1 GiB
             is enough unless there are larger messages.
         search_path: folders with the packages of the recording, for bags without definitions, as SQLite bags before
-            Iron; searched before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
+            Iron; searched before the definitions of the recording's distribution, if the bag states it and they are
+            bundled, AMENT_PREFIX_PATH, and the bundled interfaces, as by `get_message`.
         skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`
             with the place, the log times and the topics.
         typestore: definitions by name, which precede `search_path`: ``{"my_msgs/msg/Thing": Thing}``, or texts.
@@ -111,7 +112,7 @@ class BagReader:
         """Topics whose messages `messages` could not decode and skipped so far, with their number and the reason."""
         try:
             skip = skipped.add if skip_damaged else None
-            self.files, self._files, hashes = open_files(
+            self.files, self._files, hashes, distro = open_files(
                 self.path,
                 self._resources,
                 validate_crcs,
@@ -120,7 +121,7 @@ class BagReader:
                 OpeningProgress(on_progress),
             )
             """Files of the bag."""
-            self._definitions = Definitions(self.path, search_path, typestore, hashes)
+            self._definitions = Definitions(self.path, search_path, typestore, hashes, lambda: self._ros_distro(distro))
             self.channels: list[BagTopic] = merge_channels(topic for file in self._files for topic in file.channels())
             """Recorded topics, with an entry for each definition of a topic."""
             self.topics: dict[str, BagTopic] = topics_by_name(self.channels)
@@ -159,6 +160,10 @@ class BagReader:
         self.definition(topic)
         channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
         return self._definitions.class_of(channels[0])
+
+    def _ros_distro(self, stated: str) -> str:
+        """Return the distribution of the recorder: of ``metadata.yaml``, else of a file; empty if none states it."""
+        return stated or next((name for name in (file.ros_distro() for file in self._files) if name), "")
 
     def definition(self, topic: str | BagTopic) -> TopicDefinition:
         """Return the definition of a topic's messages, which states if it is certainly the recorded one.

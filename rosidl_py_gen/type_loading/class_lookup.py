@@ -249,15 +249,18 @@ def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
     return tuple(DistributionDefinition(name, text, tuple(distros.split())) for text, distros in rows.items())
 
 
-def definition_origin(cls: type[Any], *, path: SearchFolders = ()) -> str:
-    """Return the origin of a class of `find_class`: its module, the file of its definition, or ``bundled``."""
+def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str | None = None) -> str:
+    """Return the origin of a class of `find_class`: its module, the file of its definition, or ``bundled``.
+
+    For a definition of another distribution than the default that is ``bundled (humble)``.
+    """
     module = cls.__module__
     if not module.startswith(_MEMORY):
         return "bundled" if module.startswith(PREGENERATED_PACKAGE) else f"module {module}"
     name = split_ros_name(cls._TYPE.name)
     folders = [path] if isinstance(path, (str, os.PathLike)) else path
     with _lock:
-        registry = _registry(tuple(str(entry) for entry in folders))
+        registry = _registry(tuple(str(entry) for entry in folders), distro)
         package = registry.search.packages.get(name.package)
         if package is None or package.origin == "bundled":
             for one in distribution_definitions(str(name)):

@@ -50,11 +50,12 @@ def open_files(
     max_bytes: int,
     on_skipped: Callable[[DamagedPart], None] | None = None,
     progress: OpeningProgress | None = None,
-) -> tuple[list[Path], list[Storage], dict[tuple[str, str], str]]:
+) -> tuple[list[Path], list[Storage], dict[tuple[str, str], str], str]:
     """Open the files of a bag; `resources` closes them.
 
     Returns:
-        Paths of the files, their readers, and known type hashes by topic and type.
+        Paths of the files, their readers, known type hashes by topic and type, and the distribution that
+        ``metadata.yaml`` states.
 
     Raises:
         BagError: the bag is damaged beyond reading, or of an unknown kind.
@@ -63,7 +64,7 @@ def open_files(
     storages: list[Storage] = []
     progress = progress or OpeningProgress()
     with unreachable_as_error(path):
-        files, may_compress_messages, hashes = _files_of(path)
+        files, may_compress_messages, hashes, distro = _files_of(path)
         progress.total += sum(file.stat().st_size for file in files if file.suffix == SUFFIX and file.exists())
         for file in files:
             plain = _decompressed(file, resources, max_bytes, progress)
@@ -74,15 +75,15 @@ def open_files(
             )
             resources.callback(storage.close)
             storages.append(_CompressedMessages(storage, file, max_bytes) if may_compress_messages else storage)
-    return files, storages, hashes
+    return files, storages, hashes, distro
 
 
-def _files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
-    """Return the files, True if their messages may be compressed, and known hashes by topic and type."""
+def _files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str], str]:
+    """Return the files, True if their messages may be compressed, known hashes, and the distribution."""
     if not path.is_dir():
-        return [path], True, {}
+        return [path], True, {}, ""
     if not (path / FILE).exists():  # the recorder was killed
-        return bag_files(path), True, {}
+        return bag_files(path), True, {}, ""
     metadata = read_metadata(path)
     mode = metadata.compression_mode if metadata.compression else "none"
     if mode not in ("none", "file", "message") or metadata.compression not in ("", "zstd"):
@@ -91,6 +92,7 @@ def _files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]
         [_find_file(path, name) for name in metadata.files],
         mode == "message",
         {(topic.name, topic.type_name): topic.type_hash for topic in metadata.topics if topic.type_hash},
+        metadata.ros_distro,
     )
 
 
@@ -227,6 +229,9 @@ class _CompressedMessages:
 
     def channels(self) -> list[BagTopic]:
         return self._storage.channels()
+
+    def ros_distro(self) -> str:
+        return self._storage.ros_distro()
 
     def span(self) -> tuple[int, int] | None:
         return self._storage.span()

@@ -32,6 +32,7 @@ from rosidl_py_gen.bags.storage.mcap_chunks import (
     read_chunk_header,
 )
 from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, read_index
+from rosidl_py_gen.bags.storage.recorded_distro import recorded_distro
 from rosidl_py_gen.bags.storage.storage_api import (
     LOG_TIME,
     MAX_UNPACKED_BYTES,
@@ -173,6 +174,10 @@ class McapFile:
     @property
     def unread_bytes(self) -> int:
         return self._index.truncated_bytes
+
+    def ros_distro(self) -> str:
+        with library_errors_as_bag_error(self._path), self._lock:
+            return recorded_distro(self._stream, self._size)
 
     def channels(self) -> list[BagTopic]:
         index = self._index

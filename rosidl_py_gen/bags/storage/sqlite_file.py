@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
-_TABLES = "messages", "topics", "message_definitions"
+_TABLES = "messages", "topics", "message_definitions", "schema"
 """Tables that are read."""
 _JOURNALS = "-wal", "-journal"
 _JOURNAL_MAGIC = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
@@ -117,6 +117,13 @@ class SqliteFile:
         for name, type_hash, text, encoding in rows:
             definitions.setdefault(str(name), []).append((str(type_hash), str(text), str(encoding)))
         return definitions
+
+    def ros_distro(self) -> str:
+        with library_errors_as_bag_error(self._path):
+            if "ros_distro" not in self._columns("schema"):
+                return ""
+            row = self._database.execute("select ros_distro from schema").fetchone()
+        return str(row[0]) if row else ""
 
     def span(self) -> tuple[int, int] | None:
         with library_errors_as_bag_error(self._path):

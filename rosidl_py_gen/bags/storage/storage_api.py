@@ -109,6 +109,9 @@ class Storage(Protocol):
     def channels(self) -> list[BagTopic]:
         """Return the channels, with counts if there is an index; one for each definition of a topic."""
 
+    def ros_distro(self) -> str:
+        """Return the distribution of the recorder; empty if the file does not have it."""
+
     def span(self) -> tuple[int, int] | None:
         """Return the log times of the first and the last message; None without messages."""
 
