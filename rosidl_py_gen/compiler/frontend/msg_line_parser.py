@@ -51,8 +51,8 @@ _FOLLOWING = {
 """Pattern of the tokens that may follow a token: one group for each."""
 
 
-def parse_element(text: str, line: int) -> dict[str, Token]:
-    """Return the tokens of an element line by their kinds.
+def parse_element(text: str, line: int, start: int = 0) -> dict[str, Token]:
+    """Return the tokens of an element line by their kinds; the element starts at the index `start`.
 
     ``member`` is the name of a type after its package, which is ``type`` then. A constant has ``equals``, and ``value``
     unless it is empty.
@@ -61,7 +61,7 @@ def parse_element(text: str, line: int) -> dict[str, Token]:
         SyntaxProblem: the line breaks the grammar.
     """
     tokens: dict[str, Token] = {}
-    kind, position = "start", 0
+    kind, position = "start", start
     while kind != _END:
         match = _FOLLOWING[kind].match(text, position)
         if match is None or match.lastindex is None:

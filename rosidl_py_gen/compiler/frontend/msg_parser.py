@@ -46,6 +46,7 @@ FOREIGN_TYPES = {
     **{word: word for word in _TYPES},
 }
 """Types of IDL, C++ and Python in lower case, with the .msg types to use instead."""
+_OPTIONAL = re.compile(r"@optional +(?=[^ ])")
 _UNIT = re.compile(r"(\s*\[([^,\]]+)\])")
 _MAX_SIZE_DIGITS = 20
 _MAX_SIZE = 2**64 - 1
@@ -100,8 +101,12 @@ class _Section:
         text = text.rstrip()
         if not text:
             return
+        # A field with this annotation is an ordinary one on the wire and for the hash (docs/internals/protocol.md 1.3).
+        annotation = _OPTIONAL.match(text)
         try:
-            element = self._element(parse_element(text, number))
+            element = self._element(parse_element(text, number, annotation.end() if annotation else 0))
+            if annotation and isinstance(element, ConstantDef):
+                raise SyntaxProblem(number, 1, "a constant is never @optional; the annotation belongs to fields")
         except SyntaxProblem as problem:
             self._diagnostics.add(Location(self._source, number, problem.column), _explain(text, problem))
             return
@@ -150,8 +155,10 @@ def _explain(text: str, problem: SyntaxProblem) -> str:
         package, kind, name = match.groups()
         fix = f'write "{package}/{name}", without "msg/"' if kind == "msg" else "only messages are types of fields"
         return f'"{match[0][:80]}" is not a type in a .msg, .srv or .action file; {fix}'
-    if text[0] == "@":
-        return "annotations exist in .idl files only"
+    if text[0] == "@" and not _OPTIONAL.match(text):
+        return (
+            'other annotations than "@optional", in the line of a field and before its type, exist in .idl files only'
+        )
     is_second_equals = problem.column > 1 and text[problem.column - 1 :].startswith("=")
     if is_second_equals and problem.text.startswith("expected the end"):
         return 'a "=" makes the line a constant, so a default value cannot contain one'

@@ -60,6 +60,16 @@ def test_names_without_package_mean_messages_of_the_own_package_everywhere(kind:
     assert str(first.fields[0].type) == "a_msgs/msg/Other"
 
 
+def test_an_optional_field_is_an_ordinary_one() -> None:
+    first = message('@optional string<=9 note "a"  # why\n@optional Other[] others\nstring s @optional\n')
+    plain = message('string<=9 note "a"  # why\nOther[] others\nstring s @optional\n')
+    assert [item._replace(location=None) for item in first.fields] == [
+        item._replace(location=None) for item in plain.fields
+    ]
+    assert first.fields[0].default == "a" and first.fields[0].location.column == 21
+    assert first.fields[2].default == "@optional"
+
+
 # --- what is refused: text, where, what is said -----------------------------------------------------------------------
 
 REFUSED = [
@@ -68,7 +78,11 @@ REFUSED = [
     (" uint8 x", "1:1: expected the element to begin in column 1, found blanks before it"),
     ("\tuint8 x", "1:1: expected the element to begin in column 1, found blanks before it"),
     ("\ufeffuint8 x", "1:1: found a byte order mark; save the file as UTF-8 without one"),
-    ("@key uint8 x", "1:1: annotations exist in .idl files only"),
+    ("@key uint8 x", '1:1: other annotations than "@optional", in the line of a field and before its type, exist in'),
+    ("@optional\nuint8 x", '1:10: other annotations than "@optional", in the line of a field and before its type'),
+    ("@optional uint8", "1:16: expected a type, a space and a name, found no name"),
+    ("@optional uint8 X=1", "1:1: a constant is never @optional"),
+    ("@optional uint8 Bad", '1:17: "Bad" is not a field name'),
     ("uint8 # only a type", "1:6: expected a type, a space and a name, found no name"),
     ("uint8 x\nuint8\nuint8 y", "2:6: expected "),
     # types
