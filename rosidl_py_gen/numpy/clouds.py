@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.cdr import Message
 
-_DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""Datatypes of ``sensor_msgs/msg/PointField``, from INT8 to FLOAT64."""
+_DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "b1"}
+"""Datatypes of ``sensor_msgs/msg/PointField``, from INT8 to FLOAT64, and those that PCL and Lyrical added."""
+_ADDED = frozenset(_DATATYPES[number] for number in (9, 10, 11))
 _NUMBERS = {kind: number for number, kind in _DATATYPES.items()}
 _MAX_STEP = 2**31 - 1
 """Largest size of a point that numpy can describe, in bytes."""
@@ -96,6 +97,7 @@ def pointcloud_to_array(
         raise ConversionError(f"point_step: 0 bytes, but there are {height} x {width} points")
     array: np.ndarray[Any, Any] = np.ndarray((height, width), dtype, data[:needed], strides=(row_step, dtype.itemsize))
     array = array[0] if height == 1 else array.reshape(0) if not array.size else array
+    _check_bools(array)
     if fields is not None:
         names = dtype.names or ()
         for name in fields:
@@ -108,6 +110,17 @@ def pointcloud_to_array(
         return array
     packed = [(name, array.dtype[name].newbyteorder("=")) for name in array.dtype.names or ()]
     return array.astype(np.dtype(packed))
+
+
+def _check_bools(points: np.ndarray[Any, Any]) -> None:
+    """Raise `ConversionError` for a byte of a bool other than 0 and 1: numpy would compute wrong results with it."""
+    for name in points.dtype.names or ():
+        if points.dtype[name].base.kind == "b" and points.size:
+            offset, shape = points.dtype.fields[name][1], points.dtype[name].shape  # type: ignore[index]
+            form = {"names": ["byte"], "formats": [("u1", shape)], "offsets": [offset], "itemsize": points.itemsize}
+            largest = points.view(np.dtype(form))["byte"].max()
+            if largest > 1:
+                raise ConversionError(f'"{name}": {largest} is not a bool; expected 0 or 1')
 
 
 def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]]:
@@ -166,6 +179,9 @@ def array_to_pointcloud(
     """
     points = np.asarray(array)
     if points.dtype.names is None:
+        if dtype is None and f"{points.dtype.kind}{points.dtype.itemsize}" in _ADDED:
+            text = f"array: {points.dtype} is a type that RViz and older readers of point fields do not know"
+            raise ConversionError(f'{text}; pass dtype="f4", or dtype="{points.dtype}" to use it')
         numbers = points if dtype is None else _as_kind(points, np.dtype(dtype))
         if not numbers.ndim or numbers.shape[-1] != len(names):
             expected = f"{len(names)} columns ({', '.join(names)})"
@@ -197,6 +213,8 @@ def array_to_pointcloud(
 
 def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[Any, Any]:
     """Convert to another type with rounding; raises `ConversionError` if a number is out of its range."""
+    if kind == values.dtype:
+        return values
     if kind.kind not in "iuf" or values.dtype.kind not in "biuf":
         raise ConversionError(f"array: {values.dtype} as {kind}: expected numbers; point fields are {_known_types()}")
     with np.errstate(all="ignore"):

@@ -57,7 +57,7 @@ def test_an_organised_cloud_has_rows_and_columns() -> None:
     assert (pointcloud_to_array(again) == points).all()
 
 
-KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8, "i8": 9, "u8": 10}
 
 
 @given(
@@ -106,8 +106,27 @@ def test_plain_columns_become_x_y_z() -> None:
 
 
 def test_types_that_clouds_do_not_have_are_refused_by_name() -> None:
-    with pytest.raises(ConversionError, match=r'array\["t"\]: int64 is not a type of point fields'):
-        array_to_pointcloud(np.zeros(2, [("x", "f4"), ("t", "i8")]))
+    with pytest.raises(ConversionError, match=r'array\["t"\]: float16 is not a type of point fields'):
+        array_to_pointcloud(np.zeros(2, [("x", "f4"), ("t", "f2")]))
+
+
+def test_types_of_pcl_and_lyrical_are_read_and_written() -> None:
+    made = np.array([(1.5, 2**63 + 1, -5, True), (2.5, 7, 2**62, False)], "f4,u8,i8,?")
+    message = array_to_pointcloud(made)
+    assert [field.datatype for field in message.fields] == [7, 10, 9, 11]
+    points = pointcloud_to_array(PointCloud2.decode(message.encode()))
+    assert points.tolist() == made.tolist() and points["f3"].dtype == np.bool_
+    message.data[20] = 2
+    with pytest.raises(ConversionError, match='"f3": 2 is not a bool; expected 0 or 1'):
+        pointcloud_to_array(message)
+
+
+def test_plain_integers_of_64_bits_are_a_choice() -> None:
+    numbers = np.array([[1, 2, 3]])
+    with pytest.raises(ConversionError, match='pass dtype="f4", or dtype="int64" to use it'):
+        array_to_pointcloud(numbers)
+    assert {field.datatype for field in array_to_pointcloud(numbers, dtype="f4").fields} == {7}
+    assert {field.datatype for field in array_to_pointcloud(numbers, dtype="int64").fields} == {9}
 
 
 @pytest.mark.parametrize(
@@ -118,7 +137,7 @@ def test_types_that_clouds_do_not_have_are_refused_by_name() -> None:
         ({"width": 2**40}, "width: expected a number from 0 to 4294967295"),
         ({"point_step": 19}, 'fields.3.: "i" ends at byte 20, but point_step is 19'),
         ({"fields": [*XYZI, XYZI[0]]}, 'there are two fields "x"'),
-        ({"fields": [PointField(name="x", datatype=9)]}, "fields.0..datatype: 9 is not known"),
+        ({"fields": [PointField(name="x", datatype=12)]}, "fields.0..datatype: 12 is not known"),
         ({"height": 2, "row_step": 119}, "row_step: 119 bytes, but 6 points of 20 need 120"),
         ({"width": 7}, "data: 120 bytes, but 1 x 7 points need 140"),
         ({"height": 2**32 - 1, "row_step": 2**32 - 1}, "data: 120 bytes"),
@@ -148,7 +167,7 @@ FIELDS = st.builds(
     PointField,
     name=st.text(max_size=2),
     offset=st.integers(0, 30) | st.integers(0, 2**32 - 1),
-    datatype=st.integers(0, 10),
+    datatype=st.integers(0, 12),
     count=st.integers(0, 3) | st.integers(0, 2**32 - 1) | st.sampled_from(EDGES),
 )
 SIZES = st.integers(0, 40) | st.integers(0, 2**32 - 1) | st.sampled_from(EDGES)

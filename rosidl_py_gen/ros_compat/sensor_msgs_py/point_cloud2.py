@@ -31,7 +31,11 @@ _DATATYPES: dict[int, np.dtype[Any]] = {
     PointField.UINT32: np.dtype(np.uint32),
     PointField.FLOAT32: np.dtype(np.float32),
     PointField.FLOAT64: np.dtype(np.float64),
+    9: np.dtype(np.int64),
+    10: np.dtype(np.uint64),
+    11: np.dtype(np.bool_),
 }
+"""Types of fields; the last three are of PCL and Lyrical."""
 _IS_BIG_ENDIAN = sys.byteorder == "big"
 
 

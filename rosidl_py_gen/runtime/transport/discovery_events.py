@@ -65,7 +65,7 @@ class DiscoveredEndpoint:
             ROS.
         type_hash: RIHS01 text of the message; empty if not announced.
         service_id: identifier that both endpoints of one client or server share; may be empty.
-        service_hash: RIHS01 text of the service, if announced instead of those of its messages.
+        service_hash: RIHS01 text of the service, if announced: instead of those of its messages (Zenoh), or with them.
         wire_name: name of the topic in the middleware.
         wire_type: name of the type in the middleware.
     """

@@ -67,6 +67,9 @@ def test_user_data_texts() -> None:
     assert ddsnames.endpoint_user_data("RIHS01_ab") == b"typehash=RIHS01_ab;"
     assert ddsnames.endpoint_user_data("RIHS01_ab", client_id=" 1.2") == b"clientid= 1.2;typehash=RIHS01_ab;"
     assert ddsnames.endpoint_user_data("", service_id="1.2") == b"serviceid=1.2;"
+    both = ddsnames.endpoint_user_data("RIHS01_ab", service_hash="RIHS01_cd")
+    assert both == b"typehash=RIHS01_ab;sertypehash=RIHS01_cd;"
+    assert ddsnames.parse_user_data(both) == {"typehash": "RIHS01_ab", "sertypehash": "RIHS01_cd"}
     prefix = bytes.fromhex("0110f307000a000100000001")
     assert ddsnames.entity_id(prefix, 2) == " 1.10.f3.7.0.a.0.1.0.0.0.1.0.0.0.2"
     assert ddsnames.entity_id(b"\xab" + prefix[1:], 258).startswith("ab.10.")

@@ -185,6 +185,7 @@ class BuiltinTopicReaders:
             read_profile(self._api, endpoint.qos, is_writer=is_writer),
             user_data.get("typehash", ""),
             user_data.get("serviceid") or user_data.get("clientid") or "",
+            user_data.get("sertypehash", ""),
             wire_name=name,
             wire_type=type,
         )

@@ -51,7 +51,12 @@ def endpoint_qos(api: CycloneApi, endpoint: DdsEndpoint, *, is_writer: bool) -> 
     """Yield the QoS of a writer or reader, whose profile is a result of `qos.effective`."""
     profile, history = endpoint.qos, _HISTORY[endpoint.qos.history]
     depth = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
-    user_data = endpoint_user_data(endpoint.type_hash, client_id=endpoint.client_id, service_id=endpoint.service_id)
+    user_data = endpoint_user_data(
+        endpoint.type_hash,
+        client_id=endpoint.client_id,
+        service_id=endpoint.service_id,
+        service_hash=endpoint.service_hash,
+    )
     with new_qos(api, user_data) as qos:
         api.qset_history(qos, history, depth)
         api.qset_reliability(qos, _RELIABILITY[profile.reliability], _MAX_BLOCKING_NS)

@@ -46,12 +46,12 @@ def participant_user_data(enclave: str = "/") -> bytes:
     return f"enclave={enclave};".encode()
 
 
-def endpoint_user_data(type_hash: str, *, client_id: str = "", service_id: str = "") -> bytes:
+def endpoint_user_data(type_hash: str, *, client_id: str = "", service_id: str = "", service_hash: str = "") -> bytes:
     """Return the USER_DATA of an endpoint. An empty hash is omitted, because peers warn about malformed ones.
 
     Source: docs/internals/protocol.md 6.1.
     """
-    pairs = {"clientid": client_id, "serviceid": service_id, "typehash": type_hash}
+    pairs = {"clientid": client_id, "serviceid": service_id, "typehash": type_hash, "sertypehash": service_hash}
     return "".join(f"{key}={value};" for key, value in pairs.items() if value).encode()
 
 

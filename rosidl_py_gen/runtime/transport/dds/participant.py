@@ -35,6 +35,7 @@ class DdsEndpoint:
     Attributes:
         client_id: `entity_id` of the client that it belongs to, if any.
         service_id: `entity_id` of the server that it belongs to, if any.
+        service_hash: RIHS01 text of the service that it belongs to, if any.
     """
 
     topic: str
@@ -43,6 +44,7 @@ class DdsEndpoint:
     type_hash: str = ""
     client_id: str = ""
     service_id: str = ""
+    service_hash: str = ""
     ignore_local: bool = False
 
 
@@ -131,6 +133,10 @@ def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:
 def _request_and_reply_endpoints(service: ServiceSpec, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
     requests, replies = map(wire_name, service.topic_keys)
     return (
-        DdsEndpoint(requests, wire_type(f"{service.type}_Request"), qos, service.request_hash),
-        DdsEndpoint(replies, wire_type(f"{service.type}_Response"), qos, service.response_hash),
+        DdsEndpoint(
+            requests, wire_type(f"{service.type}_Request"), qos, service.request_hash, service_hash=service.type_hash
+        ),
+        DdsEndpoint(
+            replies, wire_type(f"{service.type}_Response"), qos, service.response_hash, service_hash=service.type_hash
+        ),
     )
