@@ -30,7 +30,7 @@ _command_selection: str | None = None
 _reported: set[str] = set()
 
 
-class Selection(NamedTuple):
+class DistributionChoice(NamedTuple):
     """A selected distribution; `is_explicit` is False if it is the default or that of ROS_DISTRO."""
 
     name: str
@@ -50,16 +50,16 @@ def checked_distribution(name: str) -> str:
     return found
 
 
-def selected(distro: str | None = None) -> Selection:
+def selected(distro: str | None = None) -> DistributionChoice:
     """Return the distribution of a call: `distro`, else that of the command, of ROS_DISTRO, or the default.
 
     Raises:
         UnknownDistributionError: the definitions of `distro` are not bundled; ROS_DISTRO causes only a warning.
     """
     if distro is not None:
-        return Selection(checked_distribution(distro), True)
+        return DistributionChoice(checked_distribution(distro), True)
     if _command_selection is not None:
-        return Selection(_command_selection, True)
+        return DistributionChoice(_command_selection, True)
     name = os.environ.get(ENVIRONMENT_VARIABLE, "")
     found = _find(name) if name else DEFAULT
     if found is None:
@@ -68,7 +68,7 @@ def selected(distro: str | None = None) -> Selection:
             text = f"{ENVIRONMENT_VARIABLE}: no definitions of {printable(repr(name), 60)}; using those of {DEFAULT}"
             warnings.warn(DistributionWarning(f"{text}. Known: {_expected()}"), stacklevel=3)
         found = DEFAULT
-    return Selection(found, False)
+    return DistributionChoice(found, False)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from itertools import pairwise
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
-from rosidl_py_gen.base.distributions import DEFAULT, Selection, selected
+from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice, selected
 from rosidl_py_gen.base.installed_classes import (
     MSGS_PACKAGE,
     PREGENERATED_PACKAGE,
@@ -46,8 +46,8 @@ _MAX_LEAVES = 10_000
 _lock = threading.RLock()
 _loaded: dict[str, list[type]] = {}
 """Loaded classes by full name, one for each different definition."""
-_by_name: dict[tuple[str, tuple[str, ...], Selection], type] = {}
-_registries: dict[tuple[tuple[str, ...], str, Selection], InterfaceRegistry] = {}
+_by_name: dict[tuple[str, tuple[str, ...], DistributionChoice], type] = {}
+_registries: dict[tuple[tuple[str, ...], str, DistributionChoice], InterfaceRegistry] = {}
 _compilations = 0
 
 
@@ -311,7 +311,7 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
     return cls
 
 
-def _installed_class(name: RosName, path: tuple[str, ...], choice: Selection) -> type | None:
+def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
     """Return the importable generated class; of `rosidl_py_gen.msgs` only one with the distribution's definition."""
     if path or choice.is_explicit:
         return None
@@ -331,7 +331,7 @@ def _has_definition_of(cls: type[Any], distro: str) -> bool:
     return all(one._replace(name=one.name.partition("_")[0]) not in changed for one in used)
 
 
-def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Selection) -> type | None:
+def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:
     """Return the pregenerated class of a bundled definition in a wheel: 10 ms, while a compilation takes 80 ms.
 
     None if another definition precedes the bundled one, if the distribution has another definition, or if a type that
@@ -381,7 +381,7 @@ def registry_of(name: RosName) -> InterfaceRegistry | None:
         return registry
 
 
-def _from_definitions(name: RosName, path: tuple[str, ...], choice: Selection) -> type:
+def _from_definitions(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type:
     from rosidl_py_gen.compiler.frontend.registry import read_checked
 
     registry = _registry(path, choice.name if choice.is_explicit else None)

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
-from rosidl_py_gen.base.distributions import Selection, selected
+from rosidl_py_gen.base.distributions import DistributionChoice, selected
 from rosidl_py_gen.base.generated_files import is_generated
 from rosidl_py_gen.base.names import KINDS, RosName
 from rosidl_py_gen.base.registration import Registration
@@ -199,7 +199,7 @@ class _Finder(MetaPathFinder, Loader):
         path: Sequence[str],
         workspace_of: str | None,
         override_installed: bool,
-        choice: Selection,
+        choice: DistributionChoice,
     ) -> None:
         from rosidl_py_gen.compiler.frontend.search_path import holds_packages, scan_search_path
         from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around

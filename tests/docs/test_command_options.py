@@ -37,7 +37,17 @@ PAGE_OF = {
     "topic": "commands/topic-service-action.md",
     "zenoh-router": "howto/zenoh.md",
 }
-SHARED = {"--help", "--version", "--json", "--domain", "--discovery", "--spin-time", "--no-daemon", "--path"}
+SHARED = {
+    "--help",
+    "--version",
+    "--json",
+    "--domain",
+    "--discovery",
+    "--spin-time",
+    "--no-daemon",
+    "--path",
+    "--distro",
+}
 """Options that many commands have; commands/index.md describes them."""
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 SPAN = re.compile(r"`([^`]+)`")

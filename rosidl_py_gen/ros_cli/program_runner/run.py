@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE, selected
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
@@ -23,7 +24,7 @@ from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_im
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.program_runner.executables import Executable
 
-_ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3", "ROS_DISTRO": "jazzy"}
+_ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 """Environment variables that a setup script of ROS sets, and programs read."""
 
 
@@ -43,6 +44,9 @@ def start(
         return check_program(program, as_json)
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
+    choice = selected()
+    if choice.is_explicit or ENVIRONMENT_VARIABLE not in os.environ:
+        os.environ[ENVIRONMENT_VARIABLE] = choice.name
     _note_misplaced_option(program)
     return program.start
 
