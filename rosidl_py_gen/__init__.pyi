@@ -17,12 +17,14 @@ from rosidl_py_gen.cdr.type_queries import type_name as type_name
 from rosidl_py_gen.errors import ClosedError as ClosedError
 from rosidl_py_gen.errors import DecodeError as DecodeError
 from rosidl_py_gen.errors import DefinitionError as DefinitionError
+from rosidl_py_gen.errors import DistributionWarning as DistributionWarning
 from rosidl_py_gen.errors import EncodeError as EncodeError
 from rosidl_py_gen.errors import ExtraMissingError as ExtraMissingError
 from rosidl_py_gen.errors import InvalidNameError as InvalidNameError
 from rosidl_py_gen.errors import OutputError as OutputError
 from rosidl_py_gen.errors import RosidlError as RosidlError
 from rosidl_py_gen.errors import TypeNotFoundError as TypeNotFoundError
+from rosidl_py_gen.errors import UnknownDistributionError as UnknownDistributionError
 from rosidl_py_gen.type_loading.class_lookup import compile_definition as compile_definition
 from rosidl_py_gen.type_loading.class_lookup import get_action as get_action
 from rosidl_py_gen.type_loading.class_lookup import get_message as get_message
