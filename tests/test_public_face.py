@@ -60,7 +60,7 @@ def test_nothing_private_is_recorded(found: str) -> None:
         "\nruntime.qos.DEFAULT = QoSProfile()\n",
         "\ndef type_hash(subject: object) -> str\n",
         "\nros_domain: MemoryTransport\n",
-        "\nrosidl-py-gen\n    --version\n    --path DIR ...\n    --distro humble|jazzy|kilted|lyrical|rolling\n    --filter NAMES\n",
+        "\nrosidl-py-gen\n    --version\n    --path DIR ...\n    --distro humble|jazzy|kilted|lyrical|rolling\n",
         "\nrosidl-py bag convert\n    PATH\n    OUTPUT\n    -s, --storage mcap|sqlite3\n",
     ],
 )

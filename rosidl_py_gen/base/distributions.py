@@ -37,6 +37,9 @@ class DistributionChoice(NamedTuple):
     is_explicit: bool
 
 
+_DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
+
+
 def checked_distribution(name: str) -> str:
     """Return the name of a distribution in lower case; ``rolling`` is read as the newest one.
 
@@ -61,7 +64,9 @@ def selected(distro: str | None = None) -> DistributionChoice:
     if _command_selection is not None:
         return DistributionChoice(_command_selection, True)
     name = os.environ.get(ENVIRONMENT_VARIABLE, "")
-    found = _find(name) if name else DEFAULT
+    if not name:
+        return _DEFAULT_CHOICE
+    found = _find(name)
     if found is None:
         if name not in _reported:
             _reported.add(name)
