@@ -77,6 +77,11 @@ def selected(distro: str | None = None) -> DistributionChoice:
     return DistributionChoice(found, False)
 
 
+def command_distribution() -> str | None:
+    """Return the distribution of `distribution_of_command`; None outside of it."""
+    return _command_selection
+
+
 @contextmanager
 def distribution_of_command(distro: str) -> Iterator[None]:
     """Select a distribution explicitly for all calls without ``distro=`` inside the block.

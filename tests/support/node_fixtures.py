@@ -81,6 +81,7 @@ ON_ZENOH = {
     "test_node.py",
     "test_node_services.py",
     "test_parameter_client.py",
+    "test_peer_definitions.py",
     "test_parameter_services.py",
     "test_parameter_threads.py",
     "test_plain_scripts.py",

@@ -103,21 +103,21 @@ Plans = Mapping[tuple[str, str], MessagePlan]
 """Plans by old and new name, for a message and all that it contains."""
 
 
-def plan(old: Types, new: Types, top: str, rules: MigrationRules) -> dict[tuple[str, str], MessagePlan]:
+def plan(old: Types, new: Types, top: str, rules: MigrationRules | None) -> dict[tuple[str, str], MessagePlan]:
     """Plan the conversion of the messages of a type, with all that they contain.
 
     Args:
         old: the old type and all types that it refers to.
         new: the new type and all types that it refers to.
         top: the old name of the type.
-        rules: the renames.
+        rules: the renames; None if nobody can write any, and errors do not suggest it.
 
     Raises:
         MigrationError: fields cannot be converted, or rules name fields that do not exist.
     """
     problems: list[str] = []
     plans: dict[tuple[str, str], MessagePlan] = {}
-    pending = [(top, rules.type_name(top))]
+    pending = [(top, rules.type_name(top) if rules else top)]
     while pending:
         pair = pending.pop()
         if pair in plans:
@@ -131,10 +131,12 @@ def plan(old: Types, new: Types, top: str, rules: MigrationRules) -> dict[tuple[
     return plans
 
 
-def _message(pair: tuple[str, str], old: Types, new: Types, rules: MigrationRules, problems: list[str]) -> MessagePlan:
+def _message(
+    pair: tuple[str, str], old: Types, new: Types, rules: MigrationRules | None, problems: list[str]
+) -> MessagePlan:
     old_name, new_name = pair
     now = dict(new[new_name])
-    own = rules.fields.get(old_name, {})
+    own = rules.fields.get(old_name, {}) if rules else {}
     _check_rules(old_name, new_name, dict(old[old_name]), now, own, problems)
     claimed = {rule.target for rule in own.values() if rule.target}
     steps: list[FieldConversion] = []
@@ -149,9 +151,8 @@ def _message(pair: tuple[str, str], old: Types, new: Types, rules: MigrationRule
             steps.append(FieldConversion(name, target, kind, now[target], _conversion_kind(kind, now[target], rules)))
         except _NotConvertibleError as error:
             becomes = "" if name == target else f" becomes {target}"
-            problems.append(
-                f"{old_name}.{name}{becomes}: {error}; a rule `fields: {{{old_name}: {{{name}: null}}}}` drops it"
-            )
+            advice = f"; a rule `fields: {{{old_name}: {{{name}: null}}}}` drops it" if rules else ""
+            problems.append(f"{old_name}.{name}{becomes}: {error}{advice}")
     filled = {step.new for step in steps}
     by_rule = tuple(name for name in dropped if name in own)
     return MessagePlan(
@@ -182,7 +183,7 @@ class _NotConvertibleError(RosidlError):
     """A value of one type cannot become one of another."""
 
 
-def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules) -> ConversionKind:
+def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules | None) -> ConversionKind:
     """Return the conversion between two types, without bounds and lengths, which depend on the values.
 
     Raises:
@@ -193,10 +194,9 @@ def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules) -> C
     if old.is_message or new.is_message:
         if not (old.is_message and new.is_message):
             raise _NotConvertibleError(f"{old} cannot become {new}")
-        if rules.type_name(old.base) != new.base:
-            raise _NotConvertibleError(
-                f"{old} cannot become {new}, unless a rule `types: {{{old.base}: {new.base}}}` maps one to the other"
-            )
+        if (rules.type_name(old.base) if rules else old.base) != new.base:
+            advice = f", unless a rule `types: {{{old.base}: {new.base}}}` maps one to the other" if rules else ""
+            raise _NotConvertibleError(f"{old} cannot become {new}{advice}")
         return ConversionKind.MESSAGE
     if old.is_string and new.is_string:
         return ConversionKind.COPY

@@ -180,8 +180,8 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen import type_hash
     from rosidl_py_gen.bags.definition_lookup import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
+    from rosidl_py_gen.compiler.compatibility.field_conversion import fields_of, message_converter
     from rosidl_py_gen.compiler.compatibility.migration import plan
-    from rosidl_py_gen.ros_cli.bag.field_conversion import message_converter
     from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
 
     if channel.message_encoding != "cdr":
@@ -220,14 +220,6 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     classes: dict[str, Any] = referenced_classes(new)
     defaults = {one: cls._TYPE.defaults for one, cls in classes.items()}
     return _Topic(channel, target, changed, defaults, old.decode, message_converter(plans, old, new))
-
-
-def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, Any]]]:
-    """Return the fields of a message and of all types in it, as input of `plan`."""
-    from rosidl_py_gen.cdr.type_queries import referenced_classes
-
-    classes: dict[str, Any] = referenced_classes(cls)
-    return {name: [(one.ros_name, one.type) for one in planned._TYPE.fields] for name, planned in classes.items()}
 
 
 def _warn_unused_rules(rules: MigrationRules, planned: dict[tuple[str, ...], _Topic]) -> None:

@@ -313,11 +313,19 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
                 if (pending := self._by_sequence_number.get(number)) is not None:
                     self._fail(pending, self._lost_reason(response))
                 continue
-            if server not in accepted and not self._type_hash_filter.accepts(server):
-                continue
+            pending = self._by_sequence_number.get(number)
+            if server not in accepted:
+                try:
+                    converted = self._type_hash_filter.payload(server, response)
+                except DecodeError as error:
+                    if pending is not None:
+                        self._fail(pending, error)
+                    continue
+                if converted is None:
+                    continue
+                response = converted
             if self._introspection is not None:
                 self._introspection.on_received(self._gid, number, response)
-            pending = self._by_sequence_number.get(number)
             if pending is not None:
                 self._handle_reply(pending, response, server)
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
+from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailures
 from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
     from rosidl_py_gen.runtime.transport.api import Participant
     from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
-    from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 
 T = TypeVar("T")
 
@@ -147,7 +147,7 @@ class EntityScope:
         """Everything to close with this scope, oldest first; emptied by `close`."""
         self.with_callbacks: dict[int, object] = {}
         """Entities with a user callback, by `id`, without those that the user closed before the node."""
-        self.type_hash_check: TypeCheck = "error"
+        self.type_hash_check: TypeCheck = DEFAULT_CHECK
         """Default of the entities' `type_hash_check`."""
         self._tasks: set[asyncio.Task[Any]] = set()
         self._node: EntityScope | None = None
@@ -183,10 +183,18 @@ class EntityScope:
             entity.close()
             self.require_open(False, "the node")
 
-    def set_type_hash_check(self, mode: TypeCheck, *guids: bytes) -> None:
-        """Set the type hash check of endpoints; must be called before they are announced."""
-        if mode != "error":
-            self.discovery.type_hash_checks.update(dict.fromkeys(guids, mode))
+    def set_type_hash_check(
+        self, mode: TypeCheck, guid: bytes, converts: Callable[[DiscoveredEndpoint], bool] | None = None
+    ) -> None:
+        """Set the type hash check of an endpoint; must be called before it is announced.
+
+        Args:
+            converts: for readers, returns True for a writer whose other definition is converted.
+        """
+        if mode != DEFAULT_CHECK:
+            self.discovery.type_hash_checks[guid] = mode
+        if converts is not None:
+            self.discovery.conversions[guid] = converts
 
     def unregister(self, entity: object, *guids: bytes) -> None:
         """Undo `register`; while the whole node closes, nothing is announced."""

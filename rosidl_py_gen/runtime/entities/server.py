@@ -190,8 +190,6 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         source_ns: int,
         received_ns: int,
     ) -> ServiceRequest[RequestT, ResponseT] | None:
-        if client not in self._accepted_writers and not self._type_hash_filter.accepts(client):
-            return None
         if isinstance(data, IncompatiblePeer):
             if self._throttle.allows():
                 text = incompatible_peer_text(self._scope.graph, data, self.name, "a client")
@@ -200,6 +198,11 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         try:
             if isinstance(data, DecodeError):
                 raise data
+            if client not in self._accepted_writers:
+                converted = self._type_hash_filter.payload(client, data)
+                if converted is None:
+                    return None
+                data = converted
             if self._introspection is not None:
                 self._introspection.on_received(*self._transport_server.request_origin(origin), data)
             return ServiceRequest(self, origin, self._type.request.decode(data), (source_ns, received_ns))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.entity_scope import Entity, Throttle, entity_repr
 from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
-from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
+from rosidl_py_gen.runtime.graph.type_hashes import checked_mode, type_hashes_differ
 from rosidl_py_gen.runtime.loop.send_queue import SendQueue
 from rosidl_py_gen.runtime.transport.qos_matching import without_best_available
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
@@ -69,18 +69,19 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         self._throttle = Throttle(scope.clocks)
         self._introspection: ServiceEventPublisher | None = None
         self._send_queue = SendQueue(scope.loop_binding, None, scope.report_failure)
-        request_hash, response_hash = service_type.request.type_hash, service_type.response.type_hash
-        read_hash, self._written_hash = (response_hash, request_hash) if is_client else (request_hash, response_hash)
+        request, response = service_type.request, service_type.response
+        read, written = (response, request) if is_client else (request, response)
+        self._written_hash = written.type_hash
         self._type_hash_filter: TypeHashFilter[bytes | None] = TypeHashFilter(
-            scope, self._mode, lambda guid: guid, read_hash, service_type.type_hash
+            scope, self._mode, lambda guid: guid, read, name, service_type.type_hash
         )
         self._accepted_writers = self._type_hash_filter.accepted_writers
         self._spec = ServiceSpec(
             name,
             self.service_type,
             service_type.type_hash,
-            request_hash,
-            response_hash,
+            request.type_hash,
+            response.type_hash,
             qos.avoid_ros_namespace_conventions,
             self._is_compatible,
         )
@@ -88,11 +89,17 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
     def _open(self, transport_end: TransportEndT) -> TransportEndT:
         self._gid = transport_end.gid
         self._connected = transport_end.connected
-        self._scope.set_type_hash_check(self._mode, *transport_end.endpoints)
+        reader, writer = transport_end.endpoints
+        self._scope.set_type_hash_check(self._mode, reader, self._type_hash_filter.converts)
+        self._scope.set_type_hash_check(self._mode, writer)
         return transport_end
 
     def _is_compatible(self, endpoint: DiscoveredEndpoint) -> bool:
-        return self._type_hash_filter.is_compatible(endpoint, None if endpoint.is_writer else self._written_hash)
+        if endpoint.is_writer:
+            return self._type_hash_filter.is_compatible(endpoint)
+        # What is sent has the definition of its hash, and few peers convert it.
+        own_hashes = self._written_hash, self._type_hash_filter.service_hash
+        return self._mode in ("warn", "off") or not type_hashes_differ(endpoint, *own_hashes)
 
     @property
     def srv_name(self) -> str:
@@ -103,6 +110,11 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
     def incompatible_dropped(self) -> int:
         """Number of requests or responses dropped because the peer announces another definition of the type."""
         return self._type_hash_filter.incompatible_dropped
+
+    @property
+    def converted(self) -> int:
+        """Number of received requests or responses converted from the definition of another ROS distribution."""
+        return self._type_hash_filter.converted
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish requests and responses on ``<service>/_service_event`` from now on.

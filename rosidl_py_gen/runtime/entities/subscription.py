@@ -117,9 +117,11 @@ class Subscription(PollableEntity, Generic[T]):
         self._topic_key = spec.topic_key
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
-        self._type_hash_filter = TypeHashFilter(scope, mode, self._reader.writer_guid, message_type.type_hash)
+        self._type_hash_filter = TypeHashFilter(
+            scope, mode, self._reader.writer_guid, message_type, topic, on_converted=self._reader.accept_type_hash
+        )
         self._accepted_writers = self._type_hash_filter.accepted_writers
-        scope.set_type_hash_check(mode, self._reader.guid)
+        scope.set_type_hash_check(mode, self._reader.guid, self._type_hash_filter.converts)
         depth = self._items.maxlen or 0
         self._warning_length = depth if depth > 1 else -1
         """Length of a full queue, at which dropped messages are checked for; -1 if no warning is due any more."""
@@ -212,10 +214,12 @@ class Subscription(PollableEntity, Generic[T]):
                 sample = self._items.popleft()
             except IndexError:  # another thread was faster
                 return None
-            if sample[2] not in self._accepted_writers and not self._type_hash_filter.accepts(sample[2]):
-                continue
+            data: Payload | None = sample[0]
             try:
-                return self._decode(sample[0]), sample
+                if sample[2] not in self._accepted_writers:
+                    data = self._type_hash_filter.payload(sample[2], sample[0])
+                if data is not None:
+                    return self._decode(data), sample
             except DecodeError as err:
                 self._count_undecodable(err)
         return None
@@ -236,10 +240,13 @@ class Subscription(PollableEntity, Generic[T]):
                 sample = self._items.pop()
             except IndexError:  # another thread was faster
                 break
-            if sample[2] not in self._accepted_writers and not self._type_hash_filter.accepts(sample[2]):
-                continue
+            data: Payload | None = sample[0]
             try:
-                self._latest = self._decode(sample[0])
+                if sample[2] not in self._accepted_writers:
+                    data = self._type_hash_filter.payload(sample[2], sample[0])
+                if data is None:
+                    continue
+                self._latest = self._decode(data)
             except DecodeError as err:
                 self._count_undecodable(err)
                 continue
@@ -367,6 +374,11 @@ class Subscription(PollableEntity, Generic[T]):
     def incompatible_dropped(self) -> int:
         """Number of messages dropped because their publisher announces another definition of the type."""
         return self._type_hash_filter.incompatible_dropped
+
+    @property
+    def converted(self) -> int:
+        """Number of messages converted from the definition of another ROS distribution."""
+        return self._type_hash_filter.converted
 
     @property
     def publisher_count(self) -> int:

@@ -1,44 +1,108 @@
-"""Check that a writer uses the same definition of the type as its reader.
+"""Treatment of samples whose writer uses another definition of the type than its reader.
 
-Two definitions of one type have the same name on the wire, and decoding with the other one returns wrong values. So
-samples are dropped if their writer announces another RIHS01 hash. A writer that announces no hash (ROS 2 Humble) is
-assumed to use the same definition. The check runs once per writer, with its first sample.
+Two definitions of one type have the same name on the wire, and decoding with the other one returns wrong values.
+Writers announce the RIHS01 hash of their definition. Samples of a definition that another distribution has are
+converted to the definition of the reader; those of an unknown definition are dropped. The decision is made once per
+writer.
+
+ROS 2 Humble announces no hash. A writer without hash is assumed to use the definition of Humble if its participant is
+known to be of Humble; otherwise the one of the reader, unless only that of another distribution fits the bytes.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.runtime.graph.type_hashes import type_hashes_differ
+from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.runtime.entities.message_types import class_of
+from rosidl_py_gen.runtime.graph.type_hashes import CONVERTING, type_hashes_differ
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+    from rosidl_py_gen.runtime.entities.message_types import MessageType
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.samples import Payload
+    from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, SampleConverter
 
 W = TypeVar("W")
 
 _MAX_ACCEPTED_WRITERS = 1000
 _MAX_UNKNOWN_SAMPLES = 100
 """Number of samples of undiscovered writers after which such a writer is accepted without a further search for it."""
+_MAX_LISTED_FIELDS = 5
+_HUMBLE = "humble"
+
+
+class PeerConverters:
+    """Conversions from peers' definitions of a message type to the own one; nothing is loaded before it is needed."""
+
+    __slots__ = ("_converters", "_definitions", "_message_type", "_scope", "cls")
+
+    def __init__(self, scope: EntityScope, message_type: MessageType[Any]) -> None:
+        self._scope = scope
+        self._message_type = message_type
+        self._definitions: Mapping[str, PeerDefinition] | None = None
+        self._converters: dict[str, SampleConverter | None] = {}
+        self.cls: Any = None
+        """Class of the own definition, after `definitions` was called."""
+
+    def definitions(self) -> Mapping[str, PeerDefinition]:
+        """Return the definitions of other distributions by hash."""
+        if self._definitions is None:
+            from rosidl_py_gen.type_loading.class_lookup import find_class
+            from rosidl_py_gen.type_loading.peer_definitions import peer_definitions
+
+            name, type_hash = self._message_type.ros_name, self._message_type.type_hash
+            self.cls = class_of(name, type_hash)
+            if self.cls is None or not self.cls._TYPE.fields:  # types that are imported later, and raw data
+                self.cls = find_class(name, lambda hashes: hashes[name] == type_hash) if type_hash else None
+            self._definitions = {} if self.cls is None else peer_definitions(self.cls)
+        return self._definitions
+
+    def get(self, type_hash: str) -> SampleConverter | None:
+        """Return the conversion for peers with that hash; None if the definition is unknown or cannot be converted."""
+        if type_hash not in self._converters:
+            definition = self.definitions().get(type_hash)
+            if definition is None:  # not cached: peers determine the hash
+                return None
+            self._converters[type_hash] = self._load(definition)
+        return self._converters[type_hash]
+
+    def _load(self, definition: PeerDefinition) -> SampleConverter | None:
+        from rosidl_py_gen.type_loading.peer_definitions import ConversionError, converter_from
+
+        try:
+            return converter_from(definition, self.cls)
+        except (ConversionError, DefinitionError) as error:
+            self._scope.logger.warning(
+                f"messages of the definition of {definition.type_name} of {', '.join(definition.distros)} cannot be "
+                f"converted: {error}"
+            )
+            return None
 
 
 class TypeHashFilter(Generic[W]):
-    """Type hash check of one reader.
+    """Type hash check of one reader, and conversion of the samples of peers with another definition.
 
     Args:
         guid_of: returns the GUID of a writer, None if it is unknown; the reader chooses how it identifies writers.
+        topic: name for log records.
+        on_converted: called with the hash of a definition whose samples will be converted.
 
     Attributes:
-        accepted_writers: writers that passed the check; looked up for every message.
-        incompatible_dropped: number of samples that did not pass.
+        accepted_writers: writers whose samples are delivered unchanged; looked up for every message.
+        incompatible_dropped: number of samples that were dropped.
+        converted: number of samples that were converted.
+        service_hash: hash of the service; empty for a topic.
     """
 
     __slots__ = (
-        *("_guid_of", "_mode", "_scope", "_service_hash", "_type_hash", "_unknown_samples"),
-        *("accepted_writers", "incompatible_dropped"),
+        *("_by_guid", "_by_writer", "_guid_of", "_mode", "_on_converted", "_peers", "_reported", "_scope"),
+        *("_topic", "_type_hash", "_unknown_samples"),
+        *("accepted_writers", "converted", "incompatible_dropped", "service_hash"),
     )
 
     def __init__(
@@ -46,33 +110,71 @@ class TypeHashFilter(Generic[W]):
         scope: EntityScope,
         mode: TypeCheck,
         guid_of: Callable[[W], bytes | None],
-        type_hash: str,
+        message_type: MessageType[Any],
+        topic: str,
         service_hash: str = "",
+        *,
+        on_converted: Callable[[str], object] = lambda _: None,
     ) -> None:
         self._scope = scope
         self._mode = mode
         self._guid_of = guid_of
-        self._type_hash = type_hash
-        self._service_hash = service_hash
+        self._type_hash = message_type.type_hash
+        self._peers = PeerConverters(scope, message_type)
+        self._topic = topic
+        self.service_hash = service_hash
+        self._on_converted = on_converted
+        self._by_writer: dict[W, SampleConverter] = {}
+        self._by_guid: dict[bytes, SampleConverter] = {}
+        """Conversions of discovered writers, which may have left when their samples are taken."""
+        self._reported: set[str] = set()
+        """Hashes whose conversion was logged."""
         self.accepted_writers: set[W] = set()
         self.incompatible_dropped = 0
+        self.converted = 0
         self._unknown_samples = 0
 
-    def accepts(self, writer: W) -> bool:
-        """Return True if a sample of a writer that is not in `accepted_writers` passes the check; else count it."""
-        if self._mode == "error":
-            endpoint = self._endpoint(self._guid_of(writer))
+    def payload(self, writer: W, data: Payload) -> Payload | None:
+        """Return a sample of a writer that is not in `accepted_writers`, in the definition of the reader.
+
+        Returns:
+            None if the sample is dropped and counted.
+
+        Raises:
+            DecodeError: the sample has another definition, and cannot be converted.
+        """
+        converter = self._by_writer.get(writer)
+        if converter is None and self._mode != "off":
+            guid = self._guid_of(writer)
+            endpoint = self._endpoint(guid)
             if endpoint is None:  # the writer has left, or is not discovered yet
-                self._unknown_samples += 1
-                if self._unknown_samples < _MAX_UNKNOWN_SAMPLES:
-                    return True
+                converter = None if guid is None else self._by_guid.get(guid)
+                if converter is None:
+                    self._unknown_samples += 1
+                    if self._unknown_samples < _MAX_UNKNOWN_SAMPLES:
+                        return data
             elif not self.is_compatible(endpoint):
                 self.incompatible_dropped += 1
-                return False
+                return None
+            elif type_hashes_differ(endpoint, self._type_hash, self.service_hash):
+                converter = self._peers.get(endpoint.type_hash)
+            elif self._needs_guess(endpoint):
+                return self._guessed_payload(endpoint, data)
+            if endpoint is not None and converter is not None:
+                self._report(endpoint, converter)
+                if len(self._by_writer) >= _MAX_ACCEPTED_WRITERS:
+                    self._by_writer.clear()
+                self._by_writer[writer] = converter
+        if converter is not None:
+            return self._convert(converter, data)
         if len(self.accepted_writers) >= _MAX_ACCEPTED_WRITERS:
             self.accepted_writers.clear()
         self.accepted_writers.add(writer)
-        return True
+        return data
+
+    def _convert(self, converter: SampleConverter, data: Payload) -> Payload:
+        self.converted += 1
+        return converter(data)
 
     def _endpoint(self, guid: bytes | None) -> DiscoveredEndpoint | None:
         if guid is None:
@@ -82,7 +184,86 @@ class TypeHashFilter(Generic[W]):
             self._scope.discovery.refresh()
         return endpoints.get(guid)
 
-    def is_compatible(self, endpoint: DiscoveredEndpoint, type_hash: str | None = None) -> bool:
-        """Return True if an endpoint uses the definition of `type_hash`, by default that of the reader."""
-        own_hash = self._type_hash if type_hash is None else type_hash
-        return self._mode != "error" or not type_hashes_differ(endpoint, own_hash, self._service_hash)
+    def is_compatible(self, endpoint: DiscoveredEndpoint) -> bool:
+        """Return True if the samples of a writer are delivered, unchanged or converted."""
+        if self._mode in ("warn", "off") or not type_hashes_differ(endpoint, self._type_hash, self.service_hash):
+            return True
+        return self._mode == "convert" and self._peers.get(endpoint.type_hash) is not None
+
+    def converts(self, endpoint: DiscoveredEndpoint) -> bool:
+        """Return True, and prepare for its samples, if a writer announces another definition that is converted."""
+        if self._mode not in CONVERTING or endpoint.type_hash in ("", self._type_hash):
+            return False
+        converter = self._peers.get(endpoint.type_hash)
+        if converter is None:
+            return False
+        if len(self._by_guid) >= _MAX_ACCEPTED_WRITERS:
+            self._by_guid.clear()
+        self._by_guid[endpoint.guid] = converter
+        self._on_converted(endpoint.type_hash)
+        return True
+
+    # --- writers without hash -----------------------------------------------------------------------------------------
+
+    def _needs_guess(self, endpoint: DiscoveredEndpoint) -> bool:
+        """Return True if a writer has no hash and may use the definition of another distribution."""
+        return (
+            self._mode in CONVERTING
+            and not (endpoint.type_hash or endpoint.service_hash)
+            and bool(self._type_hash)
+            and endpoint.participant_guid != self._scope.participant.guid
+            and bool(self._peers.definitions())
+        )
+
+    def _guessed_payload(self, endpoint: DiscoveredEndpoint, data: Payload) -> Payload:
+        """Return a sample of a writer without hash, in the definition of the reader."""
+        from rosidl_py_gen.type_loading.peer_definitions import fits_exactly
+
+        graph, definitions = self._scope.graph, self._peers.definitions()
+        of_humble = next((key for key, one in definitions.items() if _HUMBLE in one.distros), "")
+        is_humble = graph.is_humble(endpoint.participant_guid)
+        chosen = of_humble
+        if not is_humble:
+            converters = {key: self._peers.get(key) for key in definitions}
+            fitting = [key for key, one in converters.items() if one is not None and fits_exactly(one.old, data)]
+            if fits_exactly(self._peers.cls, data):
+                # All later distributions announce a hash.
+                may_be_humble = is_humble is None and graph.is_ros(endpoint.participant_guid)
+                chosen = of_humble if may_be_humble and of_humble in fitting else ""
+            else:
+                chosen = fitting[0] if len(fitting) == 1 else ""
+        converter = self._peers.get(chosen) if chosen else None
+        if converter is None:
+            return data
+        self._report(endpoint, converter)
+        return self._convert(converter, data)
+
+    # --- log ----------------------------------------------------------------------------------------------------------
+
+    def _report(self, endpoint: DiscoveredEndpoint, converter: SampleConverter) -> None:
+        """Log once for each definition that samples are converted."""
+        type_hash = converter.old._TYPE.hash
+        if type_hash in self._reported:
+            return
+        self._reported.add(type_hash)
+        distros = self._peers.definitions()[type_hash].distros
+        discovery, logger = self._scope.discovery, self._scope.logger
+
+        def log() -> None:
+            node = discovery.graph.describe_node(endpoint)
+            logger.warning(
+                f"messages on {self._topic} from {node} are converted: {conversion_text(converter, distros)}"
+            )
+
+        discovery.call_when_named(endpoint, log)
+
+
+def conversion_text(converter: SampleConverter, distros: tuple[str, ...]) -> str:
+    """Return a text about the two definitions, and the fields that only one of them has."""
+    names = converter.old._TYPE.name, converter.old._TYPE.hash, converter.new._TYPE.hash
+    text = f"its definition of {names[0]} is that of {', '.join(distros)}, {names[1]}; here it is {names[2]}"
+    for subject, fields in (("dropped", converter.dropped), ("set to the default", converter.defaulted)):
+        if fields:
+            more = f" and {len(fields) - _MAX_LISTED_FIELDS} more" if len(fields) > _MAX_LISTED_FIELDS else ""
+            text += f"; {subject}: {', '.join(fields[:_MAX_LISTED_FIELDS])}{more}"
+    return text

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
-from rosidl_py_gen.runtime.graph.type_hashes import type_hashes_differ
+from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, type_hashes_differ
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
@@ -68,10 +68,14 @@ class Discovery:
         self._reported_pairs: set[tuple[bytes, bytes]] = set()
         self._reported_services: set[tuple[str, bytes, bytes]] = set()
         self._warnings: list[_PendingWarning] = []
+        self._deferred: list[tuple[DiscoveredEndpoint, Callable[[], None]]] = []
+        """Functions to call when the node of an endpoint is known."""
         self.on_incompatible_endpoint: Callable[[str, str], None] | None = None
         """Function of `Context.on_incompatible_endpoint`."""
         self.type_hash_checks: dict[bytes, str] = {}
-        """Type hash check of own endpoints, without those that have the default, "error"."""
+        """Type hash check of own endpoints, without those that have the default."""
+        self.conversions: dict[bytes, Callable[[DiscoveredEndpoint], bool]] = {}
+        """Functions of own readers that return True for a writer whose other definition they convert."""
         self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
@@ -107,6 +111,7 @@ class Discovery:
             removed = {*remove, b""}
             for guid in remove:
                 self.type_hash_checks.pop(guid, None)
+                self.conversions.pop(guid, None)
             readers, writers = (node.reader_gids | {reader}) - removed, (node.writer_gids | {writer}) - removed
             self._nodes[number] = NodeEntities(node.namespace, node.name, readers, writers)
             self._publish_or_schedule()
@@ -161,6 +166,8 @@ class Discovery:
         self.changes.wake()
         if self._warnings:
             self._warn_incompatible(final=False)
+        if self._deferred:
+            self._call_deferred(final=False)
 
     def incompatibility(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> Incompatibility | None:
         """Return the incompatibility of a writer and a reader of one topic; None if they match."""
@@ -196,14 +203,40 @@ class Discovery:
             if result is None or not self._is_first_report(writer, reader):
                 continue
             self._reported_pairs.add((writer.guid, reader.guid))
-            modes = {self.type_hash_checks.get(endpoint.guid, "error") for endpoint in own}
+            modes = {self.type_hash_checks.get(endpoint.guid, DEFAULT_CHECK) for endpoint in own}
             is_definition = result.kind is IncompatibilityKind.DEFINITION
-            if is_definition and modes == {"off"}:
+            if is_definition and (modes == {"off"} or self._is_converted(writer, reader)):
                 continue
-            self._warnings.append(_PendingWarning(result, is_definition and reader in own and "error" not in modes))
+            is_delivered = is_definition and reader in own and modes <= {"warn", "off"}
+            self._warnings.append(_PendingWarning(result, is_delivered))
             loop = self._loop_binding.loop
             if loop is not None:
                 loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._warn_incompatible)
+
+    def call_when_named(self, endpoint: DiscoveredEndpoint, function: Callable[[], None]) -> None:
+        """Call a function when the node of an endpoint is known, at the latest after a second. Thread: any."""
+        loop = self._loop_binding.loop
+        if loop is None or self.graph.has_named_node(endpoint):
+            function()
+            return
+        self._deferred.append((endpoint, function))
+
+        def start_grace_period() -> None:
+            loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._call_deferred)
+
+        self._loop_binding.call_soon(start_grace_period)
+
+    def _call_deferred(self, *, final: bool = True) -> None:
+        pending, self._deferred = self._deferred, []
+        for endpoint, function in pending:
+            if final or self.graph.has_named_node(endpoint):
+                function()
+            else:
+                self._deferred.append((endpoint, function))
+
+    def _is_converted(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
+        converts = self.conversions.get(reader.guid)
+        return converts is not None and converts(writer)
 
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
         """Return False if the other topic of the service was reported for the same two participants."""
@@ -226,6 +259,8 @@ class Discovery:
                 continue
             own = writer if writer.participant_guid == self._participant.guid else reader
             effect = "messages that may be decoded wrongly" if warning.is_delivered else "no messages"
+            if self._may_be_misread(incompatibility):
+                effect = "messages that the other side may misread"
             names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
             text = f"{effect} on {own.topic_key.name} {names}: {incompatibility.reason}"
             if incompatibility.kind is IncompatibilityKind.DEFINITION:
@@ -235,6 +270,16 @@ class Discovery:
                 continue
             namespace, node_name = self.graph.node_of(own)
             get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
+
+    def _may_be_misread(self, incompatibility: Incompatibility) -> bool:
+        """Return True for an own publisher whose messages arrive at a subscription with another definition."""
+        writer, reader = incompatibility.writer, incompatibility.reader
+        return (
+            incompatibility.kind is IncompatibilityKind.DEFINITION
+            and reader.participant_guid != self._participant.guid
+            and reader.topic_key.kind == "topic"
+            and self._participant.incompatibility_reason(writer, reader) is None
+        )
 
     def close(self) -> None:
         """Announce nothing more, and wake up the waiters."""

@@ -130,6 +130,7 @@ class ParticipantInfo:
 class _Participant:
     enclave: str | None = None
     nodes: list[NodeEntities] = field(default_factory=list)
+    is_humble: bool | None = None
 
 
 class Graph:
@@ -150,6 +151,7 @@ class Graph:
                 self._participants.setdefault(event.guid, _Participant()).enclave = event.enclave
             case NodesAnnounced():
                 self.set_nodes(event.guid, event.nodes)
+                self._participants[event.guid].is_humble = event.is_humble
             case DiscoveredEndpoint():
                 new_endpoint = None if event.guid in self.endpoints else event
                 self.endpoints[event.guid] = event
@@ -203,6 +205,16 @@ class Graph:
         if not self.has_named_node(endpoint):
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
         return f"node {printable(fully_qualified_node_name(name, namespace), _MAX_NAME_CHARS)}"
+
+    def is_ros(self, participant_guid: bytes) -> bool:
+        """Return True if a participant announces that it is one of ROS."""
+        participant = self._participants.get(participant_guid)
+        return participant is not None and participant.enclave is not None
+
+    def is_humble(self, participant_guid: bytes) -> bool | None:
+        """Return True if a participant is of Humble, None if that is unknown (docs/internals/protocol.md 6.2)."""
+        participant = self._participants.get(participant_guid)
+        return None if participant is None else participant.is_humble
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
         """Return the sorted names of all topics of one kind that have writers, or readers."""

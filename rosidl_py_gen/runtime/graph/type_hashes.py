@@ -10,16 +10,23 @@ from typing import TYPE_CHECKING, Literal, get_args
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
 
-TypeCheck = Literal["error", "warn", "off"]
-"""Treatment of messages whose sender announces another definition: dropped, or delivered with or without a warning."""
+TypeCheck = Literal["convert", "error", "warn", "off"]
+"""Treatment of messages whose sender announces another definition.
+
+With ``convert`` and ``warn``, they are converted if the definition is one of another ROS distribution. Others are
+dropped, or delivered as they are with ``warn``. ``error`` drops all of them, ``off`` delivers them without a warning.
+"""
+DEFAULT_CHECK: TypeCheck = "convert"
+CONVERTING: tuple[TypeCheck, ...] = ("convert", "warn")
+"""Values with which known definitions are converted."""
 
 
-def checked_mode(mode: TypeCheck | None, default: TypeCheck = "error") -> TypeCheck:
+def checked_mode(mode: TypeCheck | None, default: TypeCheck = DEFAULT_CHECK) -> TypeCheck:
     """Return the mode, or the default for None; raises `ValueError` for other values."""
     if mode is None:
         return default
     if mode not in get_args(TypeCheck):
-        raise ValueError(f'type_hash_check must be "error", "warn" or "off", got {mode!r:.100}')
+        raise ValueError(f'type_hash_check must be "convert", "error", "warn" or "off", got {mode!r:.100}')
     return mode
 
 

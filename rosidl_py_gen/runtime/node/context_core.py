@@ -9,6 +9,7 @@ import warnings
 import weakref
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.distributions import command_distribution
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
 from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
@@ -48,7 +49,7 @@ class ContextCore:
     ) -> None:
         self.on_error = require_on_error(on_error)
         resolved_transport = resolve_transport(transport)
-        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
+        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery, distro=command_distribution())
         self.ros_arguments = parse_arguments(sys.argv if args is None else args)
         outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)
         try:

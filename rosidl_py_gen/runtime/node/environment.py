@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from numbers import Integral
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 from rosidl_py_gen.runtime.transport.cyclone import library
@@ -35,7 +36,11 @@ class EnvironmentSettingError(RosidlError, ValueError):
 
 
 def read_environment(
-    environ: Mapping[str, str], *, domain_id: int | None = None, discovery: str | None = None
+    environ: Mapping[str, str],
+    *,
+    domain_id: int | None = None,
+    discovery: str | None = None,
+    distro: str | None = None,
 ) -> DomainSettings:
     """Combine variables and arguments; an argument that is not None overrides its variables.
 
@@ -57,7 +62,8 @@ def read_environment(
         domain_id = _check_domain_id("ROS_DOMAIN_ID", _parse_unsigned(text), text)
     else:
         domain_id = _check_domain_id("domain_id", domain_id, domain_id)
-    return DomainSettings(domain_id, discovery_range, peers, environ.get("CYCLONEDDS_URI", ""), tuple(warnings))
+    distro = environ.get(ENVIRONMENT_VARIABLE, "").strip().lower() if distro is None else distro
+    return DomainSettings(domain_id, discovery_range, peers, environ.get("CYCLONEDDS_URI", ""), tuple(warnings), distro)
 
 
 def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:

@@ -52,6 +52,7 @@ class DomainSettings:
         static_peers: hosts or addresses to contact directly, in this order.
         cyclonedds_uri: configuration of the user, XML or ``file://`` names separated by commas; may be empty.
         warnings: texts to log once.
+        ros_distro: name of the ROS distribution that was selected; may be empty.
     """
 
     domain_id: int = 0
@@ -59,6 +60,7 @@ class DomainSettings:
     static_peers: tuple[str, ...] = ()
     cyclonedds_uri: str = ""
     warnings: tuple[str, ...] = ()
+    ros_distro: str = ""
 
 
 # ----------------------------------------------------------------------------------------------------------- contract
@@ -131,6 +133,12 @@ class Reader(_Endpoint, Protocol):
 
     def writer_guid(self, handle: int) -> bytes | None:
         """Return the GUID of a sample's writer handle; None if the handle is unknown or expired."""
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        """Receive samples of writers with another definition, too; does nothing if the transport delivers them anyway.
+
+        Thread: loop, or any if no loop runs.
+        """
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,10 +36,15 @@ class NodeEntities:
 
 @dataclass(frozen=True, slots=True)
 class NodesAnnounced:
-    """The participant with that GUID announced all its nodes."""
+    """The participant with that GUID announced all its nodes.
+
+    Attributes:
+        is_humble: the announcement has the layout of Humble and earlier; None if it does not tell.
+    """
 
     guid: bytes
     nodes: tuple[NodeEntities, ...]
+    is_humble: bool | None = None
 
 
 class TopicKey(NamedTuple):

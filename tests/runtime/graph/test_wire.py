@@ -130,7 +130,7 @@ def test_an_invalid_name_or_guid_hides_no_other_node_of_the_participant() -> Non
     for name in ("", "a b", "a\0b", "\n\x1b[31m", "x" * 2_000_000):
         sent = [good, NodeEntities("no//ns", name, frozenset(), frozenset()), good]
         message = discovery_info_message.decode(discovery_info_message.encode(PREFIX + b"\0\0\0\7", sent), PREFIX)
-        assert message == (GUID, sent)
+        assert message[:2] == (GUID, sent)
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])

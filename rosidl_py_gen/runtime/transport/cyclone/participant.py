@@ -73,14 +73,16 @@ class CycloneTransport:
             unsupported=_library.unsupported_elements,
         )
         is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
-        return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml, is_local=is_local)
+        return CycloneParticipant(
+            settings.domain_id, participant_user_data(enclave), xml, is_local=is_local, ros_distro=settings.ros_distro
+        )
 
 
 class CycloneParticipant(DdsParticipant):
     """Participant of the DDS transport."""
 
-    def __init__(self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool) -> None:
-        super().__init__(_fast_dds)
+    def __init__(self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool, ros_distro: str = "") -> None:
+        super().__init__(_fast_dds, ros_distro)
         self.api = _api
         self.domain_id = domain_id
         self._closed = False

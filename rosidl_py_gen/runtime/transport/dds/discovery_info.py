@@ -28,6 +28,7 @@ from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rosidl_py_gen.runtime.transport.dds.discovery_info_message import DiscoveryInfoMessage
     from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 
 _TOPIC = TopicKey("unmangled", "ros_discovery_info")
@@ -38,14 +39,41 @@ _RETRY_DELAYS_S = (0.05, 0.2, 0.5)
 """Delays after which the reader is recreated while a discovered writer has sent nothing. The topic is transient local,
 and Cyclone often loses the first sample of a Fast DDS writer, because it does not know the writer yet. Fast DDS would
 repeat it after 3 s, but sends its history to a new reader at once."""
+_HUMBLE = "humble"
+_HUMBLE_FOUND = (
+    "a node of ROS 2 Humble is in this domain; on Fast DDS it may take all memory when it reads the node names of "
+    "later distributions. "
+)
+_WARNINGS = {
+    False: "So this process announces its nodes in the format of Humble from now on; tools of later distributions do "
+    "not list them. Set ROS_DISTRO=humble to use that format from the start, or another ROS_DOMAIN_ID",
+    True: "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble, or another "
+    "ROS_DOMAIN_ID",
+}
+"""Warnings about a participant of Humble; True if another distribution is selected."""
 
 
 class DiscoveryInfoTopic:
-    """Writer and reader of `ros_discovery_info` of a participant."""
+    """Writer and reader of `ros_discovery_info` of a participant.
 
-    def __init__(self, participant: DdsParticipant, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+    Announcements have the layout of Humble if that distribution is selected, or if none is selected and a participant
+    of Humble is present: a node of Humble on Fast DDS reads a number from the name of a node in the usual layout, and
+    may allocate all memory (docs/internals/protocol.md 6.5).
+    """
+
+    def __init__(
+        self, participant: DdsParticipant, sink: Callable[[list[DiscoveryEvent]], None], ros_distro: str = ""
+    ) -> None:
+        """`ros_distro` is that of `DomainSettings`."""
         self._participant = participant
         self._sink = sink
+        self._ros_distro = ros_distro
+        self._nodes: tuple[NodeEntities, ...] = ()
+        """The nodes that were announced last."""
+        self._writer_has_hash: dict[bytes, bool] = {}
+        """Discovered writers of the topic."""
+        self._humble_writers: set[bytes] = set()
+        self._has_warned = False
         self._closed = False
         self._unheard_writers: set[bytes] = set()
         """Discovered writers of which no sample was received when they were discovered."""
@@ -60,7 +88,12 @@ class DiscoveryInfoTopic:
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         """Announce all nodes of the participant."""
-        self._writer.write(discovery_info_message.encode(self._participant.guid, nodes.values()))
+        self._nodes = tuple(nodes.values())
+        self._write()
+
+    def _write(self) -> None:
+        is_humble = self._ros_distro == _HUMBLE or (not self._ros_distro and bool(self._humble_writers))
+        self._writer.write(discovery_info_message.encode(self._participant.guid, self._nodes, is_humble=is_humble))
 
     def read(self) -> None:
         """Report the received announcements."""
@@ -74,8 +107,32 @@ class DiscoveryInfoTopic:
             if isinstance(event, EntityLost):
                 self._heard_writers.discard(event.guid)
                 self._unheard_writers.discard(event.guid)
+                self._writer_has_hash.pop(event.guid, None)
+                self._set_humble(event.guid, False)
             elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.topic_key == _TOPIC:
+                self._writer_has_hash[event.guid] = bool(event.type_hash)
                 self._expect_message(event.guid)
+
+    def _is_humble(self, writer: bytes, message: DiscoveryInfoMessage) -> bool | None:
+        """Return True if a participant is of Humble, None if it is unknown.
+
+        Contexts of this package may write the layout of Humble, too, but with a type hash.
+        """
+        if not message.is_humble:
+            return False
+        return None if writer not in self._writer_has_hash else not self._writer_has_hash[writer]
+
+    def _set_humble(self, writer: bytes, is_humble: bool) -> None:
+        if is_humble is (writer in self._humble_writers):
+            return
+        (self._humble_writers.add if is_humble else self._humble_writers.discard)(writer)
+        if self._closed or self._ros_distro == _HUMBLE:
+            return
+        if is_humble and not self._has_warned:
+            self._has_warned = True
+            internal_logger().warning(_HUMBLE_FOUND + _WARNINGS[bool(self._ros_distro)])
+        if not self._ros_distro and len(self._humble_writers) == is_humble:  # the first came, or the last has left
+            self._write()
 
     def _expect_message(self, writer: bytes) -> None:
         loop = current_loop()
@@ -111,7 +168,9 @@ class DiscoveryInfoTopic:
             except DecodeError as err:
                 internal_logger().warning(f"ignored a graph message of participant {prefix.hex('.')}: {err}")
                 continue
-            events.append(NodesAnnounced(message.participant_guid, tuple(message.nodes)))
+            is_humble = self._is_humble(guid, message)
+            self._set_humble(guid, bool(is_humble))
+            events.append(NodesAnnounced(message.participant_guid, tuple(message.nodes), is_humble))
         self._sink(events)
 
     def close(self) -> None:

@@ -2,7 +2,7 @@
 
 Not generated, because one type name stands for two layouts: GIDs of Humble have 24 bytes, later ones 16
 (docs/internals/protocol.md 6.2). The message begins with the GUID of its sender, and only the right layout consumes the
-rest exactly. Sent messages have 16-byte GIDs. Big-endian messages do not exist.
+rest exactly. Big-endian messages do not exist.
 """
 
 from __future__ import annotations
@@ -22,21 +22,26 @@ if TYPE_CHECKING:
 _NAME = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _PARTICIPANT = bytes.fromhex("000001c1")
 """Entity id of every participant. The last bytes of the GUID in a message may be others."""
+GID_BYTES = 16
+HUMBLE_GID_BYTES = 24
+"""Size of a GID in Humble and earlier: a GUID, then zeros."""
 _MAX_ITEMS = 1 << 20
 """Maximum number of nodes or endpoints of a participant; a larger number means that the layout is wrong."""
 
 
 class DiscoveryInfoMessage(NamedTuple):
-    """All nodes of one participant."""
+    """All nodes of one participant; `is_humble` is True if GIDs have 24 bytes."""
 
     participant_guid: bytes
     nodes: list[NodeEntities]
+    is_humble: bool = False
 
 
-def encode(participant_guid: bytes, nodes: Iterable[NodeEntities]) -> bytes:
-    """Encode a message with 16-byte GIDs."""
+def encode(participant_guid: bytes, nodes: Iterable[NodeEntities], *, is_humble: bool = False) -> bytes:
+    """Encode a message; with `is_humble`, in the layout of Humble."""
+    gid_bytes = HUMBLE_GID_BYTES if is_humble else GID_BYTES
     out = bytearray(HEADER)
-    out += participant_guid
+    out += participant_guid.ljust(gid_bytes, b"\0")
     entries = list(nodes)
     _append_count(out, len(entries))
     for node in entries:
@@ -46,7 +51,7 @@ def encode(participant_guid: bytes, nodes: Iterable[NodeEntities]) -> bytes:
             out += data
         for gids in (node.reader_gids, node.writer_gids):
             _append_count(out, len(gids))
-            out += b"".join(sorted(gids))
+            out += b"".join(gid.ljust(gid_bytes, b"\0") for gid in sorted(gids))
     return bytes(out)
 
 
@@ -62,14 +67,17 @@ def decode(data: Payload, sender_prefix: bytes) -> DiscoveryInfoMessage:
         DecodeError: the bytes have neither layout.
     """
     raw = bytes(data)
+    is_humble = False
     try:
-        nodes = _MessageCursor(raw, 16, sender_prefix).message()
+        nodes = _MessageCursor(raw, GID_BYTES, sender_prefix).message()
     except DecodeError as error:
         try:
-            nodes = _MessageCursor(raw, 24, sender_prefix).message()
+            nodes = _MessageCursor(raw, HUMBLE_GID_BYTES, sender_prefix).message()
+            is_humble = True
         except DecodeError:
             raise error from None
-    return DiscoveryInfoMessage(raw[HEADER_BYTES : HEADER_BYTES + GUID_PREFIX_BYTES] + _PARTICIPANT, nodes)
+    participant = raw[HEADER_BYTES : HEADER_BYTES + GUID_PREFIX_BYTES] + _PARTICIPANT
+    return DiscoveryInfoMessage(participant, nodes, is_humble)
 
 
 @dataclass(slots=True)

@@ -54,8 +54,9 @@ class DdsParticipant:
     middleware = "DDS"
     guid: bytes
 
-    def __init__(self, fast_dds: FastDdsInterop) -> None:
+    def __init__(self, fast_dds: FastDdsInterop, ros_distro: str) -> None:
         self.fast_dds = fast_dds
+        self._ros_distro = ros_distro
         self.service_peers = ServicePeers()
         self._entity_numbers = itertools.count(1)
         self._discovery_info: DiscoveryInfoTopic | None = None
@@ -106,7 +107,7 @@ class DdsParticipant:
     ) -> Callable[[list[DiscoveryEvent]], None]:
         """Report nodes of peers to `sink`; return the sink for all other discovery events."""
         self.stop_discovery_info()
-        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink)
+        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro)
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self.service_peers.apply(events)

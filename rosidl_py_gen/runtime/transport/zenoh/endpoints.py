@@ -27,6 +27,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -210,13 +211,27 @@ class ZenohReader:
         self._gaps: SequenceGaps | None = None
         self._bad_attachment = ""
         self._closed = False
-        self._declarations = [self._declare(key)]
-        if has_buffer:
+        self._key = key
+        self._has_buffer = has_buffer
+        self._other_infos: dict[str, DiscoveredEndpoint] = {}
+        """Endpoint with the hash of another definition in place of the own one, by hash."""
+        self._declarations: list[Any] = []
+        self._declare_all(key)
+
+    def _declare_all(self, key: str) -> None:
+        declared = [self._declare(key)]
+        if self._has_buffer:
             try:
-                self._declarations.append(self._declare(cpu_buffer_key(key)))
+                declared.append(self._declare(cpu_buffer_key(key)))
             except BaseException:
-                self._declarations[0].undeclare()
+                declared[0].undeclare()
                 raise
+        self._declarations += declared
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        if not self._closed and type_hash not in self._other_infos:
+            self._other_infos[type_hash] = replace(self.info, type_hash=type_hash)
+            self._declare_all(f"{self._key.rpartition('/')[0]}/{type_hash}")
 
     def _declare(self, key: str) -> Any:
         session, qos = self._owner.session, self.info.qos
@@ -265,9 +280,10 @@ class ZenohReader:
         return bool(self.queue.items)  # samples are received into the queue
 
     def matched_writers(self) -> list[bytes]:
-        connected = self._owner.graph.connected(self.info)
         own = self.info.participant_guid if self._ignore_local else None
-        return [guid for guid, writer in connected.items() if writer.participant_guid != own]
+        infos = self.info, *self._other_infos.values()
+        connected = (self._owner.graph.connected(info).items() for info in infos)
+        return [guid for writers in connected for guid, writer in writers if writer.participant_guid != own]
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         if event != "message_lost":

@@ -18,10 +18,17 @@ from rosidl_py_gen.errors import EncodeError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.compiler.compatibility.migration import FieldConversion, Plans
 
     Converter = Callable[[Any], Any]
+
+
+def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, FieldType]]]:
+    """Return the fields of a message and of all types in it, as input of `plan`."""
+    classes: dict[str, Any] = referenced_classes(cls)
+    return {name: [(one.ros_name, one.type) for one in planned._TYPE.fields] for name, planned in classes.items()}
 
 
 def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> Callable[[Any], Any]:
@@ -46,18 +53,18 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
     def _maker(pair: tuple[str, str]) -> Converter:
         old_class: Any = old_classes[pair[0]]
         cls: Any = new_classes[pair[1]]
-        old_names = {field.ros_name: field.py_name for field in old_class._TYPE.fields}
-        new_names = {field.ros_name: field.py_name for field in cls._TYPE.fields}
+        old_fields = {field.ros_name: field for field in old_class._TYPE.fields}
+        new_fields = {field.ros_name: field for field in cls._TYPE.fields}
         steps = [
-            (old_names[step.old], new_names[step.new], converter_of(step, f"{pair[1]}.{step.new}"))
+            (old_fields[step.old], new_fields[step.new], converter_of(step, f"{pair[1]}.{step.new}"))
             for step in plans[pair].steps
         ]
 
         def convert(message: Any) -> Any:
             converted = cls()
             for source, target, converter in steps:
-                value = getattr(message, source)
-                setattr(converted, target, value if converter is None else converter(value))
+                value = message._get_plain(source)
+                converted._set_plain(target, value if converter is None else converter(value))
             return converted
 
         return convert

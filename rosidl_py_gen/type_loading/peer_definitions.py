@@ -1,0 +1,188 @@
+"""Definitions that peers of other ROS distributions use for a type, and the conversion of their samples.
+
+The definition of a peer is identified by the RIHS01 hash that it announces. A type may also differ because a type that
+it refers to does: `my_msgs/msg/Sonar` with a field `sensor_msgs/Range` has another hash in each distribution whose
+`Range` differs. So the hash of a type in a distribution is computed from the own definition, with the types replaced
+that the distribution defines otherwise.
+
+Fields are converted by the rules of ``rosidl-py bag migrate``: by name, to defaults where the peer has no such field. A
+value that does not fit is refused.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
+from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
+from rosidl_py_gen.cdr.type_queries import type_description
+from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
+from rosidl_py_gen.type_loading.class_lookup import distribution_definitions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rosidl_py_gen.base.descriptions import Description
+    from rosidl_py_gen.cdr import Message
+
+_lock = threading.RLock()
+
+
+class ConversionError(RosidlError):
+    """Messages of a definition cannot be converted to another one; the text names the fields."""
+
+
+class PeerDefinition(NamedTuple):
+    """Another definition of a type.
+
+    Attributes:
+        distros: the distributions that have it, oldest first.
+        individuals: description of each single type in it, by name.
+    """
+
+    type_name: str
+    type_hash: str
+    distros: tuple[str, ...]
+    individuals: Mapping[str, Description]
+
+
+class SampleConverter(NamedTuple):
+    """Conversion of encoded messages from one definition to another.
+
+    Attributes:
+        dropped: fields of the old definition that the new one does not have, as ``pkg/msg/Name.field``.
+        defaulted: fields of the new definition that the old one does not have.
+    """
+
+    old: type[Message]
+    new: type[Message]
+    dropped: tuple[str, ...]
+    defaulted: tuple[str, ...]
+    convert: Callable[[Any], Any]
+
+    def __call__(self, data: Any) -> bytes:
+        """Return a sample of the new definition.
+
+        Raises:
+            DecodeError: the data is not a message of the old definition, or a value does not fit the new one.
+        """
+        try:
+            return self.convert(self.old._decode(data))._encode()  # type: ignore[no-any-return]
+        except EncodeError as error:
+            raise DecodeError(error.path, 0, f"cannot be converted to the definition in use: {error.reason}") from None
+
+
+def peer_definitions(cls: type[Message]) -> Mapping[str, PeerDefinition]:
+    """Return the definitions that other distributions have of a class's type, by hash; those of equal hash omitted."""
+    info = cls._TYPE
+    with _lock:
+        return _peer_definitions(info.name, info.hash, cls)
+
+
+def converter_from(definition: PeerDefinition, cls: type[Message]) -> SampleConverter:
+    """Return the conversion of a peer's samples to those of a class.
+
+    Raises:
+        ConversionError: a field cannot be converted.
+        DefinitionError: the definition cannot be compiled.
+    """
+    with _lock:
+        return _converter(_peer_class(definition), cls)
+
+
+def fits_exactly(cls: type[Message], data: Any) -> bool:
+    """Return True if data is a message of the class and nothing else, up to the padding of the network."""
+    try:
+        size = len(cls._decode(data)._encode())
+    except (DecodeError, EncodeError):
+        return False
+    return 0 <= len(data) - size < NETWORK_ALIGN
+
+
+_by_hash: dict[tuple[str, str], Mapping[str, PeerDefinition]] = {}
+
+
+def _peer_definitions(name: str, own_hash: str, cls: type[Message]) -> Mapping[str, PeerDefinition]:
+    found = _by_hash.get((name, own_hash))
+    if found is None:
+        description = type_description(cls)
+        # A class of raw data has a hash without the fields.
+        found = _find(name, own_hash, individual_descriptions(description)) if rihs01(description) == own_hash else {}
+        _by_hash[name, own_hash] = found
+    return found
+
+
+def _find(name: str, own_hash: str, individuals: Mapping[str, Description]) -> dict[str, PeerDefinition]:
+    found: dict[str, PeerDefinition] = {}
+    for distro, replaced in _replaced_descriptions(individuals).items():
+        full = _full_description(name, {**individuals, **replaced})
+        type_hash = rihs01(full)
+        if type_hash == own_hash:
+            continue
+        distros = (*found[type_hash].distros, distro) if type_hash in found else (distro,)
+        found[type_hash] = PeerDefinition(name, type_hash, distros, individual_descriptions(full))
+    return found
+
+
+def _replaced_descriptions(individuals: Mapping[str, Description]) -> dict[str, dict[str, Description]]:
+    """Return the descriptions of types that a distribution defines otherwise, and of all that these refer to."""
+    by_distro: dict[str, dict[str, Description]] = {distro: {} for distro in DISTRIBUTIONS}
+    for type_name, own in individuals.items():
+        for definition in distribution_definitions(type_name):
+            description = type_description(definition.load())
+            if _fields(description["type_description"]) != _fields(own):
+                for distro in definition.distributions:
+                    by_distro[distro].update(individual_descriptions(description))
+    return {distro: replaced for distro, replaced in by_distro.items() if replaced}
+
+
+def _fields(description: Description) -> list[tuple[object, object]]:
+    return [(field["name"], field["type"]) for field in description["fields"]]
+
+
+def _full_description(name: str, individuals: Mapping[str, Description]) -> Description:
+    seen: dict[str, Description] = {}
+    pending = [name]
+    while pending:
+        current = pending.pop()
+        if current not in seen:
+            seen[current] = individuals[current]
+            pending += [nested for field in seen[current]["fields"] if (nested := field["type"]["nested_type_name"])]
+    top = seen.pop(name)
+    return {"type_description": top, "referenced_type_descriptions": [seen[key] for key in sorted(seen)]}
+
+
+_peer_classes: dict[tuple[str, str], type[Message]] = {}
+
+
+def _peer_class(definition: PeerDefinition) -> type[Message]:
+    from rosidl_py_gen.type_loading.from_description import compile_described
+
+    key = definition.type_name, definition.type_hash
+    if key not in _peer_classes:
+        _peer_classes[key] = compile_described(definition.type_name, definition.individuals, {})
+    return _peer_classes[key]
+
+
+_converters: dict[tuple[type[Any], type[Any]], SampleConverter] = {}
+
+
+def _converter(old: type[Message], new: type[Message]) -> SampleConverter:
+    if (old, new) not in _converters:
+        _converters[old, new] = _new_converter(old, new)
+    return _converters[old, new]
+
+
+def _new_converter(old: type[Message], new: type[Message]) -> SampleConverter:
+    from rosidl_py_gen.compiler.compatibility.field_conversion import fields_of, message_converter
+    from rosidl_py_gen.compiler.compatibility.migration import MigrationError, plan
+
+    try:
+        plans = plan(fields_of(old), fields_of(new), old._TYPE.name, None)
+    except MigrationError as error:
+        raise ConversionError("; ".join(str(error).splitlines())) from None
+    dropped = tuple(f"{one.old}.{field}" for one in plans.values() for field in one.dropped)
+    defaulted = tuple(f"{one.new}.{field}" for one in plans.values() for field in one.defaulted)
+    return SampleConverter(old, new, dropped, defaulted, message_converter(plans, old, new))

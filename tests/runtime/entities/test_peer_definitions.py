@@ -1,0 +1,431 @@
+"""Peers of another ROS distribution with another definition of a type: messages are converted, never misread."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from support.changed_definitions import changed_worlds
+from support.example_counts import examples
+from support.node_fixtures import World, until, zenoh_environment
+
+from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
+from rosidl_py_gen.base.descriptions import individual_descriptions
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.cdr.type_queries import type_description
+from rosidl_py_gen.errors import DefinitionError, EncodeError
+from rosidl_py_gen.msgs.distribution_hashes import HASHES
+from rosidl_py_gen.runtime import CallTimeoutError, QoSProfile, WaitTimeoutError, qos
+from rosidl_py_gen.runtime.transport.dds import discovery_info
+from rosidl_py_gen.type_loading import peer_definitions
+from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, converter_from
+
+if TYPE_CHECKING:
+    from support.reference_cdr import Reference
+
+Range: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")
+HumbleRange: Any = get_message("sensor_msgs/msg/Range", distro="humble")
+Event: Any = get_message("lifecycle_msgs/msg/TransitionEvent", distro="jazzy")
+LyricalEvent: Any = get_message("lifecycle_msgs/msg/TransitionEvent", distro="lyrical")
+LATCHED = qos.DEFAULT.keep_last(5).transient_local()
+HUMBLE_RANGE_TEXT = f"""
+{"=" * 80}
+MSG: sensor_msgs/Range
+std_msgs/Header header
+uint8 radiation_type
+float32 field_of_view
+float32 min_range
+float32 max_range
+float32 range
+"""
+_numbers = itertools.count()
+
+
+def two(kind: str, text: str) -> tuple[Any, Any]:
+    """Return the classes of a type that uses Range, of Jazzy and of Humble."""
+    name = f"sonar_msgs/{kind}/Sonar{next(_numbers)}"
+    return compile_definition(name, text), compile_definition(name, text + HUMBLE_RANGE_TEXT)
+
+
+def without_hash(cls: Any) -> Any:
+    """Return a class that a publisher of Humble would have: it announces no hash."""
+    info = cls._TYPE
+    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info.__class__(info.name, "", info.fields)})
+
+
+def lyrical_event() -> Any:
+    event = LyricalEvent()
+    event.stamp.sec, event.stamp.nanosec = 1_700_000_000, 5
+    event.transition.id, event.transition.label = 3, "activate"
+    event.goal_state.label = "active"
+    return event
+
+
+def expect_event(event: Any) -> None:
+    assert (event.timestamp, event.transition.id, event.transition.label) == (0, 3, "activate")
+    assert (event.start_state.label, event.goal_state.label) == ("", "active")
+
+
+# --- topics -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.every_transport
+@pytest.mark.parametrize("profile", [qos.DEFAULT, LATCHED], ids=["volatile", "latched"])
+async def test_an_event_of_lyrical_is_not_misread(
+    world: World, profile: QoSProfile, caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(Event, "events", qos=profile)
+    publisher = alice.create_publisher(LyricalEvent, "events", profile)
+    await until(lambda: subscription.publisher_count == 1)
+    for _ in range(3):
+        publisher.publish(lyrical_event())
+    for _ in range(3):
+        expect_event(await subscription.receive(5))
+    assert (subscription.converted, subscription.incompatible_dropped, subscription.undecodable) == (3, 0, 0)
+    await until(lambda: "are converted" in caplog.text)  # as soon as the name of the node is known
+    records = [record for record in caplog.records if "are converted" in record.message]
+    assert [(record.name, record.levelname) for record in records] == [("bob", "WARNING")]
+    said = records[0].message
+    assert said.startswith("messages on /events from node /alice are converted: its definition of lifecycle_msgs/msg/")
+    assert f"TransitionEvent is that of lyrical, {type_hash(LyricalEvent)}; here it is {type_hash(Event)}; " in said
+    assert said.endswith(
+        "; dropped: lifecycle_msgs/msg/TransitionEvent.stamp; "
+        "set to the default: lifecycle_msgs/msg/TransitionEvent.timestamp"
+    )
+
+
+@pytest.mark.every_transport
+async def test_writers_of_both_definitions_are_read_side_by_side(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(Range, "range")
+    old, new = alice.create_publisher(HumbleRange, "range"), alice.create_publisher(Range, "range")
+    await until(lambda: subscription.publisher_count == 2)
+    for number in range(3):
+        old.publish(HumbleRange(range=number))
+        assert await subscription.receive(5) == Range(range=number)
+        new.publish(Range(range=number, variance=4.0))
+        assert await subscription.receive(5) == Range(range=number, variance=4.0)
+    assert subscription.converted == 3
+
+
+@pytest.mark.every_transport
+async def test_a_late_subscription_gets_what_was_latched(world: World) -> None:
+    alice, bob = world.pair()
+    publisher = alice.create_publisher(HumbleRange, "range", LATCHED)
+    publisher.publish(HumbleRange(max_range=2.5))
+    await until(lambda: bob.count_publishers("range") == 1)
+    subscription = bob.create_subscription(Range, "range", qos=LATCHED)
+    assert (await subscription.receive(10)).max_range == 2.5
+
+
+@pytest.mark.parametrize("form", ["callback", "dict", "raw", "latest", "take"])
+async def test_every_way_to_read_gets_the_own_definition(memory: World, form: str) -> None:
+    alice, bob = memory.pair()
+    publisher, received = alice.create_publisher(HumbleRange, "range"), list[Any]()
+    options: dict[str, Any] = {"raw": True} if form == "raw" else {}
+    source = "sensor_msgs/msg/Range" if form == "dict" else Range
+    subscription = bob.create_subscription(source, "range", received.append if form == "callback" else None, **options)
+    assert await publisher.wait_for_subscribers(5)
+    publisher.publish(HumbleRange(range=1.5))
+    expected = Range(range=1.5)
+    if form == "callback":
+        await until(lambda: received == [expected])
+        return
+    await until(lambda: subscription._items)
+    got = {"latest": subscription.latest, "take": subscription.take}.get(form, lambda: None)()
+    got = await subscription.receive(5) if got is None else got
+    assert got == {"dict": to_dict(expected), "raw": expected.encode()}.get(form, expected)
+
+
+async def test_a_type_that_contains_the_changed_one_is_known_as_well(memory: World) -> None:
+    ours, theirs = two("msg", "sensor_msgs/Range[] all\nint32 number\n")
+    alice, bob = memory.pair()
+    subscription, publisher = bob.create_subscription(ours, "t", arrays=True), alice.create_publisher(theirs, "t")
+    assert await publisher.wait_for_subscribers(5)
+    publisher.publish(theirs(all=[HumbleRange(range=1.0), HumbleRange(range=2.0)], number=7))
+    got = await subscription.receive(5)
+    assert ([one.range for one in got.all], [one.variance for one in got.all], got.number) == ([1, 2], [0, 0], 7)
+
+
+@pytest.mark.parametrize(("mode", "is_received"), [("error", False), ("warn", True), ("convert", True)])
+async def test_the_mode_decides(memory: World, mode: Any, is_received: bool, caplog: pytest.LogCaptureFixture) -> None:
+    alice, bob = memory.pair()
+    subscription = bob.create_subscription(Event, "t", type_hash_check=mode)
+    publisher = alice.create_publisher(LyricalEvent, "t")
+    assert await publisher.wait_for_subscribers(5)
+    publisher.publish(lyrical_event())
+    if is_received:
+        expect_event(await subscription.receive(5))
+        return
+    with pytest.raises(WaitTimeoutError):
+        await subscription.receive(0.1)
+    assert (subscription.incompatible_dropped, subscription.converted) == (1, 0)
+    await until(lambda: "no messages on /t from node /alice to node /bob: their definitions of" in caplog.text)
+    assert "are converted" not in caplog.text
+
+
+async def test_bytes_that_the_peers_definition_does_not_have_are_counted(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = memory.pair()
+    subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(HumbleRange, "t")
+    assert await publisher.wait_for_subscribers(5)
+    publisher.publish_raw(b"\0\1\0\0\7")
+    publisher.publish(HumbleRange(range=3))
+    assert (await subscription.receive(5)).range == 3
+    assert subscription.undecodable == 1
+    assert "dropped a sample on /t that is not a sensor_msgs/msg/Range (1 so far): sensor_msgs/msg/Range.header" in (
+        caplog.text
+    )
+
+
+def test_a_definition_that_cannot_be_converted_is_refused_by_name(
+    memory: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours, theirs = known_pair(monkeypatch, "string x\nint32 y", "int32 x\nint32 y")
+    alice, bob = memory.pair()
+    subscription, publisher = bob.create_subscription(ours, "t"), alice.create_publisher(theirs, "t")
+    publisher.publish(theirs(x=1, y=2))
+    assert subscription.take() is None and subscription.incompatible_dropped == 1
+    name = ours._TYPE.name
+    assert (
+        f"messages of the definition of {name} of humble cannot be converted: {name}.x: int32 cannot become string"
+        in (caplog.text)
+    )
+    assert "rule" not in caplog.text
+
+
+def known_pair(monkeypatch: pytest.MonkeyPatch, ours: str, theirs: str) -> tuple[Any, Any]:
+    """Return two classes of a type; the second is known as the definition of a distribution."""
+    name = f"known_msgs/msg/Known{next(_numbers)}"
+    own, other = compile_definition(name, ours), compile_definition(name, theirs)
+    individuals = individual_descriptions(type_description(other))
+    definition = PeerDefinition(name, type_hash(other), ("humble",), individuals)
+    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(own)), {type_hash(other): definition})
+    return own, other
+
+
+# --- writers without hash ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.every_transport
+@pytest.mark.without_zenoh
+async def test_a_range_of_humble_without_hash_is_known_by_its_size(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(Range, "range")
+    publisher = alice.create_publisher(without_hash(HumbleRange), "range")
+    assert await publisher.wait_for_subscribers(5)
+    publisher.publish_raw(HumbleRange(range=1.5).encode())
+    assert await subscription.receive(5) == Range(range=1.5)
+    publisher.publish_raw(Range(range=1.5, variance=2.0).encode())  # not of Humble
+    assert await subscription.receive(5) == Range(range=1.5, variance=2.0)
+
+
+async def test_a_participant_of_humble_is_known_by_its_graph_messages(
+    dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    spec = discovery_info._spec
+    with monkeypatch.context() as patch:
+        patch.setenv("ROS_DISTRO", "humble")
+        patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
+        alice = dds.node("alice")
+    bob, carol = dds.node("bob"), dds.node("carol", type_hash_check="error")
+    assert spec is discovery_info._spec
+    # Its bytes have the size of both definitions.
+    publisher = alice.create_publisher(without_hash(Event), "t")
+    subscription, strict = bob.create_subscription(LyricalEvent, "t"), carol.create_subscription(LyricalEvent, "t")
+    assert await publisher.wait_for_subscribers(5, count=2)
+    await bob.wait_for_node("alice", 10)
+    publisher.publish_raw(Event(timestamp=123 << 32).encode())
+    assert await subscription.receive(5) == LyricalEvent()
+    assert (await strict.receive(5)).stamp.nanosec == 123, "as before"
+    assert bob.context.participants()
+    await until(lambda: caplog.text.count("a node of ROS 2 Humble is in this domain") == 2)  # bob's and carol's
+
+
+# --- services and actions ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.every_transport
+@pytest.mark.without_zenoh
+async def test_a_service_serves_clients_that_send_another_definition(world: World) -> None:
+    ours, theirs = two("srv", "sensor_msgs/Range seen\nint32 a\n---\nint32 b\n")
+    alice, bob = world.pair()
+    asked: list[Any] = []
+    server = alice.create_service(ours, "s", lambda request: asked.append(request) or ours.Response(b=request.a))
+    same, other = bob.create_client(ours, "s"), world.node("carol").create_client(theirs, "s", type_hash_check="off")
+    assert await same.wait_for_service(5) and await other.wait_for_service(5)
+    request = ours.Request(seen=Range(range=2.0, variance=3.0), a=4)
+    assert (await same.call(request, 5)).b == 4
+    assert server.converted == 0
+    assert (await other.call(theirs.Request(seen=HumbleRange(range=3.0), a=5), 5)).b == 5
+    assert asked == [request, ours.Request(seen=Range(range=3.0), a=5)]
+    assert (server.converted, server.incompatible_dropped) == (1, 0)
+
+
+@pytest.mark.every_transport
+@pytest.mark.without_zenoh
+async def test_a_client_reads_responses_of_another_definition(world: World) -> None:
+    ours, theirs = two("srv", "int32 a\n---\nsensor_msgs/Range seen\n")
+    alice, bob = world.pair()
+    alice.create_service(theirs, "s", lambda request: theirs.Response(seen=HumbleRange(range=request.a)))
+    client = bob.create_client(ours, "s")
+    assert await client.wait_for_service(5)
+    assert (await client.call(ours.Request(a=3), 5)).seen == Range(range=3.0)
+    assert client.converted == 1
+
+
+@pytest.mark.every_transport
+@pytest.mark.without_zenoh
+async def test_a_server_that_would_have_to_convert_is_called_on_demand_only(world: World) -> None:
+    ours, theirs = two("srv", "sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
+    alice, bob = world.pair()
+    alice.create_service(theirs, "s", lambda request: theirs.Response(seen=request.seen))
+    client, bold = bob.create_client(ours, "s"), bob.create_client(ours, "s", type_hash_check="warn")
+    assert await bold.wait_for_service(5)
+    with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
+        await client.call(ours.Request(), 0.3)
+    assert (await bold.call(ours.Request(seen=Range(range=3.0, variance=5.0)), 5)).seen == Range(range=3.0)
+
+
+@pytest.mark.every_transport
+@pytest.mark.without_zenoh
+@pytest.mark.parametrize("is_ours", [True, False], ids=["our client", "our server"])
+async def test_an_action_works_with_a_peer_of_another_definition(world: World, is_ours: bool) -> None:
+    ours, theirs = two("action", "sensor_msgs/Range goal\n---\nsensor_msgs/Range end\n---\nsensor_msgs/Range now\n")
+    served, called = (theirs, ours) if is_ours else (ours, theirs)
+    served_range, called_range = (HumbleRange, Range) if is_ours else (Range, HumbleRange)
+    alice, bob = world.pair()
+
+    async def execute(goal: Any) -> Any:
+        value = goal.request.goal.range
+        goal.publish_feedback(served.Feedback(now=served_range(range=value + 1)))
+        return served.Result(end=served_range(range=value + 2))
+
+    alice.create_action_server(served, "act", execute)
+    client = bob.create_action_client(called, "act", type_hash_check="warn")
+    assert await client.wait_for_server(5)
+    goal = await client.send_goal(called.Goal(goal=called_range(range=1.0)), timeout_s=5)
+    assert [one.now.range async for one in goal.feedback()] == [2.0]
+    assert (await goal.result(timeout_s=5))[1].end.range == 3.0
+
+
+# --- properties -------------------------------------------------------------------------------------------------------
+
+PAIRS = [
+    (name, our_hash, their_hash)
+    for name, hashes in HASHES.items()
+    for our_hash, their_hash in itertools.permutations(hashes, 2)
+    if not name.startswith("rmw_dds_common/")  # of the transport
+]
+
+
+def by_hash(name: str, wanted: str) -> Any:
+    return get_message(name, distro=HASHES[name][wanted].split()[0])
+
+
+def messages(cls: Any) -> st.SearchStrategy[Any]:
+    """Return a strategy for messages without arrays."""
+    fields = {}
+    for field in cls._TYPE.fields:
+        assert field.type.arity is Arity.SCALAR
+        if field.cls is not None:
+            fields[field.py_name] = messages(field.cls)
+        elif field.type.is_string:
+            fields[field.py_name] = st.text(
+                st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=20
+            )
+        else:
+            fields[field.py_name] = numbers(np.dtype(field.type.primitive.numpy))
+    return st.builds(cls, **fields)
+
+
+def numbers(dtype: np.dtype[Any]) -> st.SearchStrategy[Any]:
+    if dtype.kind == "f":
+        return st.floats(width=8 * dtype.itemsize)
+    return st.integers(int(np.iinfo(dtype).min), int(np.iinfo(dtype).max))
+
+
+def expect_converted(got: dict[str, Any], sent: dict[str, Any], default: dict[str, Any]) -> None:
+    """Check that common fields have the value that was sent, and the others their default."""
+    for name, value in got.items():
+        if name not in sent:
+            assert repr(value) == repr(default[name])
+        elif isinstance(value, dict):
+            expect_converted(value, sent[name], default[name])
+        else:
+            assert repr(value) == repr(sent[name])
+
+
+@pytest.mark.parametrize("kind", ["memory", "dds", "zenoh"])
+@pytest.mark.parametrize(("name", "our_hash", "their_hash"), PAIRS, ids=lambda one: one.rpartition("/")[2][:14])
+def test_all_values_of_each_pair_of_distributions_arrive(
+    kind: str, name: str, our_hash: str, their_hash: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for key, value in zenoh_environment().items() if kind == "zenoh" else ():
+        monkeypatch.setenv(key, value)
+    ours, theirs = by_hash(name, our_hash), by_hash(name, their_hash)
+    world = World(kind)
+    try:
+        alice, bob = world.pair()
+        subscription, publisher = bob.create_subscription(ours, "t"), alice.create_publisher(theirs, "t")
+        assert subscription.wait_for_publishers_sync(10)
+        if kind == "dds":
+            assert publisher.wait_for_subscribers_sync(10)
+
+        @settings(max_examples=examples(60), deadline=None)
+        @given(messages(theirs))
+        def check(sent: Any) -> None:
+            publisher.publish(sent)
+            expect_converted(to_dict(subscription.receive_sync(10)), to_dict(sent), to_dict(ours()))
+
+        check()
+        assert subscription.converted and not subscription.undecodable
+    finally:
+        world.close()
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(changed_worlds())
+def test_a_random_change_of_a_random_definition_is_delivered_right_or_refused(
+    case: tuple[Any, Any, Reference, dict[str, Any]],
+) -> None:
+    old_world, new_world, reference, value = case
+    old = old_world.compile()
+    try:
+        new = new_world.compile()
+    except DefinitionError:
+        assume(False)
+    assume(type_hash(old) != type_hash(new))
+    message, name = reference.build(old, value), old_world.top
+    definition = PeerDefinition(name, type_hash(old), ("humble",), individual_descriptions(type_description(old)))
+    known = {type_hash(old): definition}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(peer_definitions._by_hash, (name, type_hash(new)), known)
+        world = World("memory")
+        try:
+            alice, bob = world.pair()
+            subscription, publisher = bob.create_subscription(new, "t"), alice.create_publisher(old, "t")
+            publisher.publish(message)
+            got = subscription.take()
+            counted = subscription.incompatible_dropped, subscription.undecodable
+        finally:
+            world.close()
+    if got is None:
+        assert sum(counted) == 1
+        with pytest.raises((peer_definitions.ConversionError, EncodeError)):
+            converter_from(definition, new).convert(message).encode()
+        return
+    assert counted == (0, 0)
+    received, sent, otherwise = to_dict(got), to_dict(message), to_dict(new())
+    old_types = {field.ros_name: field.type for field in old._TYPE.fields}
+    for field in new._TYPE.fields:
+        if field.ros_name not in sent:
+            assert repr(received[field.ros_name]) == repr(otherwise[field.ros_name])
+        elif field.cls is None and field.type == old_types[field.ros_name]:
+            assert repr(received[field.ros_name]) == repr(sent[field.ros_name])
