@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _lock = threading.RLock()
 
 
-class ConversionError(RosidlError):
+class UnconvertibleDefinitionError(RosidlError):
     """Messages of a definition cannot be converted to another one; the text names the fields."""
 
 
@@ -85,7 +85,7 @@ def converter_from(definition: PeerDefinition, cls: type[Message]) -> SampleConv
     """Return the conversion of a peer's samples to those of a class.
 
     Raises:
-        ConversionError: a field cannot be converted.
+        UnconvertibleDefinitionError: a field cannot be converted.
         DefinitionError: the definition cannot be compiled.
     """
     with _lock:
@@ -182,7 +182,7 @@ def _new_converter(old: type[Message], new: type[Message]) -> SampleConverter:
     try:
         plans = plan(fields_of(old), fields_of(new), old._TYPE.name, None)
     except MigrationError as error:
-        raise ConversionError("; ".join(str(error).splitlines())) from None
+        raise UnconvertibleDefinitionError("; ".join(str(error).splitlines())) from None
     dropped = tuple(f"{one.old}.{field}" for one in plans.values() for field in one.dropped)
     defaulted = tuple(f"{one.new}.{field}" for one in plans.values() for field in one.defaulted)
     return SampleConverter(old, new, dropped, defaulted, message_converter(plans, old, new))

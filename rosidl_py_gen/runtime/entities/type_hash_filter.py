@@ -72,11 +72,11 @@ class PeerConverters:
         return self._converters[type_hash]
 
     def _load(self, definition: PeerDefinition) -> SampleConverter | None:
-        from rosidl_py_gen.type_loading.peer_definitions import ConversionError, converter_from
+        from rosidl_py_gen.type_loading.peer_definitions import UnconvertibleDefinitionError, converter_from
 
         try:
             return converter_from(definition, self.cls)
-        except (ConversionError, DefinitionError) as error:
+        except (UnconvertibleDefinitionError, DefinitionError) as error:
             self._scope.logger.warning(
                 f"messages of the definition of {definition.type_name} of {', '.join(definition.distros)} cannot be "
                 f"converted: {error}"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.changed_definitions import changed_worlds
 from support.example_counts import examples
-from support.node_fixtures import World, until, zenoh_environment
+from support.node_fixtures import World, until, wait_until, zenoh_environment
 
 from rosidl_py_gen import compile_definition, get_message, to_dict, type_hash
 from rosidl_py_gen.base.descriptions import individual_descriptions
@@ -65,6 +67,21 @@ def lyrical_event() -> Any:
     return event
 
 
+def is_reached(subscription: Any, publisher: Any, message: Any) -> bool:
+    """Send a message, and return True if one has arrived; Zenoh loses the first ones while the other key is new."""
+    publisher.publish(message)
+    return subscription.take() is not None
+
+
+async def reach(subscription: Any, publisher: Any, message: Any) -> None:
+    """Send a message until one arrives; none is left in the queue."""
+    while not is_reached(subscription, publisher, message):
+        await asyncio.sleep(0.05)
+    await asyncio.sleep(0.1)
+    while subscription.take() is not None:
+        pass
+
+
 def expect_event(event: Any) -> None:
     assert (event.timestamp, event.transition.id, event.transition.label) == (0, 3, "activate")
     assert (event.start_state.label, event.goal_state.label) == ("", "active")
@@ -82,11 +99,13 @@ async def test_an_event_of_lyrical_is_not_misread(
     subscription = bob.create_subscription(Event, "events", qos=profile)
     publisher = alice.create_publisher(LyricalEvent, "events", profile)
     await until(lambda: subscription.publisher_count == 1)
+    await reach(subscription, publisher, lyrical_event())
+    before = subscription.converted
     for _ in range(3):
         publisher.publish(lyrical_event())
     for _ in range(3):
         expect_event(await subscription.receive(5))
-    assert (subscription.converted, subscription.incompatible_dropped, subscription.undecodable) == (3, 0, 0)
+    assert (subscription.converted, subscription.incompatible_dropped, subscription.undecodable) == (before + 3, 0, 0)
     await until(lambda: "are converted" in caplog.text)  # as soon as the name of the node is known
     records = [record for record in caplog.records if "are converted" in record.message]
     assert [(record.name, record.levelname) for record in records] == [("bob", "WARNING")]
@@ -105,12 +124,15 @@ async def test_writers_of_both_definitions_are_read_side_by_side(world: World) -
     subscription = bob.create_subscription(Range, "range")
     old, new = alice.create_publisher(HumbleRange, "range"), alice.create_publisher(Range, "range")
     await until(lambda: subscription.publisher_count == 2)
+    await reach(subscription, old, HumbleRange())
+    await reach(subscription, new, Range())
+    before = subscription.converted
     for number in range(3):
         old.publish(HumbleRange(range=number))
         assert await subscription.receive(5) == Range(range=number)
         new.publish(Range(range=number, variance=4.0))
         assert await subscription.receive(5) == Range(range=number, variance=4.0)
-    assert subscription.converted == 3
+    assert subscription.converted == before + 3
 
 
 @pytest.mark.every_transport
@@ -377,6 +399,10 @@ def test_all_values_of_each_pair_of_distributions_arrive(
         assert subscription.wait_for_publishers_sync(10)
         if kind == "dds":
             assert publisher.wait_for_subscribers_sync(10)
+        wait_until(lambda: is_reached(subscription, publisher, theirs()))
+        time.sleep(0.1)
+        while subscription.take() is not None:
+            pass
 
         @settings(max_examples=examples(60), deadline=None)
         @given(messages(theirs))
@@ -418,7 +444,7 @@ def test_a_random_change_of_a_random_definition_is_delivered_right_or_refused(
             world.close()
     if got is None:
         assert sum(counted) == 1
-        with pytest.raises((peer_definitions.ConversionError, EncodeError)):
+        with pytest.raises((peer_definitions.UnconvertibleDefinitionError, EncodeError)):
             converter_from(definition, new).convert(message).encode()
         return
     assert counted == (0, 0)
