@@ -79,7 +79,7 @@ def selected(distro: str | None = None) -> DistributionChoice:
 
 def command_distribution() -> str | None:
     """Return the distribution of `distribution_of_command`; None outside of it."""
-    return _command_selection
+    return _command_selections[-1] if _command_selections else None
 
 
 @contextmanager
