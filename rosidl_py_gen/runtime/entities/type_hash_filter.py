@@ -64,7 +64,7 @@ class PeerConverters:
             except RosidlError as error:
                 self._definitions = {}
                 self._scope.logger.warning(
-                    f"messages of other definitions of {name} cannot be converted: its definitions cannot be read: {error}"
+                    f"other definitions of {name} cannot be read, so messages of them are not converted: {error}"
                 )
         return self._definitions
 
