@@ -26,7 +26,8 @@ _BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
 _SAME_AS = {"rolling": "lyrical"}
 NAMES = (*DISTRIBUTIONS, *_SAME_AS)
 """Names that select a distribution."""
-_command_selection: str | None = None
+_command_selections: list[str] = []
+"""Selections of `distribution_of_command`, the last one counts; tasks in several threads select the same."""
 _reported: set[str] = set()
 
 
@@ -61,8 +62,8 @@ def selected(distro: str | None = None) -> DistributionChoice:
     """
     if distro is not None:
         return DistributionChoice(checked_distribution(distro), True)
-    if _command_selection is not None:
-        return DistributionChoice(_command_selection, True)
+    if _command_selections:
+        return DistributionChoice(_command_selections[-1], True)
     name = os.environ.get(ENVIRONMENT_VARIABLE, "")
     if not name:
         return _DEFAULT_CHOICE
@@ -78,7 +79,7 @@ def selected(distro: str | None = None) -> DistributionChoice:
 
 def command_distribution() -> str | None:
     """Return the distribution of `distribution_of_command`; None outside of it."""
-    return _command_selection
+    return _command_selections[-1] if _command_selections else None
 
 
 @contextmanager
@@ -88,12 +89,12 @@ def distribution_of_command(distro: str) -> Iterator[None]:
     Raises:
         UnknownDistributionError: its definitions are not bundled.
     """
-    global _command_selection
-    before, _command_selection = _command_selection, checked_distribution(distro)
+    name = checked_distribution(distro)
+    _command_selections.append(name)
     try:
         yield
     finally:
-        _command_selection = before
+        del _command_selections[len(_command_selections) - 1 - _command_selections[::-1].index(name)]
 
 
 def layers(distro: str) -> list[str]:

@@ -114,11 +114,15 @@ def pointcloud_to_array(
 
 def _check_bools(points: np.ndarray[Any, Any]) -> None:
     """Raise `ConversionError` for a byte of a bool other than 0 and 1: numpy would compute wrong results with it."""
-    fields: Any = points.dtype.fields
     for name in points.dtype.names or ():
         if points.dtype[name].base.kind == "b" and points.size:
-            offset, shape = fields[name][1], points.dtype[name].shape
-            form: Any = {"names": ["byte"], "formats": [("u1", shape)], "offsets": [offset], "itemsize": points.itemsize}
+            offset, shape = points.dtype.fields[name][1], points.dtype[name].shape
+            form: Any = {
+                "names": ["byte"],
+                "formats": [("u1", shape)],
+                "offsets": [offset],
+                "itemsize": points.itemsize,
+            }
             largest = points.view(np.dtype(form))["byte"].max()
             if largest > 1:
                 raise ConversionError(f'"{name}": {largest} is not a bool; expected 0 or 1')

@@ -104,6 +104,21 @@ def test_the_recording_precedes_the_environment_and_the_caller_precedes_it(
         assert reader.definition("/reading").message_class is JAZZY
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_tasks_of_other_processes_use_the_selection_of_the_command(tmp_path: Path, workers: int) -> None:
+    """The bag states lyrical, so without the selection the sample of Humble would not fit."""
+    tables = pytest.importorskip("rosidl_py_gen.tables")
+    bags = [humble_bag(tmp_path / f"bag{number}", RANGE, [SAMPLE]) for number in range(2)]
+    for bag in bags:
+        with sqlite3.connect(bag / "bag_0.db3") as base:
+            base.execute("update schema set ros_distro = 'lyrical'")
+        base.close()
+    with distribution_of_command("humble"):
+        report = tables.write_datasets(bags, tmp_path / "out", workers=workers)
+    assert report.failed == {} and [len(files) for files in report.files.values()] == [1, 1]
+    assert not report.skipped_topics
+
+
 def test_types_that_the_distribution_lacks_are_refused_by_name(tmp_path: Path) -> None:
     name = "nav_msgs/msg/Trajectory"
     bag = humble_bag(tmp_path / "bag", name, [b"\0\1\0\0"])

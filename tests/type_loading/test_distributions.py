@@ -10,13 +10,21 @@ from pathlib import Path
 
 import pytest
 
-from rosidl_py_gen import DefinitionError, TypeNotFoundError, get_action, get_message, get_service, type_hash
+from rosidl_py_gen import (
+    DefinitionError,
+    DistributionWarning,
+    TypeNotFoundError,
+    UnknownDistributionError,
+    get_action,
+    get_message,
+    get_service,
+    type_hash,
+)
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, distribution_of_command, selected
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.frontend.bundled import changed_interfaces, files_below
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import load
-from rosidl_py_gen.errors import UnknownDistributionError
 from rosidl_py_gen.type_loading.class_lookup import definition_origin, distribution_definitions, find_class
 
 # Computed by rosidl's own tools from the files of the distributions (docs/internals/protocol.md 1.9).
@@ -142,13 +150,21 @@ def test_names_of_distributions_are_read_in_any_case() -> None:
     assert selected("rolling") == ("lyrical", True)
 
 
-def test_the_environment_selects_and_warns_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_DISTRO", "humble")
-    assert selected() == ("humble", False)
-    assert type_hash(get_message("sensor_msgs/Range"))[7:11] == "9430"
-    assert type_hash(get_message("rmw_dds_common/ParticipantEntitiesInfo"))[7:11] == "a8ad"
+def test_the_environment_selects(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = (
+        "from rosidl_py_gen import get_message, type_hash;"
+        "print(*(type_hash(get_message(name))[7:11] for name in"
+        " ('sensor_msgs/Range', 'rmw_dds_common/ParticipantEntitiesInfo', 'lifecycle_msgs/TransitionEvent')))"
+    )
+    for distro, hashes in (("humble", "9430 a8ad d5f8"), ("lyrical", "b42b 91a0 78b1"), ("", "b42b 91a0 d5f8")):
+        monkeypatch.setenv("ROS_DISTRO", distro)
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == hashes
+
+
+def test_an_unknown_name_in_the_environment_is_a_warning_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DISTRO", "galactic")
-    with pytest.warns(UserWarning, match="no definitions of 'galactic'; using those of jazzy"):
+    with pytest.warns(DistributionWarning, match="no definitions of 'galactic'; using those of jazzy"):
         assert get_message("std_msgs/Bool")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -160,6 +176,9 @@ def test_a_command_selects_for_its_duration(monkeypatch: pytest.MonkeyPatch) -> 
     with distribution_of_command("lyrical"):
         assert selected() == ("lyrical", True)
         assert selected("humble") == ("humble", True)
+        with distribution_of_command("humble"), distribution_of_command("lyrical"):
+            assert selected().name == "lyrical"
+        assert selected().name == "lyrical"
     assert selected() == ("kilted", False)
 
 

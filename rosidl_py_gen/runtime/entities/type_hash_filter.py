@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.message_types import class_of
 from rosidl_py_gen.runtime.graph.type_hashes import CONVERTING, type_hashes_differ
 
@@ -57,9 +57,15 @@ class PeerConverters:
 
             name, type_hash = self._message_type.ros_name, self._message_type.type_hash
             self.cls = class_of(name, type_hash)
-            if self.cls is None or not self.cls._TYPE.fields:  # types that are imported later, and raw data
-                self.cls = find_class(name, lambda hashes: hashes[name] == type_hash) if type_hash else None
-            self._definitions = {} if self.cls is None else peer_definitions(self.cls)
+            try:
+                if self.cls is None or not self.cls._TYPE.fields:  # types that are imported later, and raw data
+                    self.cls = find_class(name, lambda hashes: hashes[name] == type_hash) if type_hash else None
+                self._definitions = {} if self.cls is None else peer_definitions(self.cls)
+            except RosidlError as error:
+                self._definitions = {}
+                self._scope.logger.warning(
+                    f"other definitions of {name} cannot be read, so messages of them are not converted: {error}"
+                )
         return self._definitions
 
     def get(self, type_hash: str) -> SampleConverter | None:
@@ -72,11 +78,11 @@ class PeerConverters:
         return self._converters[type_hash]
 
     def _load(self, definition: PeerDefinition) -> SampleConverter | None:
-        from rosidl_py_gen.type_loading.peer_definitions import UnconvertibleDefinitionError, converter_from
+        from rosidl_py_gen.type_loading.peer_definitions import converter_from
 
         try:
             return converter_from(definition, self.cls)
-        except (UnconvertibleDefinitionError, DefinitionError) as error:
+        except RosidlError as error:
             self._scope.logger.warning(
                 f"messages of the definition of {definition.type_name} of {', '.join(definition.distros)} cannot be "
                 f"converted: {error}"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
+from rosidl_py_gen.base.distributions import distribution_of_command
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
@@ -41,6 +43,8 @@ class TaskOptions:
     on_error: str = "raise"
     search_path: tuple[str, ...] = ()
     range_bytes: int = 1 << 28
+    distro: str | None = None
+    """Distribution that the command selects, for its worker processes."""
 
     @property
     def digest(self) -> str:
@@ -95,7 +99,11 @@ def split_times_of(task: Task) -> TaskResult:
 
 
 def _run(function: Callable[[Task], TaskResult], task: Task) -> TaskResult:
-    with warnings.catch_warnings(record=True) as caught:  # includes those of other threads of a worker
+    distro = task.options.distro
+    with (
+        nullcontext() if distro is None else distribution_of_command(distro),
+        warnings.catch_warnings(record=True) as caught,  # includes those of other threads of a worker
+    ):
         warnings.simplefilter("always", BagWarning)
         try:
             result = function(task)

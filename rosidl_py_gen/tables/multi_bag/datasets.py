@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
 from rosidl_py_gen.bags.remote import is_url
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.tables.dataset_writer import DatasetFile
 from rosidl_py_gen.tables.multi_bag.bag_sources import BagSource, find_bags, names_of
 from rosidl_py_gen.tables.multi_bag.bag_tasks import Task, TaskOptions, TaskResult, run_task, split_task, split_times_of
@@ -95,6 +96,7 @@ def write_datasets(
     """
     if scheduler is not None and workers is not None:
         raise ValueError("expected either scheduler or workers, as a scheduler has its own workers")
+    choice = selected()
     options = TaskOptions(
         None if topics is None else tuple(topics),
         include_large,
@@ -103,6 +105,7 @@ def write_datasets(
         on_error,
         tuple(map(str, search_path)),
         RANGE_BYTES,
+        choice.name if choice.is_explicit else None,
     )
     place = str(out) if is_url(str(out)) else os.path.abspath(out)
     job = _DatasetJob(place, options, overwrite, progress or _ignore, on_bytes or _ignore)

@@ -230,8 +230,13 @@ class ZenohReader:
 
     def accept_type_hash(self, type_hash: str) -> None:
         if not self._closed and type_hash not in self._other_infos:
-            self._other_infos[type_hash] = replace(self.info, type_hash=type_hash)
-            self._declare_all(f"{self._key.rpartition('/')[0]}/{type_hash}")
+            key = f"{self._key.rpartition('/')[0]}/{type_hash}"
+            try:
+                self._declare_all(key)
+            except zenoh.ZError as error:
+                internal_logger().warning(f"Zenoh could not subscribe to {key}, the key of another definition: {error}")
+            else:
+                self._other_infos[type_hash] = replace(self.info, type_hash=type_hash)
 
     def _declare(self, key: str) -> Any:
         session, qos = self._owner.session, self.info.qos
