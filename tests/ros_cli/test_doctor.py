@@ -337,3 +337,15 @@ def test_missing_folders_of_ament_are_told(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(tmp_path), "/no/such/prefix"]))
     assert levels(doctor_machine.interfaces(()), "/no/such/prefix, which is not a folder") == [WARNING]
     assert levels(doctor_machine.interfaces(("/no/such",)), "expected a folder") == [BROKEN]
+
+
+def test_the_loopback_interface_is_used_by_the_range_localhost() -> None:
+    (found,) = doctor_network.check_interfaces([LO], LOCALHOST)
+    assert found.text == "lo: 127.0.0.1, used by the discovery range LOCALHOST"
+    assert "though its flag is not set: DDS does not use it" in next(doctor_network.check_interfaces([LO], SUBNET)).text
+
+
+def test_zenoh_has_no_discovery_range() -> None:
+    first = next(doctor_machine.settings({"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}, 5, "localhost"))
+    assert first.text == "domain 5"
+    assert next(doctor_machine.settings({}, 5, "localhost")).text == "domain 5, discovery range LOCALHOST"

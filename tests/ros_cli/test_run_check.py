@@ -198,3 +198,12 @@ def test_what_is_no_python_is_told(tmp_path: Path, text: str) -> None:
     found = run("--check", "program.py", cwd=tmp_path)
     assert found.returncode == 1 and "Traceback" not in found.stderr
     assert "program.py" in found.stdout + found.stderr
+
+
+def test_a_module_that_needs_an_extra_names_it(tmp_path: Path) -> None:
+    blocker = "import sys\nsys.modules['transforms3d'] = None\n"
+    write(tmp_path, {"sitecustomize.py": blocker, "program.py": "import rclpy\nimport tf_transformations\n"})
+    found = run("--check", "program.py", cwd=tmp_path, PYTHONPATH=str(tmp_path))
+    line = found.stdout.splitlines()[0]
+    assert line.startswith("program.py:2: tf_transformations: this needs transforms3d, which is not installed: pip ")
+    assert found.returncode == 1

@@ -73,7 +73,7 @@ def _network(network: options.NetworkOptions) -> list[Finding]:
     from rosidl_py_gen.runtime import read_environment
 
     if machine.uses_zenoh(os.environ):
-        return run_check("network interfaces", lambda: network_checks.list_interfaces(network_checks.interfaces()))
+        return []
     try:
         settings = read_environment(os.environ, domain_id=network.get("domain_id"), discovery=network.get("discovery"))
     except RosidlError:  # already a finding of the settings

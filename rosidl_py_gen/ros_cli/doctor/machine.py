@@ -89,7 +89,9 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
     except RosidlError as error:
         yield Finding(BROKEN, str(error), "correct the variable or the option")
     else:
-        text = f"domain {domain.domain_id}, discovery range {domain.discovery_range.name}"
+        text = f"domain {domain.domain_id}"
+        if not uses_zenoh(environ):
+            text += f", discovery range {domain.discovery_range.name}"
         peers = f", static peers: {', '.join(domain.static_peers)}" if domain.static_peers else ""
         public = f"{text}, {len(domain.static_peers)} static peers" if peers else ""
         data = {"domain": domain.domain_id, "discovery": domain.discovery_range.value}

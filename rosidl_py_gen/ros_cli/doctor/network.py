@@ -98,17 +98,13 @@ def multicast_works(address: str) -> bool:
         return False
 
 
-def list_interfaces(interfaces: list[Interface]) -> Iterator[Finding]:
-    """Report each interface."""
-    for one in interfaces:
-        yield _describe(one)
-    if not interfaces:
-        yield Finding(NOTE, "this system does not report network interfaces")
-
-
 def check_interfaces(interfaces: list[Interface], settings: DomainSettings | None) -> Iterator[Finding]:
     """Report each interface, and check that they suffice for the discovery range of DDS."""
-    yield from list_interfaces(interfaces)
+    is_local = settings is not None and settings.discovery_range.name == "LOCALHOST"
+    for one in interfaces:
+        yield _describe(one, is_local)
+    if not interfaces:
+        yield Finding(NOTE, "this system does not report network interfaces")
     if all(one.is_up is None for one in interfaces):
         return
     if not any(one.is_up and one.address for one in interfaces):
@@ -119,7 +115,7 @@ def check_interfaces(interfaces: list[Interface], settings: DomainSettings | Non
     yield from _check_subnet([one for one in interfaces if one.reaches_others], settings)
 
 
-def _describe(one: Interface) -> Finding:
+def _describe(one: Interface, is_local: bool) -> Finding:
     data = {
         "name": one.name,
         "address": one.address,
@@ -132,6 +128,8 @@ def _describe(one: Interface) -> Finding:
         return Finding(OK, f"{one.name}: this system reports no details", data=data)
     if not one.is_up or not one.address:
         return Finding(OK, f"{one.name}: {'no IPv4 address' if one.is_up else 'down'}", data=data)
+    if is_local and one.is_loopback:
+        return Finding(OK, f"{one.name}: {one.address}, used by the discovery range LOCALHOST", data=data)
     works = "multicast works" if one.multicast_works else "multicast does not work"
     flag = "" if one.multicast_flag or not one.multicast_works else ", though its flag is not set: DDS does not use it"
     return Finding(OK, f"{one.name}: {one.address}, {works} on it{flag}", data=data)

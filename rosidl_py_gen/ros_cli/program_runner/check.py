@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.names import KINDS, did_you_mean
+from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
@@ -134,7 +135,13 @@ class _FileChecker:
         if not _is_ours(one.module):
             self._check_foreign_import(one, top)
             return None
-        module = _import_module(one.module)
+        try:
+            module = _import_module(one.module)
+        except ModuleNotFoundError as error:
+            if one.is_required:
+                needed = missing_extra_message(error)
+                self._add(one.line, f"{one.module}: {needed or error}")
+            return None
         if module is None:
             if one.is_required:
                 parent, _, name = one.module.rpartition(".")
@@ -255,9 +262,12 @@ def _is_ours(module: str) -> bool:
 
 
 def _import_module(name: str) -> ModuleType | None:
+    """Return a module; None if it does not exist. Raises ModuleNotFoundError if it needs another that is missing."""
     try:
         return importlib.import_module(name)
-    except ModuleNotFoundError:
+    except ModuleNotFoundError as error:
+        if error.name is not None and not f"{name}.".startswith(f"{error.name}."):
+            raise
         return None
     except (ImportError, RosidlError) as error:
         raise CommandError(f"{name} cannot be imported: {error}") from error

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Dict, Optional, TypeVar  # noqa: F401, UP
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.clock import Clock as Clock
 from rclpy.context import Context as Context
+from rclpy.entity_execution import is_in_callback_that_blocks
 from rclpy.impl.entities import ServiceEntity
 from rclpy.qos import QoSProfile as QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
     from rclpy.executors import Executor
     from rclpy.handles import Handle
+
+_WARNING_AFTER_S = 5.0
 
 SrvType = TypeVar("SrvType")
 SrvTypeRequest = TypeVar("SrvTypeRequest")
@@ -79,9 +82,21 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
         event = threading.Event()
         future = self.call_async(request)
         future.add_done_callback(lambda _: event.set())
-        if not future.done() and not event.wait(timeout_sec):
+        if not future.done() and not self._rosidl_wait_for(event, timeout_sec):
             self.remove_pending_request(future)
         return future.result()
+
+    def _rosidl_wait_for(self, event: threading.Event, timeout_sec: float | None) -> bool:
+        """Wait for the event; log a warning if a callback of the only thread that could set it waits too long."""
+        if timeout_sec is not None and timeout_sec <= _WARNING_AFTER_S:
+            return event.wait(timeout_sec)
+        if event.wait(_WARNING_AFTER_S):
+            return True
+        if is_in_callback_that_blocks(self):
+            text = f"call of {self.srv_name} in a callback: its executor cannot receive the response before it ends"
+            advice = "use `await client.call_async(request)` in an async callback"
+            runtime.get_logger(self.logger_name).warning(f"{text}; {advice}")
+        return event.wait(None if timeout_sec is None else timeout_sec - _WARNING_AFTER_S)
 
     def call_async(self, request: Any) -> Future[Any]:
         """Send a request and return a future of the response.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -59,3 +60,17 @@ async def _await_and_end_execution(executor: Executor, entity: Any, result: Awai
 def _end_execution(executor: Executor, entity: Any) -> None:
     entity.callback_group.ending_execution(entity)
     executor.wake()
+
+
+def is_in_callback_that_blocks(entity: Any) -> bool:
+    """Return True if this thread runs a callback that keeps the callback of `entity` from being called."""
+    frame = sys._getframe()
+    while frame.f_back is not None:
+        frame = frame.f_back
+        if frame.f_code is execute_entity.__code__:
+            running, executor = frame.f_locals["entity"], frame.f_locals["executor"]
+            if running.callback_group is entity.callback_group:
+                return executor._rosidl_has_one_thread or not entity.callback_group.can_execute(entity)
+            if executor._rosidl_has_one_thread:
+                return any(entity is client for node in executor.get_nodes() for client in node.clients)
+    return False

@@ -95,6 +95,8 @@ class Executor:
         RCLError: the context is shut down.
     """
 
+    _rosidl_has_one_thread = False
+
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__()
         self._context = get_default_context() if context is None else context
@@ -357,6 +359,8 @@ class _StandardExecutor(Executor):
 
 class SingleThreadedExecutor(_StandardExecutor):
     """Executor that runs callbacks in the spinning thread; their exceptions leave `spin`."""
+
+    _rosidl_has_one_thread = True
 
     def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         try:

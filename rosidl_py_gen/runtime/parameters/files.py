@@ -126,7 +126,7 @@ def parse_parameter_value(text: str) -> ParameterValue:
     """Parse the value of a ``-p name:=value`` argument, a scalar or a list; raises `ParameterFileError`."""
     node = _compose(text, "<value>")
     if node is None:
-        raise ParameterFileError("<value>: empty value; write '' for an empty string")
+        raise ParameterFileError("<value>: empty value; for an empty string write \"''\" in a shell")
     return _value("<value>", node)
 
 
