@@ -49,6 +49,7 @@ SHARED_IN_RUNTIME = {
 SHARED_IN_SHIM = {
     "_executor_event",
     "_rosidl_from_runtime",
+    "_rosidl_has_one_thread",
     "_goal_info",
     "_rosidl_is_dispatched",
     "_rosidl_is_ready",
