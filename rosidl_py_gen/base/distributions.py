@@ -39,6 +39,8 @@ class DistributionChoice(NamedTuple):
 
 
 _DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
+_assumed = ""
+"""Value of ROS_DISTRO that `assume_default` has set."""
 
 
 def checked_distribution(name: str) -> str:
@@ -78,8 +80,16 @@ def selected(distro: str | None = None) -> DistributionChoice:
 
 
 def command_distribution() -> str | None:
-    """Return the distribution of `distribution_of_command`; None outside of it."""
-    return _command_selections[-1] if _command_selections else None
+    """Return the distribution of `distribution_of_command`; outside of it None, or "" if ROS_DISTRO has the default."""
+    if _command_selections:
+        return _command_selections[-1]
+    return "" if os.environ.get(ENVIRONMENT_VARIABLE) == _assumed else None
+
+
+def assume_default() -> None:
+    """Set ROS_DISTRO to the default for programs that read it; contexts take it as not set."""
+    global _assumed
+    _assumed = os.environ[ENVIRONMENT_VARIABLE] = DEFAULT
 
 
 @contextmanager

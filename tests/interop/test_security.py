@@ -164,7 +164,7 @@ def test_wrong_files_are_named(keystore: Keystore) -> None:
     (missing.folder / "governance.p7s").unlink()
     (broken.folder / "permissions.p7s").write_text("junk")
     expected = {
-        "/expired": "the certificate of the enclave, {}/cert.pem, has expired",
+        "/expired": "the certificate of the enclave, {}/cert.pem, or of its CA, ",
         "/early": "the certificate of the enclave, {}/cert.pem, is not valid yet",
         "/subject": "{}/permissions.p7s has no grant for the subject of {}/cert.pem",
         "/old": "the permissions in {}/permissions.p7s are outside of their validity",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE, selected
+from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE, assume_default, selected
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
@@ -45,8 +45,10 @@ def start(
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     choice = selected()
-    if choice.is_explicit or ENVIRONMENT_VARIABLE not in os.environ:
+    if choice.is_explicit:
         os.environ[ENVIRONMENT_VARIABLE] = choice.name
+    elif ENVIRONMENT_VARIABLE not in os.environ:
+        assume_default()
     _note_misplaced_option(program)
     return program.start
 

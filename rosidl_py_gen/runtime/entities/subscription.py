@@ -118,7 +118,13 @@ class Subscription(PollableEntity, Generic[T]):
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
         self._type_hash_filter = TypeHashFilter(
-            scope, mode, self._reader.writer_guid, message_type, topic, on_converted=self._reader.accept_type_hash
+            scope,
+            mode,
+            self._reader.writer_guid,
+            message_type,
+            topic,
+            on_converted=self._reader.accept_type_hash,
+            hash_of=self._reader.type_hash_of,
         )
         self._accepted_writers = self._type_hash_filter.accepted_writers
         scope.set_type_hash_check(mode, self._reader.guid, self._type_hash_filter.converts)

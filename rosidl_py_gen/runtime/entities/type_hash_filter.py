@@ -106,7 +106,7 @@ class TypeHashFilter(Generic[W]):
     """
 
     __slots__ = (
-        *("_by_guid", "_by_writer", "_guid_of", "_mode", "_on_converted", "_peers", "_reported", "_scope"),
+        *("_by_guid", "_by_writer", "_guid_of", "_hash_of", "_mode", "_on_converted", "_peers", "_reported", "_scope"),
         *("_topic", "_type_hash", "_unknown_samples"),
         *("accepted_writers", "converted", "incompatible_dropped", "service_hash"),
     )
@@ -121,18 +121,23 @@ class TypeHashFilter(Generic[W]):
         service_hash: str = "",
         *,
         on_converted: Callable[[str], object] = lambda _: None,
+        hash_of: Callable[[W], str] = lambda _: "",
     ) -> None:
         self._scope = scope
         self._mode = mode
         self._guid_of = guid_of
+        self._hash_of = hash_of
         self._type_hash = message_type.type_hash
         self._peers = PeerConverters(scope, message_type)
         self._topic = topic
         self.service_hash = service_hash
         self._on_converted = on_converted
         self._by_writer: dict[W, SampleConverter] = {}
-        self._by_guid: dict[bytes, SampleConverter] = {}
-        """Conversions of discovered writers, which may have left when their samples are taken."""
+        self._by_guid: dict[bytes, tuple[DiscoveredEndpoint, SampleConverter | None]] = {}
+        """Discovered writers with another definition, which may have left when their samples are taken.
+
+        Without a converter their samples are dropped.
+        """
         self._reported: set[str] = set()
         """Hashes whose conversion was logged."""
         self.accepted_writers: set[W] = set()
@@ -154,11 +159,14 @@ class TypeHashFilter(Generic[W]):
             guid = self._guid_of(writer)
             endpoint = self._endpoint(guid)
             if endpoint is None:  # the writer has left, or is not discovered yet
-                converter = None if guid is None else self._by_guid.get(guid)
-                if converter is None:
+                known = self._left_writer(guid) or self._writer_of_key(writer)
+                if known is None:
                     self._unknown_samples += 1
-                    if self._unknown_samples < _MAX_UNKNOWN_SAMPLES:
-                        return data
+                    return data
+                endpoint, converter = known
+                if converter is None:
+                    self.incompatible_dropped += 1
+                    return None
             elif not self.is_compatible(endpoint):
                 self.incompatible_dropped += 1
                 return None
@@ -178,6 +186,14 @@ class TypeHashFilter(Generic[W]):
         self.accepted_writers.add(writer)
         return data
 
+    def _left_writer(self, guid: bytes | None) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
+        return None if guid is None else self._by_guid.get(guid)
+
+    def _writer_of_key(self, writer: W) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
+        """Return a writer with the definition of a sample's key, on a transport whose keys contain the hash."""
+        type_hash = self._hash_of(writer)
+        return next((known for known in self._by_guid.values() if known[0].type_hash == type_hash), None)
+
     def _convert(self, converter: SampleConverter, data: Payload) -> Payload:
         self.converted += 1
         return converter(data)
@@ -186,7 +202,8 @@ class TypeHashFilter(Generic[W]):
         if guid is None:
             return None
         endpoints = self._scope.graph.endpoints
-        if guid not in endpoints:  # a sample may arrive before the discovery of its writer
+        # A sample may arrive before the discovery of its writer.
+        if guid not in endpoints and self._unknown_samples < _MAX_UNKNOWN_SAMPLES:
             self._scope.discovery.refresh()
         return endpoints.get(guid)
 
@@ -198,14 +215,16 @@ class TypeHashFilter(Generic[W]):
 
     def converts(self, endpoint: DiscoveredEndpoint) -> bool:
         """Return True, and prepare for its samples, if a writer announces another definition that is converted."""
-        if self._mode not in CONVERTING or endpoint.type_hash in ("", self._type_hash):
+        if self._mode == "off" or endpoint.type_hash in ("", self._type_hash):
             return False
-        converter = self._peers.get(endpoint.type_hash)
-        if converter is None:
+        converter = self._peers.get(endpoint.type_hash) if self._mode in CONVERTING else None
+        if converter is None and self._mode == "warn":
             return False
         if len(self._by_guid) >= _MAX_ACCEPTED_WRITERS:
             self._by_guid.clear()
-        self._by_guid[endpoint.guid] = converter
+        self._by_guid[endpoint.guid] = endpoint, converter
+        if converter is None:
+            return False
         self._on_converted(endpoint.type_hash)
         return True
 
@@ -229,7 +248,8 @@ class TypeHashFilter(Generic[W]):
         of_humble = next((key for key, one in definitions.items() if _HUMBLE in one.distros), "")
         is_humble = graph.is_humble(endpoint.participant_guid)
         chosen = of_humble
-        if not is_humble:
+        old = self._peers.get(of_humble) if of_humble else None
+        if not is_humble or (old is not None and not fits_exactly(old.old, data)):
             converters = {key: self._peers.get(key) for key in definitions}
             fitting = [key for key, one in converters.items() if one is not None and fits_exactly(one.old, data)]
             if fits_exactly(self._peers.cls, data):

@@ -200,12 +200,14 @@ class Discovery:
             if not own or (writer.guid, reader.guid) in self._reported_pairs:
                 continue
             result = self.incompatibility(writer, reader)
-            if result is None or not self._is_first_report(writer, reader):
+            if result is None:
                 continue
             self._reported_pairs.add((writer.guid, reader.guid))
             modes = {self.type_hash_checks.get(endpoint.guid, DEFAULT_CHECK) for endpoint in own}
             is_definition = result.kind is IncompatibilityKind.DEFINITION
             if is_definition and (modes == {"off"} or self._is_converted(writer, reader)):
+                continue
+            if not self._is_first_report(writer, reader):
                 continue
             is_delivered = is_definition and reader in own and modes <= {"warn", "off"}
             self._warnings.append(_PendingWarning(result, is_delivered))
@@ -227,8 +229,7 @@ class Discovery:
         self._loop_binding.call_soon(start_grace_period)
 
     def _call_deferred(self, *, final: bool = True) -> None:
-        pending, self._deferred = self._deferred, []
-        for endpoint, function in pending:
+        for endpoint, function in [self._deferred.pop(0) for _ in range(len(self._deferred))]:  # threads may append
             if final or self.graph.has_named_node(endpoint):
                 function()
             else:
@@ -277,12 +278,13 @@ class Discovery:
         return (
             incompatibility.kind is IncompatibilityKind.DEFINITION
             and reader.participant_guid != self._participant.guid
-            and reader.topic_key.kind == "topic"
+            and reader.topic_key.kind in ("topic", "reply")
             and self._participant.incompatibility_reason(writer, reader) is None
         )
 
     def close(self) -> None:
         """Announce nothing more, and wake up the waiters."""
+        self._call_deferred()
         self._closed = True
         self._warnings.clear()
         self._changed()

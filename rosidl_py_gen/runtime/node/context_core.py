@@ -77,8 +77,12 @@ class ContextCore:
             get_root_logger().info(f"found security directory {security.folder}")
         self.clocks = transport.clocks
         self.participant = transport.open(settings, self.enclave)
-        self.loop_binding = LoopBinding(self.participant, loop_runner)
-        self.discovery = Discovery(self.participant, self.loop_binding, announce_delay_s)
+        try:
+            self.loop_binding = LoopBinding(self.participant, loop_runner)
+            self.discovery = Discovery(self.participant, self.loop_binding, announce_delay_s)
+        except BaseException:  # permissions may deny the topic of the graph
+            self.participant.close()
+            raise
         self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
         self.initial_values = InitialValues(self.ros_arguments.parameters)
         """Parameter values from arguments and files, for all nodes."""

@@ -48,6 +48,8 @@ def find_security(
     if enable != "true":
         if enable.lower() not in _DISABLED:
             warn(f"ROS_SECURITY_ENABLE={enable!r:.100} does not enable security, only 'true' does; {_UNENCRYPTED}")
+        elif not enable and environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
+            warn(f"ROS_SECURITY_STRATEGY=Enforce has no effect without ROS_SECURITY_ENABLE=true; {_UNENCRYPTED}")
         return None
     strategy = environ.get("ROS_SECURITY_STRATEGY", "")
     is_enforced = strategy == "Enforce"
@@ -56,7 +58,10 @@ def find_security(
             f"ROS_SECURITY_STRATEGY={strategy!r:.100} does not enforce security, only 'Enforce' does: nodes start "
             "unsecured if the enclave is incomplete"
         )
-    problem, found = _find_folder(environ, enclave) if is_supported else ("this transport has no security", None)
+    try:
+        problem, found = _find_folder(environ, enclave) if is_supported else ("this transport has no security", None)
+    except OSError as error:  # a folder that this user may not enter, a name that is too long
+        problem, found = f"{error.filename} cannot be read: {error.strerror}", None
     if found is None:
         if is_enforced:
             raise SecurityError(f"ROS_SECURITY_STRATEGY=Enforce requires a secured context, but {problem}")
@@ -75,7 +80,7 @@ def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | 
         return "ROS_SECURITY_KEYSTORE is not set; expected the folder of a keystore", None
     override = environ.get("ROS_SECURITY_ENCLAVE_OVERRIDE", "")
     root = Path(keystore) / "enclaves"
-    folder = root / (override or enclave)[1:]  # rcl drops the first character of an override, whatever it is
+    folder = Path(f"{root}/{(override or enclave)[1:]}")  # rcl drops the first character of an override, whatever it is
     if override and not override.startswith("/"):
         origin = f"ROS_SECURITY_ENCLAVE_OVERRIDE={override!r:.300}, which must begin with '/'"
     else:
@@ -95,7 +100,7 @@ def _check_file(file: Path, purpose: str) -> None:
     """Raise `SecurityError` if a file cannot be read or is of another kind; also rcl fails then with any strategy."""
     try:
         with file.open("rb") as content:
-            head = content.read(4096)
+            head = content.read(1 << 20)
     except OSError as error:
         raise SecurityError(f"{file} ({purpose}) cannot be read: {error.strerror}") from None
     expected = b"MIME-Version:" if file.suffix == ".p7s" else b"-----BEGIN "

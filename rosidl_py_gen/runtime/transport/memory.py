@@ -363,6 +363,9 @@ class MemoryReader(_MemoryEndpoint):
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return None
 
+    def type_hash_of(self, handle: int) -> str:
+        return ""
+
     def accept_type_hash(self, type_hash: str) -> None:
         """Do nothing: definitions do not keep endpoints apart."""
 

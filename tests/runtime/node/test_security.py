@@ -48,7 +48,7 @@ def test_the_folder_is_that_of_the_enclave_or_of_the_override(keystore: Keystore
 @pytest.mark.parametrize(
     ("enable", "strategy", "warning"),
     [
-        ("", "Enforce", ""),
+        ("", "Enforce", "ROS_SECURITY_STRATEGY=Enforce has no effect without ROS_SECURITY_ENABLE=true"),
         ("false", "Enforce", ""),
         ("0", "Enforce", ""),
         ("1", "Enforce", "ROS_SECURITY_ENABLE='1' does not enable security, only 'true' does"),

@@ -305,6 +305,9 @@ class CycloneReader(_CycloneEndpoint):
         guid = self._guids.get(handle)
         return guid or self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
 
+    def type_hash_of(self, handle: int) -> str:
+        return ""
+
     def accept_type_hash(self, type_hash: str) -> None:
         """Do nothing: definitions do not keep endpoints apart."""
 

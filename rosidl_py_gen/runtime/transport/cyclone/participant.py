@@ -171,7 +171,8 @@ class CycloneParticipant(DdsParticipant):
             undo.callback(_api.delete, self.entity)
             if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before the first peer replies
                 # Permissions concern the name of a topic, and every ROS participant may use this one.
-                self.domain.types.create_topic(self.entity, DISCOVERY_TOPIC, PROBE_TYPE)
+                with self._naming_denied(DISCOVERY_TOPIC, is_writer=True):
+                    self.domain.types.create_topic(self.entity, DISCOVERY_TOPIC, PROBE_TYPE)
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
             self.guid = _api.guid_of(self.entity)

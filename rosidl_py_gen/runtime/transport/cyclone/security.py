@@ -10,6 +10,7 @@ Source: docs/internals/dds.md 10.
 from __future__ import annotations
 
 import ctypes as ct
+import os
 import re
 import sys
 from functools import cache
@@ -63,7 +64,11 @@ class _Cause(NamedTuple):
 
 
 _CAUSES = (
-    _Cause("certificate has expired", "the certificate of the enclave, {folder}/cert.pem, has expired; renew it"),
+    _Cause(
+        "certificate has expired",
+        "the certificate of the enclave, {folder}/cert.pem, or of its CA, {folder}/identity_ca.cert.pem, has expired; "
+        "renew it",
+    ),
     _Cause(
         "certificate is not yet valid",
         "the certificate of the enclave, {folder}/cert.pem, is not valid yet; check the clock of this machine",
@@ -97,6 +102,7 @@ _CAUSES = (
         "Permissions validity period",
         "the permissions in {folder}/permissions.p7s are outside of their validity; create them again",
     ),
+    _Cause("Failed to read CRL", "{folder}/crl.pem is not a list of revoked certificates; create it again"),
     _Cause("Could not load", "the plugins of this library do not load; reinstall the package of the library"),
 )
 
@@ -137,10 +143,12 @@ def security_properties(enclave: SecurityEnclave, plugins: dict[str, str]) -> It
             f"dds.sec.{name}.library.init": f"init_{function}",
             f"dds.sec.{name}.library.finalize": f"finalize_{function}",
         }
+    if (folder / _REVOKED).is_symlink() and not (folder / _REVOKED).exists():
+        raise SecurityError(f"{folder / _REVOKED} (revoked certificates) is a link to a file that does not exist")
     if (folder / _REVOKED).is_file():
         properties["org.eclipse.cyclonedds.sec.auth.crl"] = f"file:{folder / _REVOKED}"
     for name, value in properties.items():
-        yield name.encode(), value.encode()
+        yield name.encode(), os.fsencode(value)
 
 
 def creation_error(enclave: SecurityEnclave, domain: int, code_text: str, lines: Iterable[str]) -> SecurityError:

@@ -12,6 +12,7 @@ import ctypes as ct
 import os
 import re
 import threading
+from collections import deque
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ _MAX_PEERS = 100
 """Maximum number of rejected peers to record. A peer may have any subject, so their number has no other bound."""
 _MAX_TEXT = 300
 _SUBJECT = re.compile(r"; subject: (.*?)(?:\(code: \d+\))?$")
-_OPENSSL = re.compile(r":?\s*[0-9A-F]{8,}:error:.*")
+_OPENSSL = re.compile(r":?\s*(?<![0-9A-F])[0-9A-F]{8,}:error:.*")
 """Errors of OpenSSL, which contain an address that changes."""
 _CODE = re.compile(r"\s*\(code: \d+\)\s*$")
 _GUID = re.compile(r"\b[0-9a-f]{1,8}(?::[0-9a-f]{1,8}){3}\b")
@@ -41,7 +42,7 @@ _EXPLANATIONS = (
         "a limitation between Cyclone DDS and Fast DDS: they authenticate each other only if Cyclone DDS begins "
         "the handshake; a hash of the names of their enclaves decides that. Rename one of these enclaves",
     ),
-    ("certificate has expired", "the certificate of the peer has expired"),
+    ("certificate has expired", "the certificate of the peer, or its CA, has expired"),
     ("certificate is not yet valid", "the certificate of the peer is not valid yet; check the clocks"),
     ("certificate revoked", "the certificate of the peer is revoked"),
     (
@@ -76,11 +77,14 @@ class SecurityLog:
         self._captures: dict[int, list[str]] = {}
         """Lines by the thread that creates a participant."""
         self._peers: set[str] = set()
-        self._records: list[str] = []
+        self._records: deque[str] = deque()
 
     def open(self, wakeup: Callable[[], None]) -> None:
         """Receive lines, and call `wakeup` after a new record, until `close` with the same function."""
         with self._lock:
+            if not self._wakeups:
+                self._peers.clear()
+                self._records.clear()
             if not self._wakeups and self._api.set_log_sink is not None:
                 self._api.set_log_sink(self._sink, None)
             self._wakeups = (*self._wakeups, wakeup)
@@ -89,8 +93,8 @@ class SecurityLog:
         """Undo one `open`."""
         with self._lock:
             self._wakeups = tuple(one for one in self._wakeups if one != wakeup)
-            if not self._wakeups and self._api.set_log_sink is not None:
-                self._api.set_log_sink(None, None)
+            if self._api.set_log_sink is not None:  # this also waits for a sink that still uses the old tuple
+                self._api.set_log_sink(self._sink if self._wakeups else None, None)
 
     @contextmanager
     def captured(self) -> Iterator[list[str]]:
@@ -104,8 +108,7 @@ class SecurityLog:
 
     def new_records(self) -> list[str]:
         """Return texts to log, each once."""
-        records, self._records = self._records, []
-        return records
+        return [self._records.popleft() for _ in range(len(self._records))]  # threads of Cyclone may append
 
     def _on_line(self, _: object, pointer: Any) -> None:
         """Called by Cyclone with a lock of its log held; must not raise, block or log."""
@@ -125,9 +128,11 @@ class SecurityLog:
             return
 
     def _record(self, text: str) -> None:
+        if len(self._peers) > _MAX_PEERS:
+            return
         text = printable(_OPENSSL.sub("", " ".join(text.split())), _MAX_TEXT)
         key = _GUID.sub("", text)
-        if key in self._peers or len(self._peers) > _MAX_PEERS:
+        if key in self._peers:
             return
         self._peers.add(key)
         is_last = len(self._peers) > _MAX_PEERS

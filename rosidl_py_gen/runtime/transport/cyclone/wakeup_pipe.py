@@ -80,8 +80,10 @@ class WakeupPipe:
     def drain(self) -> Iterable[int] | None:
         """Return the handles written since the last call; None if some may be missing. Never blocks."""
         if self._thread is not None:
-            handles = self._handles
-            return [handles.popitem()[0] for _ in range(len(handles))]  # the thread may add handles at any time
+            handles = [*self._handles]  # in their order: a peer's graph message arrives after its discovery
+            for handle in handles:  # the thread may add handles at any time
+                self._handles.pop(handle, None)
+            return handles
         with self._lock:
             if self._closed:
                 return ()

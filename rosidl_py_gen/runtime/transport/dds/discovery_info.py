@@ -6,6 +6,7 @@ Source: docs/internals/protocol.md 6.2.
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
@@ -39,6 +40,7 @@ _RETRY_DELAYS_S = (0.05, 0.2, 0.5)
 and Cyclone often loses the first sample of a Fast DDS writer, because it does not know the writer yet. Fast DDS would
 repeat it after 3 s, but sends its history to a new reader at once."""
 _HUMBLE = "humble"
+_MAX_UNDECIDED = 1000
 _HUMBLE_FOUND = (
     "a node of ROS 2 Humble is in this domain; on Fast DDS it may take all memory when it reads the node names of "
     "later distributions. "
@@ -71,6 +73,8 @@ class DiscoveryInfoTopic:
         """The nodes that were announced last."""
         self._writer_has_hash: dict[bytes, bool] = {}
         """Discovered writers of the topic."""
+        self._undecided: dict[bytes, NodesAnnounced] = {}
+        """Announcements in the layout of Humble, by writer, that were read before the discovery of their writer."""
         self._humble_writers: set[bytes] = set()
         self._has_warned = False
         self._closed = False
@@ -107,9 +111,13 @@ class DiscoveryInfoTopic:
                 self._heard_writers.discard(event.guid)
                 self._unheard_writers.discard(event.guid)
                 self._writer_has_hash.pop(event.guid, None)
+                self._undecided.pop(event.guid, None)
                 self._set_humble(event.guid, False)
             elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name == DISCOVERY_TOPIC:
                 self._writer_has_hash[event.guid] = bool(event.type_hash)
+                if undecided := self._undecided.pop(event.guid, None):
+                    self._set_humble(event.guid, not event.type_hash)
+                    self._sink([replace(undecided, is_humble=not event.type_hash)])
                 self._expect_message(event.guid)
 
     def _is_humble(self, writer: bytes, message: DiscoveryInfoMessage) -> bool | None:
@@ -169,7 +177,12 @@ class DiscoveryInfoTopic:
                 continue
             is_humble = self._is_humble(guid, message)
             self._set_humble(guid, bool(is_humble))
-            events.append(NodesAnnounced(message.participant_guid, tuple(message.nodes), is_humble))
+            announced = NodesAnnounced(message.participant_guid, tuple(message.nodes), is_humble)
+            events.append(announced)
+            if message.is_humble and is_humble is None:
+                if len(self._undecided) >= _MAX_UNDECIDED:
+                    self._undecided.clear()
+                self._undecided[guid] = announced
         self._sink(events)
 
     def close(self) -> None:

@@ -28,6 +28,7 @@ import ctypes
 import itertools
 import time
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -52,6 +53,8 @@ if TYPE_CHECKING:
 
 _HEARTBEAT_S = 0.5
 _MAX_GAP_PUBLISHERS = 1024
+_MAX_HASHES = 1024
+"""Maximum number of writers whose key to remember."""
 _time_ns = time.time_ns
 
 
@@ -215,14 +218,16 @@ class ZenohReader:
         self._has_buffer = has_buffer
         self._other_infos: dict[str, DiscoveredEndpoint] = {}
         """Endpoint with the hash of another definition in place of the own one, by hash."""
+        self._hashes: dict[int, str] = {}
+        """Hashes of the keys of another definition on which writers sent samples, by writer handle."""
         self._declarations: list[Any] = []
         self._declare_all(key)
 
-    def _declare_all(self, key: str) -> None:
-        declared = [self._declare(key)]
+    def _declare_all(self, key: str, type_hash: str = "") -> None:
+        declared = [self._declare(key, type_hash)]
         if self._has_buffer:
             try:
-                declared.append(self._declare(cpu_buffer_key(key)))
+                declared.append(self._declare(cpu_buffer_key(key), type_hash))
             except BaseException:
                 declared[0].undeclare()
                 raise
@@ -232,17 +237,23 @@ class ZenohReader:
         if not self._closed and type_hash not in self._other_infos:
             key = f"{self._key.rpartition('/')[0]}/{type_hash}"
             try:
-                self._declare_all(key)
+                self._declare_all(key, type_hash)
             except zenoh.ZError as error:
                 internal_logger().warning(f"Zenoh could not subscribe to {key}, the key of another definition: {error}")
             else:
                 self._other_infos[type_hash] = replace(self.info, type_hash=type_hash)
+                if self._closed:  # by another thread
+                    self._undeclare()
 
-    def _declare(self, key: str) -> Any:
+    def type_hash_of(self, handle: int) -> str:
+        return self._hashes.get(handle, "")
+
+    def _declare(self, key: str, type_hash: str = "") -> Any:
         session, qos = self._owner.session, self.info.qos
-        return declare_subscriber(session, key, qos, self._take, ignore_local=self._ignore_local)
+        take = partial(self._take, type_hash=type_hash) if type_hash else self._take
+        return declare_subscriber(session, key, qos, take, ignore_local=self._ignore_local)
 
-    def _take(self, sample: Any) -> None:
+    def _take(self, sample: Any, type_hash: str = "") -> None:
         """Called by Zenoh with each sample; must not block or log."""
         attachment = self.read_attachment(sample)
         data = sample.payload.to_bytes()
@@ -251,7 +262,12 @@ class ZenohReader:
             if self._gaps is not None:
                 self._gaps.on_sample(gid, number)
             if data:
-                self.receive((data, source_ns, int.from_bytes(gid, "little"), _time_ns(), number))
+                handle = int.from_bytes(gid, "little")
+                if type_hash:
+                    if len(self._hashes) >= _MAX_HASHES:
+                        self._hashes.clear()
+                    self._hashes[handle] = type_hash
+                self.receive((data, source_ns, handle, _time_ns(), number))
 
     def receive(self, item: Any) -> None:
         """Add a sample, request or reply to the queue."""
@@ -304,8 +320,11 @@ class ZenohReader:
         if not self._closed:
             self._closed, self._sink = True, None
             self._owner.undeclare_token(self.guid)
-            for declaration in self._declarations:
-                declaration.undeclare()
+            self._undeclare()
+
+    def _undeclare(self) -> None:
+        while self._declarations:
+            self._declarations.pop().undeclare()
 
     def detach_after_fork(self) -> None:
         """Use no inherited resource from now on."""
