@@ -455,3 +455,50 @@ def test_a_random_change_of_a_random_definition_is_delivered_right_or_refused(
             assert repr(received[field.ros_name]) == repr(otherwise[field.ros_name])
         elif field.cls is None and field.type == old_types[field.ros_name]:
             assert repr(received[field.ros_name]) == repr(sent[field.ros_name])
+
+
+# -------------------------------------------------------------------------------------------- writers that have left
+
+
+async def take_after_the_peer_left(world: World, ours: Any, theirs: Any, message: Any) -> tuple[Any, Any]:
+    subscription = world.node("reader").create_subscription(ours, "left", qos=LATCHED)
+    node = world.node("peer", context=world.context())
+    publisher = node.create_publisher(theirs, "left", qos=LATCHED)
+    await publisher.wait_for_subscribers(10)
+    await until(lambda: subscription.publisher_count == 1)
+    publisher.publish(message)
+    context = node.context
+    node.close()
+    context.close()
+    await until(lambda: subscription.publisher_count == 0)
+    return subscription, subscription.take()
+
+
+async def test_a_converted_sample_of_a_writer_that_left_is_logged(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    subscription, message = await take_after_the_peer_left(memory, Range, HumbleRange, HumbleRange(range=4.0))
+    assert (message.range, message.variance, subscription.converted) == (4.0, 0.0, 1)
+    await until(lambda: "messages on /left" in caplog.text and "converted" in caplog.text)
+
+
+async def test_a_sample_of_an_unknown_definition_is_dropped_after_its_writer_left(memory: World) -> None:
+    name = f"sonar_msgs/msg/Numbers{next(_numbers)}"
+    ours, theirs = compile_definition(name, "int32 a\n"), compile_definition(name, "float32 a\n")
+    subscription, message = await take_after_the_peer_left(memory, ours, theirs, theirs(a=1.0))
+    assert (message, subscription.incompatible_dropped) == (None, 1)
+
+
+async def test_bytes_of_the_new_definition_from_a_node_of_humble_keep_their_values(memory: World) -> None:
+    """As if a bag of a newer distribution is played on Humble."""
+    reader, peer = memory.node("reader"), memory.node("peer", context=memory.context())
+    subscription = reader.create_subscription(Range, "played")
+    hashless = without_hash(Range)
+    publisher = peer.create_publisher(hashless, "played")
+    await publisher.wait_for_subscribers(10)
+    await until(lambda: subscription.publisher_count == 1)
+    for participant in reader._scope.graph._participants.values():
+        participant.is_humble = True
+    publisher.publish(hashless(range=1.0, variance=9.0))
+    message = await subscription.receive(timeout_s=10)
+    assert (message.range, message.variance) == (1.0, 9.0)
