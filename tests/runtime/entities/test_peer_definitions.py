@@ -490,7 +490,7 @@ async def test_a_sample_of_an_unknown_definition_is_dropped_after_its_writer_lef
 
 
 async def test_bytes_of_the_new_definition_from_a_node_of_humble_keep_their_values(memory: World) -> None:
-    """As if a bag of a newer distribution is played on Humble."""
+    """A bag of a newer distribution is played on Humble."""
     reader, peer = memory.node("reader"), memory.node("peer", context=memory.context())
     subscription = reader.create_subscription(Range, "played")
     hashless = without_hash(Range)
