@@ -20,7 +20,15 @@ if TYPE_CHECKING:
     RunPage = Callable[..., subprocess.CompletedProcess[str]]
 
 WITH_CODE = [page for page in PAGES if blocks(page)]
-OF_NETWORKS = {"README.md", "diagnose.md", "from-rclpy.md", "network.md", "no-messages.md", "zenoh.md"}
+OF_NETWORKS = {
+    "README.md",
+    "diagnose.md",
+    "from-rclpy.md",
+    "network.md",
+    "no-messages.md",
+    "scripts-notebooks-guis.md",
+    "zenoh.md",
+}
 
 
 def transport_of(page: Path) -> str:
