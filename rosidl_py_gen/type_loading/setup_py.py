@@ -125,10 +125,9 @@ class _Reader:
 
     def _packages(self, node: ast.Call) -> object:
         """Return the result of `find_packages` without inner packages."""
-        names = ("where", "exclude", "include")
-        given = dict(zip(names, map(self._value, node.args), strict=False))
-        given |= {word.arg: self._value(word.value) for word in node.keywords if word.arg in names}
-        where, excluded, included = (given.get(name, default) for name, default in zip(names, (".", [], ["*"]), strict=True))
+        given = dict(zip(("where", "exclude", "include"), map(self._value, node.args), strict=False))
+        given |= {word.arg: self._value(word.value) for word in node.keywords if word.arg is not None}
+        where, excluded, included = given.get("where", "."), given.get("exclude", []), given.get("include", ["*"])
         if not (isinstance(where, str) and isinstance(excluded, list) and isinstance(included, list)):
             return None
         folder = self._folder / where

@@ -125,7 +125,7 @@ def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | N
     if is_same:
         return folder
     places = "\n".join(map(str, (folder, *(interfaces or {}).values())))
-    made = (cache_home() or _temporary_home()) / "share" / hashlib.sha256(os.fsencode(places)).hexdigest()[:24] / name
+    made = (cache_home() or temporary_home()) / "share" / hashlib.sha256(os.fsencode(places)).hexdigest()[:24] / name
     try:
         made.mkdir(mode=0o700, parents=True, exist_ok=True)
         _link(tree, made, [_MAX_ENTRIES])
@@ -135,7 +135,7 @@ def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | N
 
 
 @lru_cache(maxsize=1)
-def _temporary_home() -> Path:
+def temporary_home() -> Path:
     """Return a folder for links if caches are disabled; it is removed when the process ends."""
     home = tempfile.mkdtemp(prefix="rosidl-py-gen-")
     atexit.register(shutil.rmtree, home, ignore_errors=True)

@@ -51,7 +51,7 @@ def of_sources(folder: Path) -> dict[str, Executable]:
     """Return the executables of a source package by name. Raises `CommandError` if a file cannot be read."""
     executables: dict[str, Executable] = {}
     for source, groups, root in entry_points(folder):
-        for one in _scripts(groups.get(_GROUP, ()), folder / root, source):
+        for one in console_scripts(groups, source, folder / root):
             executables.setdefault(one.name, one)
     if (folder / "CMakeLists.txt").is_file():
         for one in _programs(folder):
@@ -68,6 +68,11 @@ def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str
     for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
         if (folder / name).is_file():
             yield folder / name, *reader(_text(folder, name), folder / name)
+
+
+def console_scripts(groups: dict[str, list[str]], source: Path, folder: Path) -> Iterator[Executable]:
+    """Yield the console scripts of `entry_points`. Raises `CommandError` if a line has another form."""
+    return _scripts(groups.get(_GROUP, ()), folder, source)
 
 
 def of_distribution(package: str) -> dict[str, Executable]:
@@ -137,8 +142,8 @@ def _setup_py(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
 def _setup_cfg(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
     parser = read_setup_cfg(text, source)
     root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
-    section = "options.entry_points"
-    groups = {group: lines.splitlines() for group, lines in (parser[section] if section in parser else {}).items()}
+    points = parser["options.entry_points"].items() if "options.entry_points" in parser else ()
+    groups = {group: lines.splitlines() for group, lines in points}
     return groups, root[1] if root else ""
 
 
