@@ -50,6 +50,7 @@ _COMMANDS = {
     "log": ("log.follow", "Print the log messages of all nodes."),
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
+    "prefix": ("prefix.command", "Create an ament prefix of a workspace, without a build."),
     "run": ("program_runner.command", "Run a program written for rclpy without changes."),
     "security": ("security", "Keystores for secured networks (SROS2): keys, certificates, permissions, policies."),
     "service": ("service", "Services: list, type, call, info, echo."),
