@@ -119,7 +119,7 @@ class JointStatePublisher:
         return value
 
     def _by_prefix(self, prefix: str) -> dict[str, Any]:
-        return {name: one.value for name, one in self.node.get_parameters_by_prefix(prefix).items()}
+        return {name: one.value.value for name, one in self.node.get_parameters_by_prefix(prefix).items()}
 
     def _dependent_joints(self) -> dict[str, Mimic]:
         """Return the dependences of the parameters ``dependent_joints.<joint>.parent``, ``.factor`` and ``.offset``."""

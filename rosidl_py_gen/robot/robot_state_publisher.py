@@ -73,14 +73,14 @@ class RobotStatePublisher:
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context)
         text = node.declare_parameter("robot_description", "")
-        if not text:
-            text = self._description_of_arguments()
         frequency = node.declare_parameter("publish_frequency", 20.0)
         if reason := _refused_frequency(frequency):
             raise ProgramError(reason)
         self._interval_ns = _interval_ns(frequency)
         self._prefix = node.declare_parameter("frame_prefix", "")
         self._ignore_timestamp = node.declare_parameter("ignore_timestamp", False)
+        if not text:
+            text = self._description_of_arguments()
         self._broadcaster = TransformBroadcaster(node)
         self._static_broadcaster = StaticTransformBroadcaster(node)
         self._string: Any = get_message("std_msgs/msg/String")
@@ -184,7 +184,7 @@ class RobotStatePublisher:
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetResult:
         for parameter in parameters:
-            value: Any = parameter.value
+            value: Any = parameter.value.value
             reason = ""
             if parameter.name == "publish_frequency":
                 reason = _refused_frequency(value)
@@ -200,7 +200,7 @@ class RobotStatePublisher:
 
     def _apply_parameters(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
-            value: Any = parameter.value
+            value: Any = parameter.value.value
             if parameter.name == "publish_frequency":
                 self._interval_ns = _interval_ns(value)
             elif parameter.name == "ignore_timestamp":

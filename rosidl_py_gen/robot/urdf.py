@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
@@ -66,7 +66,7 @@ class Joint:
     limits: tuple[float, float] | None
     soft_limits: tuple[float | None, float | None]
     mimic: Mimic | None
-    element: XmlElement
+    element: XmlElement = field(compare=False, repr=False)
 
     @property
     def is_movable(self) -> bool:
