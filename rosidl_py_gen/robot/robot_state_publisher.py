@@ -1,0 +1,229 @@
+"""Node that publishes the transforms of a robot: fixed joints on ``/tf_static``, the others on ``/tf``.
+
+Topics, parameters and rules are those of robot_state_publisher, docs/internals/protocol.md 11.2.
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, sin
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
+from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.robot.node_program import ProgramError, serve, transform_message
+from rosidl_py_gen.robot.urdf import parse_urdf, read_description, resolve_mimics
+from rosidl_py_gen.runtime import Durability, Node, QoSProfile, SetResult
+from rosidl_py_gen.runtime.qos import SENSOR_DATA
+from rosidl_py_gen.tf import StaticTransformBroadcaster, TransformBroadcaster
+from rosidl_py_gen.tf.quaternion_math import product, rotate
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.robot.urdf import Joint
+    from rosidl_py_gen.runtime import Context, Parameter
+
+NAME = "robot_state_publisher"
+LATCHED = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+"""QoS of the topic ``robot_description``."""
+_WARNING_INTERVAL_S = 10.0
+"""Time between two warnings about the messages of a topic, which may arrive at any rate."""
+
+
+class _MovingTransform:
+    """Transform of a movable joint, as a message that is reused: its fields follow the position.
+
+    The rotation by an angle is ``cos(angle / 2) * still + sin(angle / 2) * turned``, with two constant quaternions.
+    """
+
+    __slots__ = ("_axis", "_origin", "_still", "_turned", "message")
+
+    def __init__(self, joint: Joint) -> None:
+        self.message = transform_message("", "", joint.translation, joint.rotation)
+        self._origin, self._still = joint.translation, joint.rotation
+        self._turned = product(joint.rotation, (*joint.axis, 0.0))
+        self._axis = None if joint.type != "prismatic" else rotate(joint.rotation, joint.axis)
+
+    def move(self, position: float) -> Any:
+        """Return the message for a position in radians or metres."""
+        if self._axis is not None:
+            (x, y, z), (dx, dy, dz) = self._origin, self._axis
+            move = self.message.transform.translation
+            move.x, move.y, move.z = x + dx * position, y + dy * position, z + dz * position
+        else:
+            half = position / 2
+            c, s = cos(half), sin(half)
+            (x, y, z, w), (dx, dy, dz, dw) = self._still, self._turned
+            turn = self.message.transform.rotation
+            turn.x, turn.y, turn.z, turn.w = c * x + s * dx, c * y + s * dy, c * z + s * dz, c * w + s * dw
+        return self.message
+
+
+class RobotStatePublisher:
+    """Node ``robot_state_publisher``.
+
+    Args:
+        context: None uses the default context; its first argument that is not of ROS may be the file of a URDF.
+
+    Raises:
+        DefinitionError: the robot description is invalid.
+        ProgramError: there is no description, or a parameter is out of range.
+        ParameterError: a parameter has the wrong type.
+    """
+
+    def __init__(self, *, context: Context | None = None) -> None:
+        self.node = node = Node(NAME, context=context)
+        text = node.declare_parameter("robot_description", "")
+        frequency = node.declare_parameter("publish_frequency", 20.0)
+        if reason := _refused_frequency(frequency):
+            raise ProgramError(reason)
+        self._interval_ns = _interval_ns(frequency)
+        self._prefix = node.declare_parameter("frame_prefix", "")
+        self._ignore_timestamp = node.declare_parameter("ignore_timestamp", False)
+        if not text:
+            text = self._description_of_arguments()
+        self._broadcaster = TransformBroadcaster(node)
+        self._static_broadcaster = StaticTransformBroadcaster(node)
+        self._string: Any = get_message("std_msgs/msg/String")
+        self._descriptions = node.create_publisher(self._string, "robot_description", LATCHED)
+        self._published_ns: dict[str, int] = {}
+        self._last_callback_ns = 0
+        self._parsed = (text, parse_urdf(text))
+        self._use_robot(*self._parsed)
+        node.create_subscription(
+            get_message("sensor_msgs/msg/JointState"), "joint_states", self._on_joint_state, SENSOR_DATA
+        )
+        node.add_on_set_callback(self._check_parameters)
+        node.add_post_set_callback(self._apply_parameters)
+
+    def _description_of_arguments(self) -> str:
+        arguments = self.node.context.arguments[1:]
+        if not arguments:
+            raise ProgramError(
+                "parameter robot_description: not set; expected the text of a URDF, "
+                "such as {'robot_description': Command(['xacro ', path])} in a launch file"
+            )
+        self.node.logger.warning(
+            "the file of a URDF as argument is deprecated, and used because the parameter robot_description is empty"
+        )
+        text = read_description(arguments[0])
+        self.node.set_parameter("robot_description", text)
+        return text
+
+    def _use_robot(self, text: str, joints: dict[str, Joint]) -> None:
+        """Publish a description and its fixed transforms."""
+        self._joints = joints
+        self._moving = {name: _MovingTransform(joint) for name, joint in joints.items() if joint.is_movable}
+        self._mimics = {name: joint.mimic for name, joint in joints.items() if joint.mimic is not None}
+        self._mimic_order, problems = resolve_mimics(self._mimics, joints)
+        for reason in dict.fromkeys(problems.values()):
+            self.node.logger.warning(f"{reason}; its transform is published only if joint_states has its position")
+        self._publish_fixed()
+        self._descriptions.publish(self._string(data=text))
+        self.node.logger.info("Robot initialized")
+
+    def _publish_fixed(self) -> None:
+        """Publish fixed and planar joints; floating joints are left to other nodes."""
+        now, prefix = self.node.clock.now().nanoseconds, self._prefix
+        messages = []
+        for joint in self._joints.values():
+            if joint.is_movable:
+                header = self._moving[joint.name].message.header
+                header.frame_id = prefix + joint.parent
+                self._moving[joint.name].message.child_frame_id = prefix + joint.child
+            elif joint.type != "floating":
+                parent, child = prefix + joint.parent, prefix + joint.child
+                messages.append(transform_message(parent, child, joint.translation, joint.rotation))
+                set_stamp(messages[-1].header.stamp, now)
+        self._static_broadcaster.send(messages)
+
+    def _on_joint_state(self, message: Any) -> None:
+        names, positions = message.name, message.position
+        if len(names) != len(positions):
+            found = f'{len(names)} names, such as "{names[0]}",' if names else "no names"
+            self.node.logger.warning(
+                f"joint_states: message ignored, which has {found} and {len(positions)} positions; expected as many",
+                throttle_s=_WARNING_INTERVAL_S,
+            )
+            return
+        now = self.node.clock.now().nanoseconds
+        published = self._published_ns
+        if now < self._last_callback_ns:
+            self.node.logger.warning("time has jumped back; all joints of the next message are published")
+            published.clear()
+        self._last_callback_ns = now
+        stamp = stamp_ns(message.header.stamp)
+        # Of two positions of one joint, the first is used.
+        states = {
+            name: position
+            for name, position in zip(reversed(names), reversed(positions.tolist()), strict=True)
+            if name in self._joints
+        }
+        oldest = min((published.get(name, 0) for name in states), default=now)
+        if not states or (not self._ignore_timestamp and stamp < min(oldest, now) + self._interval_ns):
+            return
+        published.update(dict.fromkeys(states, stamp))
+        for name in self._mimic_order:
+            mimic = self._mimics[name]
+            if name not in states and mimic.joint in states:
+                states[name] = states[mimic.joint] * mimic.multiplier + mimic.offset
+        transforms = []
+        for name, position in states.items():
+            if (moving := self._moving.get(name)) is None:
+                continue
+            if not isfinite(position):
+                self.node.logger.warning(
+                    f'joint_states: position {position} of joint "{name}" ignored; expected a finite number',
+                    throttle_s=_WARNING_INTERVAL_S,
+                )
+                continue
+            transform = moving.move(position)
+            transform.header.stamp = message.header.stamp
+            transforms.append(transform)
+        if transforms:
+            self._broadcaster.send(transforms)
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetResult:
+        for parameter in parameters:
+            value: Any = parameter.value.value
+            reason = ""
+            if parameter.name == "publish_frequency":
+                reason = _refused_frequency(value)
+            elif parameter.name == "robot_description":
+                try:
+                    self._parsed = (value, parse_urdf(value))
+                except DefinitionError as error:
+                    reason = str(error.diagnostics[0])
+            if reason:
+                self.node.logger.warning(reason)
+                return SetResult(False, reason)
+        return SetResult(True)
+
+    def _apply_parameters(self, parameters: list[Parameter]) -> None:
+        for parameter in parameters:
+            value: Any = parameter.value.value
+            if parameter.name == "publish_frequency":
+                self._interval_ns = _interval_ns(value)
+            elif parameter.name == "ignore_timestamp":
+                self._ignore_timestamp = value
+            elif parameter.name == "frame_prefix" and value != self._prefix:
+                self._prefix = value
+                self._publish_fixed()
+            elif parameter.name == "robot_description":
+                text, joints = self._parsed
+                self._use_robot(value, joints if text == value else parse_urdf(value))
+
+
+def _refused_frequency(frequency: float) -> str:
+    if 0 <= frequency <= 1000:
+        return ""
+    return f"parameter publish_frequency: got {frequency:g}; expected from 0 to 1000 Hz"
+
+
+def _interval_ns(frequency: float) -> int:
+    """Return the smallest time between two transforms, in whole milliseconds; 0 without limit."""
+    return int(min(1000 / frequency, 1e9)) * 1_000_000 if frequency else 0
+
+
+def main() -> int:
+    """Run the node; return the exit code."""
+    return serve(NAME, RobotStatePublisher)
