@@ -28,7 +28,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
 
-from rosidl_py_gen.ros_cli.program_runner.executables import of_sources
+from rosidl_py_gen.ros_cli.prefix.executables import of_sources
 from rosidl_py_gen.runtime import Context, Node
 from support.program_observer import Seen, watch
 

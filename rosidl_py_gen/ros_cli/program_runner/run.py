@@ -22,7 +22,7 @@ from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.program_runner.executables import Executable
+    from rosidl_py_gen.ros_cli.prefix.executables import Executable
 
 _ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 """Environment variables that a setup script of ROS sets, and programs read."""
@@ -135,7 +135,7 @@ def _workspaces(paths: Sequence[str]) -> list[Workspace]:
 
 def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executable], list[str]]:
     """Return the executables of a package from its sources, pip or a prefix, and their location."""
-    from rosidl_py_gen.ros_cli.program_runner import executables
+    from rosidl_py_gen.ros_cli.prefix import executables
 
     places: list[str] = []
     for workspace in _workspaces(paths):
