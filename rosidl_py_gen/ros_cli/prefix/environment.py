@@ -10,8 +10,7 @@ from pathlib import Path
 from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, DISTRIBUTIONS, ENVIRONMENT_VARIABLE, selected
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES, PrefixFile
-from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
+from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, SITE_PACKAGES, PrefixFile
 
 _FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 _TEMPLATE = Path(__file__).with_name("sitecustomize_template.py")
@@ -83,8 +82,7 @@ def _fish_script(prefix: Path) -> str:
 
 
 def _python_module(interface_packages: Iterable[str]) -> str:
-    names = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR) if not entry.name.startswith(("_", "."))}
-    names |= {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
+    names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
     text = _TEMPLATE.read_text(encoding="utf-8")
-    listed = ", ".join(map(repr, sorted({*names, *interface_packages, "rosidl_parser"})))
+    listed = ", ".join(map(repr, sorted({*names, *interface_packages, *COMPANIONS, "rosidl_parser"})))
     return text.replace("frozenset(())", f"frozenset(({listed}))")

@@ -23,11 +23,14 @@ from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import executables, wrappers
+from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 from rosidl_py_gen.type_loading.share_folder import Install, installs_of
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
 INDEX = "share/ament_index/resource_index"
+COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
+"""Python packages that the import hook provides, in place of those of the workspace."""
 _MAX_FILES = 20_000
 """Maximum number of files that a package installs, and of directory entries that are read for them."""
 _MAX_COPY_BYTES = 16 << 20
@@ -299,7 +302,7 @@ class _PythonRules(_Rules):
         for name in sorted(names):
             source = folders.get(name) or posixpath.join(root, name)
             path = folder if posixpath.normpath(source) == "." else self._source(source)
-            if path is not None and path.is_dir():
+            if path is not None and path.is_dir() and name not in COMPANIONS:
                 yield name, path
         for name in self._texts(given, "py_modules"):
             path = self._source(posixpath.join(root, name.replace(".", "/") + ".py"))
@@ -340,7 +343,7 @@ class _CMakeRules(_Rules):
             case "ament_python_install_package", [name, *options]:
                 given = _options(options, "PACKAGE_DIR", "SCRIPTS_DESTINATION")
                 source = self._source(given.get("PACKAGE_DIR", name))
-                if source is not None and source.is_dir():
+                if source is not None and source.is_dir() and name not in COMPANIONS:
                     groups = self._add_entry_points(given["SCRIPTS_DESTINATION"]) if len(given) > 1 else {}
                     self._add_metadata(name, self._version, groups)
                     plan.add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
