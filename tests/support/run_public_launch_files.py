@@ -3,7 +3,7 @@
 Run it as ``python tests/support/run_public_launch_files.py CHECKOUTS [TEXT ...]``.
 
 CHECKOUTS has a folder owner/name for each repository that `public_launch_files.txt` beside this file names, and for
-ros2/launch, ros2/launch_ros and ros2/ros2cli; ``--clone`` prints the commands that create it. Each launch file is
+ros2/launch and ros2/launch_ros; ``--clone`` prints the commands that create it. Each launch file is
 started with ``rosidl-py launch`` in the folder of its repository, which is only read. Once the nodes and topics that
 the list expects are there, Ctrl-C is sent as a terminal does it: SIGINT for the whole process group. A file runs if no
 process died before, all that is expected was there, and everything ended within 5 s. Nothing is fetched. Exit code 1
@@ -32,7 +32,7 @@ from rosidl_py_gen.runtime import Context, Node
 from support.run_third_party_programs import DOMAINS, environment
 
 LIST = Path(__file__).parent / "public_launch_files.txt"
-LAUNCH = ("ros2/launch", "ros2/launch_ros", "ros2/ros2cli")
+LAUNCH = ("ros2/launch", "ros2/launch_ros")
 _MINE = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "launch", "--missing=skip"]
 _START_S, _QUIET_S, _END_S, _KILL_S = 40.0, 3.0, 5.0, 20.0
 _MARK = "PUBLIC_LAUNCH_FILE"
@@ -71,7 +71,7 @@ class LaunchFile:
         return " ".join((self.repository, self.place, *self.arguments))
 
     def command(self, checkouts: Path) -> list[str]:
-        paths = [f"--path={checkouts / one}" for one in (self.repository, *self.paths)]
+        paths = [f"--path={checkouts / one}" for one in self.paths]
         origin = [f"--launch-from={checkouts / one}" for one in LAUNCH]
         return [*_MINE, *origin, *paths, str(checkouts / self.repository / self.place), *self.arguments]
 
