@@ -1,18 +1,18 @@
 """Node that publishes a position for every movable joint of a robot on ``joint_states``.
 
-Topics, parameters and rules are those of joint_state_publisher, docs/internals/protocol.md 11.3.
+Topics, parameters and rules are those of joint_state_publisher, docs/internals/protocol.md 13.3.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
-from rosidl_py_gen.robot.node_program import ProgramError, serve
+from rosidl_py_gen.robot.node_program import WARNING_INTERVAL_S, ProgramError, serve
 from rosidl_py_gen.robot.robot_state_publisher import LATCHED
 from rosidl_py_gen.robot.urdf import Mimic, parse_urdf, read_description, resolve_mimics
 from rosidl_py_gen.runtime import Node
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.robot.urdf import Joint
     from rosidl_py_gen.runtime import Context
 
-T = TypeVar("T")
 NAME = "joint_state_publisher"
 _KINDS = ("position", "velocity", "effort")
 _MAX_RATE_HZ = 10_000
@@ -52,10 +51,7 @@ class _FreeJoint:
 
 
 class JointStatePublisher:
-    """Node ``joint_state_publisher``.
-
-    Args:
-        context: None uses the default context; its first argument that is not of ROS may be the file of a URDF.
+    """Node ``joint_state_publisher``; the first argument of `context` that is not of ROS may be the file of a URDF.
 
     Raises:
         DefinitionError: the robot description is invalid.
@@ -64,32 +60,27 @@ class JointStatePublisher:
 
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context, automatically_declare_parameters_from_overrides=True)
-        self._defaults = {
-            "position": 0.0 if self._parameter("publish_default_positions", True) else None,
-            "velocity": 0.0 if self._parameter("publish_default_velocities", False) else None,
-            "effort": 0.0 if self._parameter("publish_default_efforts", False) else None,
-        }
-        self._use_mimic = self._parameter("use_mimic_tags", True)
-        self._use_soft_limits = self._parameter("use_smallest_joint_limits", True)
-        self._delta = self._parameter("delta", 0.0)
-        rate = float(self._parameter("rate", 10, (int, float)))
+        plurals = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
+        self._kinds = [
+            kind for kind in _KINDS if self._parameter(f"publish_default_{plurals[kind]}", kind == "position", bool)
+        ]
+        self._use_mimic = self._parameter("use_mimic_tags", True, bool)
+        self._use_soft_limits = self._parameter("use_smallest_joint_limits", True, bool)
+        self._delta = self._parameter("delta", 0.0, int, float)
+        rate = self._parameter("rate", 10, int, float)
         if not 0 < rate <= _MAX_RATE_HZ:
             raise ProgramError(f"parameter rate: got {rate:g}; expected more than 0 and at most {_MAX_RATE_HZ} Hz")
-        sources: Any = self._parameter("source_list", (), (list, tuple))
-        self._zeros = {
-            name: float(self._checked(f"zeros.{name}", value, (int, float)))
-            for name, value in self._by_prefix("zeros").items()
-        }
+        topics = [_checked("source_list", topic, str) for topic in self._parameter("source_list", [""], tuple) if topic]
+        zeros = node.get_parameters_by_prefix("zeros")
+        self._zeros = {name: self._parameter(f"zeros.{name}", 0.0, int, float) for name in zeros}
         self._dependent = self._dependent_joints()
         self._joints: list[str] = []
         self._free: dict[str, _FreeJoint] = {}
         self._mimics: dict[str, Mimic] = {}
         self._mimic_order: list[str] = []
         self._message: Any = get_message("sensor_msgs/msg/JointState")
-        description = self._parameter("robot_description", "")
+        description = self._parameter("robot_description", "", str)
         arguments = node.context.arguments[1:]
-        if len(arguments) > 1:
-            raise ProgramError(f"found {len(arguments)} arguments; expected at most one, the file of a URDF")
         if arguments:
             self._use_description(read_description(arguments[0]), arguments[0])
         elif description:
@@ -98,49 +89,31 @@ class JointStatePublisher:
             node.logger.info(f"waiting for a robot description on {node.resolve_topic_name('robot_description')}")
         string: Any = get_message("std_msgs/msg/String")
         node.create_subscription(string, "robot_description", self._on_description, LATCHED)
-        for topic in sources:
-            node.create_subscription(self._message, self._checked("source_list", topic, (str,)), self._on_source, 10)
+        for topic in topics:
+            node.create_subscription(self._message, topic, self._on_source, 10)
         self._publisher = node.create_publisher(self._message, "joint_states", 10)
         node.create_timer(1 / rate, self._publish)
 
-    def _parameter(self, name: str, default: T, kinds: tuple[type, ...] = ()) -> T:
+    def _parameter(self, name: str, default: Any, *kinds: type) -> Any:
         if not self.node.has_parameter(name):
-            self.node.declare_parameter(name, default if default != () else [""])
-            if default == ():
-                return default
-        value: T = self._checked(name, self.node.get_parameter(name), kinds or (type(default),))
-        return value
-
-    def _checked(self, name: str, value: Any, kinds: tuple[type, ...]) -> Any:
-        is_number = not isinstance(value, bool) or bool in kinds
-        if not (isinstance(value, kinds) and is_number) or (isinstance(value, float) and not math.isfinite(value)):
-            expected = " or ".join(kind.__name__ for kind in kinds)
-            raise ProgramError(f"parameter {name}: got {value!r:.60}; expected {expected}")
-        return value
-
-    def _by_prefix(self, prefix: str) -> dict[str, Any]:
-        return {name: one.value.value for name, one in self.node.get_parameters_by_prefix(prefix).items()}
+            self.node.declare_parameter(name, default)
+        return _checked(name, self.node.get_parameter(name), *kinds)
 
     def _dependent_joints(self) -> dict[str, Mimic]:
         """Return the dependences of the parameters ``dependent_joints.<joint>.parent``, ``.factor`` and ``.offset``."""
-        by_joint: dict[str, dict[str, Any]] = {}
-        for name, value in self._by_prefix("dependent_joints").items():
+        found: dict[str, Mimic] = {}
+        for name in self.node.get_parameters_by_prefix("dependent_joints"):
             joint, _, key = name.rpartition(".")
-            full_name = f"dependent_joints.{name}"
-            if not joint or key not in ("parent", "factor", "offset"):
-                raise ProgramError(
-                    f"parameter {full_name}: expected dependent_joints.<joint>. and parent, factor or offset"
-                )
-            by_joint.setdefault(joint, {})[key] = self._checked(
-                full_name, value, (str,) if key == "parent" else (int, float)
+            prefix = f"dependent_joints.{joint}"
+            if not self.node.has_parameter(f"{prefix}.parent") or key not in ("parent", "factor", "offset"):
+                expected = "dependent_joints.<joint>.parent, and if needed .factor and .offset"
+                raise ProgramError(f"parameter dependent_joints.{name}: expected {expected}")
+            factor, offset = (
+                float(self._parameter(f"{prefix}.{key}", default, int, float))
+                for key, default in (("factor", 1.0), ("offset", 0.0))
             )
-        for joint, keys in by_joint.items():
-            if "parent" not in keys:
-                raise ProgramError(f"parameter dependent_joints.{joint}.parent: not set; expected the name of a joint")
-        return {
-            joint: Mimic(keys["parent"], float(keys.get("factor", 1)), float(keys.get("offset", 0)))
-            for joint, keys in by_joint.items()
-        }
+            found[joint] = Mimic(self._parameter(f"{prefix}.parent", "", str), factor, offset)
+        return found
 
     def _on_description(self, message: Any) -> None:
         try:
@@ -156,18 +129,16 @@ class JointStatePublisher:
             mimics |= {name: joint.mimic for name, joint in movable.items() if joint.mimic is not None}
         order, problems = resolve_mimics(mimics, movable)
         if problems:
-            raise ProgramError("; ".join(dict.fromkeys(problems.values())))
+            raise ProgramError("; ".join(problems))
         free = {name: self._free_joint(joint) for name, joint in movable.items() if name not in mimics}
         self._joints, self._free, self._mimics, self._mimic_order = list(movable), free, mimics, order
 
     def _free_joint(self, joint: Joint) -> _FreeJoint:
         lower, upper = (-math.pi, math.pi) if joint.limits is None or joint.type == "continuous" else joint.limits
         if self._use_soft_limits:
-            soft_lower, soft_upper = joint.soft_limits
-            lower = lower if soft_lower is None else max(lower, soft_lower)
-            upper = upper if soft_upper is None else min(upper, soft_upper)
+            lower, upper = max(lower, joint.soft_limits[0]), min(upper, joint.soft_limits[1])
         zero = self._zeros.get(joint.name, 0.0 if lower <= 0 <= upper else (lower + upper) / 2)
-        values = {kind: default for kind, default in self._defaults.items() if default is not None}
+        values = dict.fromkeys(self._kinds, 0.0)
         if "position" in values:
             values["position"] = zero
         return _FreeJoint(lower, upper, joint.type == "continuous", values)
@@ -179,7 +150,7 @@ class JointStatePublisher:
             if values and len(values) != len(names):
                 self.node.logger.warning(
                     f"message of a source: {kind} ignored, which has {len(values)} values for {len(names)} names",
-                    throttle_s=10.0,
+                    throttle_s=WARNING_INTERVAL_S,
                 )
                 continue
             for name, value in zip(names, values, strict=False):
@@ -208,6 +179,15 @@ class JointStatePublisher:
             if any(kind in state for state in states.values()):
                 setattr(message, kind, [states[name].get(kind, 0.0) for name in self._joints])
         self._publisher.publish(message)
+
+
+def _checked(name: str, value: Any, *kinds: type) -> Any:
+    """Return the value of a parameter; raises `ProgramError` if it is of none of some kinds, or not finite."""
+    if type(value) not in kinds or (isinstance(value, float) and not math.isfinite(value)):
+        raise ProgramError(
+            f"parameter {name}: got {value!r:.60}; expected {' or '.join(one.__name__ for one in kinds)}"
+        )
+    return value
 
 
 def main() -> int:

@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import get_logger, run
+from rosidl_py_gen.runtime import ParameterError, RosArgumentError, get_logger, run
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rosidl_py_gen.runtime import Node
-    from rosidl_py_gen.tf.quaternion_math import Quaternion, Vector
+WARNING_INTERVAL_S = 10.0
+"""Time between two warnings about the messages of a topic, which may arrive at any rate."""
 
 
 class ProgramError(RosidlError, ValueError):
     """Arguments or parameters of an executable are invalid; the executable ends with exit code 1."""
 
 
-class _HasNode(Protocol):
-    @property
-    def node(self) -> Node: ...
-
-
-def serve(name: str, create: Callable[[], _HasNode]) -> int:
-    """Run a node until SIGINT or SIGTERM; return the exit code, 1 if `create` raises an error of this package."""
+def serve(name: str, create: Callable[[], Any]) -> int:
+    """Run the node of an object until SIGINT or SIGTERM; return the exit code, 1 if `create` raises our error."""
 
     async def main() -> int:
-        from rosidl_py_gen.runtime import ParameterError, RosArgumentError
-
         try:
             node = create().node
         except (ParameterError, RosArgumentError):
@@ -45,7 +36,7 @@ def serve(name: str, create: Callable[[], _HasNode]) -> int:
     return run(main) or 0
 
 
-def transform_message(parent: str, child: str, translation: Vector, rotation: Quaternion) -> Any:
+def transform_message(parent: str, child: str, translation: Sequence[float], rotation: Sequence[float]) -> Any:
     """Return a ``geometry_msgs/msg/TransformStamped`` without stamp."""
     message: Any = get_message("geometry_msgs/msg/TransformStamped")()
     message.header.frame_id, message.child_frame_id = parent, child

@@ -1,6 +1,6 @@
 """Node that publishes the transforms of a robot: fixed joints on ``/tf_static``, the others on ``/tf``.
 
-Topics, parameters and rules are those of robot_state_publisher, docs/internals/protocol.md 11.2.
+Topics, parameters and rules are those of robot_state_publisher, docs/internals/protocol.md 13.2.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.errors import DefinitionError
-from rosidl_py_gen.robot.node_program import ProgramError, serve, transform_message
+from rosidl_py_gen.robot.node_program import WARNING_INTERVAL_S, ProgramError, serve, transform_message
 from rosidl_py_gen.robot.urdf import parse_urdf, read_description, resolve_mimics
 from rosidl_py_gen.runtime import Durability, Node, QoSProfile, SetResult
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 NAME = "robot_state_publisher"
 LATCHED = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 """QoS of the topic ``robot_description``."""
-_WARNING_INTERVAL_S = 10.0
-"""Time between two warnings about the messages of a topic, which may arrive at any rate."""
 
 
 class _MovingTransform:
@@ -41,28 +39,23 @@ class _MovingTransform:
         self.message = transform_message("", "", joint.translation, joint.rotation)
         self._origin, self._still = joint.translation, joint.rotation
         self._turned = product(joint.rotation, (*joint.axis, 0.0))
-        self._axis = None if joint.type != "prismatic" else rotate(joint.rotation, joint.axis)
+        self._axis = rotate(joint.rotation, joint.axis) if joint.type == "prismatic" else None
 
-    def move(self, position: float) -> Any:
-        """Return the message for a position in radians or metres."""
+    def move(self, position: float) -> None:
+        """Set the fields to those of a position in radians or metres."""
         if self._axis is not None:
             (x, y, z), (dx, dy, dz) = self._origin, self._axis
             move = self.message.transform.translation
             move.x, move.y, move.z = x + dx * position, y + dy * position, z + dz * position
         else:
-            half = position / 2
-            c, s = cos(half), sin(half)
+            c, s = cos(position / 2), sin(position / 2)
             (x, y, z, w), (dx, dy, dz, dw) = self._still, self._turned
             turn = self.message.transform.rotation
             turn.x, turn.y, turn.z, turn.w = c * x + s * dx, c * y + s * dy, c * z + s * dz, c * w + s * dw
-        return self.message
 
 
 class RobotStatePublisher:
-    """Node ``robot_state_publisher``.
-
-    Args:
-        context: None uses the default context; its first argument that is not of ROS may be the file of a URDF.
+    """Node ``robot_state_publisher``; the first argument of `context` that is not of ROS may be the file of a URDF.
 
     Raises:
         DefinitionError: the robot description is invalid.
@@ -74,13 +67,21 @@ class RobotStatePublisher:
         self.node = node = Node(NAME, context=context)
         text = node.declare_parameter("robot_description", "")
         frequency = node.declare_parameter("publish_frequency", 20.0)
+        self._prefix = node.declare_parameter("frame_prefix", "")
+        self._ignore_timestamp = node.declare_parameter("ignore_timestamp", False)
         if reason := _refused_frequency(frequency):
             raise ProgramError(reason)
         self._interval_ns = _interval_ns(frequency)
-        self._prefix = node.declare_parameter("frame_prefix", "")
-        self._ignore_timestamp = node.declare_parameter("ignore_timestamp", False)
+        arguments = node.context.arguments[1:]
+        if not text and not arguments:
+            raise ProgramError(
+                "parameter robot_description: not set; expected the text of a URDF, "
+                "such as {'robot_description': Command(['xacro ', path])} in a launch file"
+            )
         if not text:
-            text = self._description_of_arguments()
+            node.logger.warning("robot_description is not set; the file of a URDF as argument is deprecated")
+            text = read_description(arguments[0])
+            node.set_parameter("robot_description", text)
         self._broadcaster = TransformBroadcaster(node)
         self._static_broadcaster = StaticTransformBroadcaster(node)
         self._string: Any = get_message("std_msgs/msg/String")
@@ -89,25 +90,10 @@ class RobotStatePublisher:
         self._last_callback_ns = 0
         self._parsed = (text, parse_urdf(text))
         self._use_robot(*self._parsed)
-        node.create_subscription(
-            get_message("sensor_msgs/msg/JointState"), "joint_states", self._on_joint_state, SENSOR_DATA
-        )
+        states = get_message("sensor_msgs/msg/JointState")
+        node.create_subscription(states, "joint_states", self._on_joint_state, SENSOR_DATA)
         node.add_on_set_callback(self._check_parameters)
         node.add_post_set_callback(self._apply_parameters)
-
-    def _description_of_arguments(self) -> str:
-        arguments = self.node.context.arguments[1:]
-        if not arguments:
-            raise ProgramError(
-                "parameter robot_description: not set; expected the text of a URDF, "
-                "such as {'robot_description': Command(['xacro ', path])} in a launch file"
-            )
-        self.node.logger.warning(
-            "the file of a URDF as argument is deprecated, and used because the parameter robot_description is empty"
-        )
-        text = read_description(arguments[0])
-        self.node.set_parameter("robot_description", text)
-        return text
 
     def _use_robot(self, text: str, joints: dict[str, Joint]) -> None:
         """Publish a description and its fixed transforms."""
@@ -115,49 +101,41 @@ class RobotStatePublisher:
         self._moving = {name: _MovingTransform(joint) for name, joint in joints.items() if joint.is_movable}
         self._mimics = {name: joint.mimic for name, joint in joints.items() if joint.mimic is not None}
         self._mimic_order, problems = resolve_mimics(self._mimics, joints)
-        for reason in dict.fromkeys(problems.values()):
-            self.node.logger.warning(f"{reason}; its transform is published only if joint_states has its position")
+        for problem in problems:
+            self.node.logger.warning(f"{problem}; without a position of its own it is not published")
         self._publish_fixed()
         self._descriptions.publish(self._string(data=text))
         self.node.logger.info("Robot initialized")
 
     def _publish_fixed(self) -> None:
-        """Publish fixed and planar joints; floating joints are left to other nodes."""
-        now, prefix = self.node.clock.now().nanoseconds, self._prefix
-        messages = []
+        """Publish fixed and planar joints; floating joints are left to other nodes. Set the frames of the others."""
+        now, messages = self.node.clock.now().nanoseconds, []
         for joint in self._joints.values():
+            parent, child = self._prefix + joint.parent, self._prefix + joint.child
             if joint.is_movable:
-                header = self._moving[joint.name].message.header
-                header.frame_id = prefix + joint.parent
-                self._moving[joint.name].message.child_frame_id = prefix + joint.child
+                message = self._moving[joint.name].message
+                message.header.frame_id, message.child_frame_id = parent, child
             elif joint.type != "floating":
-                parent, child = prefix + joint.parent, prefix + joint.child
                 messages.append(transform_message(parent, child, joint.translation, joint.rotation))
                 set_stamp(messages[-1].header.stamp, now)
         self._static_broadcaster.send(messages)
 
     def _on_joint_state(self, message: Any) -> None:
-        names, positions = message.name, message.position
+        names, positions, warn = message.name, message.position.tolist(), self.node.logger.warning
         if len(names) != len(positions):
-            found = f'{len(names)} names, such as "{names[0]}",' if names else "no names"
-            self.node.logger.warning(
-                f"joint_states: message ignored, which has {found} and {len(positions)} positions; expected as many",
-                throttle_s=_WARNING_INTERVAL_S,
-            )
+            found = f"{len(names)} names{f', such as {names[0]!r:.60},' * bool(names)} and {len(positions)} positions"
+            warn(f"joint_states: message ignored, which has {found}; expected as many", throttle_s=WARNING_INTERVAL_S)
             return
-        now = self.node.clock.now().nanoseconds
-        published = self._published_ns
+        now, published = self.node.clock.now().nanoseconds, self._published_ns
         if now < self._last_callback_ns:
-            self.node.logger.warning("time has jumped back; all joints of the next message are published")
+            warn("time has jumped back; all joints of the next message are published")
             published.clear()
         self._last_callback_ns = now
+        states: dict[str, float] = {}
+        for name, position in zip(names, positions, strict=True):
+            if name in self._joints:
+                states.setdefault(name, position)
         stamp = stamp_ns(message.header.stamp)
-        # Of two positions of one joint, the first is used.
-        states = {
-            name: position
-            for name, position in zip(reversed(names), reversed(positions.tolist()), strict=True)
-            if name in self._joints
-        }
         oldest = min((published.get(name, 0) for name in states), default=now)
         if not states or (not self._ignore_timestamp and stamp < min(oldest, now) + self._interval_ns):
             return
@@ -168,35 +146,33 @@ class RobotStatePublisher:
                 states[name] = states[mimic.joint] * mimic.multiplier + mimic.offset
         transforms = []
         for name, position in states.items():
-            if (moving := self._moving.get(name)) is None:
+            moving = self._moving.get(name)
+            if moving is None:
                 continue
-            if not isfinite(position):
-                self.node.logger.warning(
-                    f'joint_states: position {position} of joint "{name}" ignored; expected a finite number',
-                    throttle_s=_WARNING_INTERVAL_S,
-                )
-                continue
-            transform = moving.move(position)
-            transform.header.stamp = message.header.stamp
-            transforms.append(transform)
+            if isfinite(position):
+                moving.move(position)
+                moving.message.header.stamp = message.header.stamp
+                transforms.append(moving.message)
+            else:
+                text = f"joint_states: position {position} of joint {name!r} ignored; expected a finite number"
+                warn(text, throttle_s=WARNING_INTERVAL_S)
         if transforms:
             self._broadcaster.send(transforms)
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetResult:
+        reason = ""
         for parameter in parameters:
             value: Any = parameter.value.value
-            reason = ""
             if parameter.name == "publish_frequency":
-                reason = _refused_frequency(value)
+                reason = reason or _refused_frequency(value)
             elif parameter.name == "robot_description":
                 try:
                     self._parsed = (value, parse_urdf(value))
                 except DefinitionError as error:
                     reason = str(error.diagnostics[0])
-            if reason:
-                self.node.logger.warning(reason)
-                return SetResult(False, reason)
-        return SetResult(True)
+        if reason:
+            self.node.logger.warning(reason)
+        return SetResult(not reason, reason)
 
     def _apply_parameters(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
@@ -205,7 +181,7 @@ class RobotStatePublisher:
                 self._interval_ns = _interval_ns(value)
             elif parameter.name == "ignore_timestamp":
                 self._ignore_timestamp = value
-            elif parameter.name == "frame_prefix" and value != self._prefix:
+            elif parameter.name == "frame_prefix":
                 self._prefix = value
                 self._publish_fixed()
             elif parameter.name == "robot_description":
@@ -214,9 +190,7 @@ class RobotStatePublisher:
 
 
 def _refused_frequency(frequency: float) -> str:
-    if 0 <= frequency <= 1000:
-        return ""
-    return f"parameter publish_frequency: got {frequency:g}; expected from 0 to 1000 Hz"
+    return "" if 0 <= frequency <= 1000 else f"publish_frequency: got {frequency:g}; expected from 0 to 1000 Hz"
 
 
 def _interval_ns(frequency: float) -> int:

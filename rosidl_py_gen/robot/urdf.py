@@ -1,6 +1,6 @@
 """Kinematic tree of a URDF: links and joints with origins, axes, limits and mimic tags.
 
-Meshes, inertia and all else are ignored. The rules are those of urdfdom, docs/internals/protocol.md 11.1; where it
+Meshes, inertia and all else are ignored. The rules are those of urdfdom, docs/internals/protocol.md 13.1; where it
 builds half a tree, an error is raised.
 """
 
@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_xml, read_file
 from rosidl_py_gen.errors import DefinitionError, display_path
-from rosidl_py_gen.tf.quaternion_math import IDENTITY, ORIGIN, normalized, product
+from rosidl_py_gen.tf.quaternion_math import normalized, product
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -43,16 +44,12 @@ class Joint:
     """Joint between two links.
 
     Attributes:
-        name: unique name.
         type: one of `JOINT_TYPES`.
-        parent: name of the parent link.
-        child: name of the child link.
-        translation: origin of the joint in the frame of the parent link, in metres.
+        translation: origin of the joint in the frame of the link `parent`, in metres.
         rotation: orientation of the joint in that frame.
         axis: unit vector in the frame of the joint.
         limits: lower and upper position, or None.
-        soft_limits: those of the safety controller; each may be None.
-        mimic: the joint that this one follows, or None.
+        soft_limits: those of the safety controller, infinite by default.
         element: the element, for errors.
     """
 
@@ -64,7 +61,7 @@ class Joint:
     rotation: Quaternion
     axis: Vector
     limits: tuple[float, float] | None
-    soft_limits: tuple[float | None, float | None]
+    soft_limits: tuple[float, float]
     mimic: Mimic | None
     element: XmlElement = field(compare=False, repr=False)
 
@@ -102,46 +99,39 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
     for element in root.elements:
         if element.tag.startswith("xacro:"):
             raise element.error(f"found <{element.tag}>; expected the output of xacro, not its input")
-        if element.tag not in ("link", "joint"):
-            continue
-        name = _attribute(element, "name", element.tag)
-        other = links.get(name) if element.tag == "link" else name in joints and joints[name].element
-        if other:
-            raise element.error(f'second {element.tag} "{name}", the first is in line {other.line}; names must differ')
-        if element.tag == "link":
-            links[name] = element
-        else:
-            joints[name] = _joint(name, element)
+        if element.tag in ("link", "joint"):
+            name = _attribute(element, "name", element.tag)
+            if name in (links if element.tag == "link" else joints):
+                raise element.error(f'second {element.tag} "{name}"; expected different names')
+            if element.tag == "link":
+                links[name] = element
+            else:
+                joints[name] = _joint(name, element)
     _check_tree(root, links, joints)
     return joints
 
 
-def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[list[str], dict[str, str]]:
-    """Return the names of `mimics` so that each follows the joint it depends on, and the reasons that exclude others.
+def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[list[str], list[str]]:
+    """Return the names of `mimics`, each after the joint that it follows, and the problems.
 
     Args:
-        mimics: dependences by name of the dependent joint.
+        mimics: dependences by name of the dependent joint; those in a loop are not returned.
         joints: names of all joints.
     """
-    order: dict[str, None] = {}
-    problems: dict[str, str] = {}
-    for name in mimics:
-        chain: dict[str, None] = {}
-        current = name
-        while current in mimics and not (current in order or current in problems or current in chain):
-            chain[current] = None
-            current = mimics[current].joint
-        reason = problems.get(current)
-        if current in chain:
-            reason = f'joint "{current}" mimics itself, by "{mimics[current].joint}"; one of them must not mimic'
-        elif current not in joints:
-            hint = did_you_mean(current, joints)
-            reason = f'joint "{[*chain][-1]}" mimics joint "{current}", which does not exist{hint}'
-        if reason is None:
-            order.update(dict.fromkeys(reversed(chain)))
-        else:
-            problems.update(dict.fromkeys(chain, reason))
-    return list(order), problems
+    sorter = TopologicalSorter({name: (mimic.joint,) for name, mimic in mimics.items()})
+    problems: list[str] = []
+    try:
+        sorter.prepare()
+    except CycleError as error:
+        problems.append(f"joints mimic themselves: {' -> '.join(error.args[1][:5])}; one of them must not mimic")
+    order: list[str] = []
+    while ready := sorter.get_ready():
+        order += ready
+        sorter.done(*ready)
+    if missing := next((name for name in order if name not in joints), None):
+        name = next(name for name, mimic in mimics.items() if mimic.joint == missing)
+        problems.append(f'joint "{name}" mimics joint "{missing}", not a moving joint{did_you_mean(missing, joints)}')
+    return [name for name in order if name in mimics], problems
 
 
 def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str, Joint]) -> None:
@@ -160,8 +150,9 @@ def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str
         children.setdefault(joint.parent, []).append(joint.child)
     tops = [link for link in links if link not in parents]
     if len(tops) > 1:
-        names = ", ".join(f'"{link}"' for link in tops[:5])
-        raise links[tops[1]].error(f"{len(tops)} links without a parent: {names}; a joint must connect all but one")
+        raise links[tops[1]].error(
+            f'links without a parent: "{tops[0]}", "{tops[1]}"; a joint must connect all but one'
+        )
     waiting, reached = list(tops), set(tops)
     while waiting:
         new = children.get(waiting.pop(), [])
@@ -178,48 +169,50 @@ def _joint(name: str, element: XmlElement) -> Joint:
     kind = _attribute(element, "type", where)
     if kind not in JOINT_TYPES:
         raise element.error(f"{where}: found type {kind!r}; expected {', '.join(JOINT_TYPES)}")
-    translation, rotation = ORIGIN, IDENTITY
-    if (origin := _child(element, "origin")) is not None:
-        translation = _vector(origin, "xyz", where) or ORIGIN
-        rotation = quaternion_from_rpy(*(_vector(origin, "rpy", where) or ORIGIN))
+    children: dict[str, XmlElement] = {}
+    for child in element.elements:
+        children.setdefault(child.tag, child)
+    for tag in ("parent", "child"):
+        if tag not in children:
+            raise element.error(f'{where}: no <{tag}>; expected <{tag} link="..."/>')
+    nothing = XmlElement("")
+    origin = children.get("origin", nothing)
+    rotation = quaternion_from_rpy(*_vector(origin, "rpy", where))
     axis: Vector = (1.0, 0.0, 0.0)
-    if kind in MOVABLE_TYPES and (found := _child(element, "axis")) is not None:
-        axis = _vector(found, "xyz", where) or ORIGIN
+    if kind in MOVABLE_TYPES and "axis" in children:
+        axis = _vector(children["axis"], "xyz", where)
         length = math.hypot(*axis)
         if not 1e-300 < length < math.inf:
-            raise found.error(f"{where}: the axis has length {length:g}; expected a direction such as 0 0 1")
+            raise children["axis"].error(f"{where}: the axis has length {length:g}; expected a direction such as 0 0 1")
         axis = (axis[0] / length, axis[1] / length, axis[2] / length)
-    limit = _child(element, "limit")
-    if limit is None and kind in ("revolute", "prismatic"):
-        raise element.error(f"{where}: a {kind} joint must have a <limit>; a continuous joint turns without one")
     limits = None
-    if limit is not None:
-        limits = (_number(limit, "lower", where, 0.0), _number(limit, "upper", where, 0.0))
-        for required in ("effort", "velocity"):
-            _number(limit, required, where)
-    safety = _child(element, "safety_controller")
-    soft: list[float | None] = [
-        _number(safety, key, where) if safety is not None and key in safety.attributes else None
-        for key in ("soft_lower_limit", "soft_upper_limit")
-    ]
+    if (limit := children.get("limit")) is not None:
+        lower, upper = (_number(limit, key, where, 0.0) for key in ("lower", "upper"))
+        limits = (lower, upper)
+        for key in ("effort", "velocity"):
+            _attribute(limit, key, where)
+            _number(limit, key, where)
+    elif kind in ("revolute", "prismatic"):
+        raise element.error(f"{where}: a {kind} joint must have a <limit>; a continuous joint turns without one")
+    safety = children.get("safety_controller", nothing)
+    soft_limits = (
+        _number(safety, "soft_lower_limit", where, -math.inf),
+        _number(safety, "soft_upper_limit", where, math.inf),
+    )
     mimic = None
-    if (found := _child(element, "mimic")) is not None:
-        mimic = Mimic(
-            _attribute(found, "joint", where),
-            _number(found, "multiplier", where, 1.0),
-            _number(found, "offset", where, 0.0),
-        )
-    parent, child = (_link(element, tag, where) for tag in ("parent", "child"))
-    return Joint(name, kind, parent, child, translation, rotation, axis, limits, (soft[0], soft[1]), mimic, element)
+    if (found := children.get("mimic")) is not None:
+        factor, offset = _number(found, "multiplier", where, 1.0), _number(found, "offset", where, 0.0)
+        mimic = Mimic(_attribute(found, "joint", where), factor, offset)
+    parent, child_link = (_attribute(children[tag], "link", where) for tag in ("parent", "child"))
+    translation = _vector(origin, "xyz", where)
+    return Joint(name, kind, parent, child_link, translation, rotation, axis, limits, soft_limits, mimic, element)
 
 
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
     """Return the rotation by `roll` about x, then by `pitch` about y, then by `yaw` about z, all fixed axes."""
-    x, y, z = (
-        (math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2)),
-        (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2)),
-        (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)),
-    )
+    x = (math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2))
+    y = (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
+    z = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
     return normalized(product(z, product(y, x)))
 
 
@@ -230,10 +223,6 @@ def parse_number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _child(element: XmlElement, tag: str) -> XmlElement | None:
-    return next((child for child in element.elements if child.tag == tag), None)
-
-
 def _attribute(element: XmlElement, key: str, where: str) -> str:
     value = element.attributes.get(key)
     if not value:
@@ -241,30 +230,17 @@ def _attribute(element: XmlElement, key: str, where: str) -> str:
     return value
 
 
-def _link(element: XmlElement, tag: str, where: str) -> str:
-    found = _child(element, tag)
-    if found is None:
-        raise element.error(f'{where}: no <{tag}>; expected <{tag} link="..."/>')
-    return _attribute(found, "link", where)
-
-
-def _number(element: XmlElement, key: str, where: str, default: float | None = None) -> float:
+def _number(element: XmlElement, key: str, where: str, default: float = 0.0) -> float:
     text = element.attributes.get(key)
-    if text is None and default is not None:
-        return default
-    value = None if text is None else parse_number(text)
+    value = default if text is None else parse_number(text)
     if value is None:
-        found = f"has no {key}" if text is None else f"has {key}={text[:60]!r}"
-        raise element.error(f"{where}: <{element.tag}> {found}; expected a number such as 1.5")
+        raise element.error(f"{where}: <{element.tag}> has {key}={text!r:.60}; expected a number such as 1.5")
     return value
 
 
-def _vector(element: XmlElement, key: str, where: str) -> Vector | None:
-    text = element.attributes.get(key)
-    if text is None:
-        return None
-    values = [parse_number(word) for word in text.split(None, 3)]
-    if len(values) != 3 or None in values:
-        raise element.error(f"{where}: <{element.tag}> has {key}={text[:60]!r}; expected three numbers such as 0 0 1.5")
-    x, y, z = (value for value in values if value is not None)
-    return (x, y, z)
+def _vector(element: XmlElement, key: str, where: str) -> Vector:
+    text = element.attributes.get(key, "0 0 0")
+    values = [value for word in text.split(None, 3) if (value := parse_number(word)) is not None]
+    if len(values) != 3 or len(text.split(None, 3)) != 3:
+        raise element.error(f"{where}: <{element.tag}> has {key}={text!r:.60}; expected three numbers such as 0 0 1.5")
+    return (values[0], values[1], values[2])

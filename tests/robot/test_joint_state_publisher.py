@@ -93,7 +93,7 @@ async def test_the_description_comes_from_a_file_or_topic_and_may_change(
     await until(lambda: rig.seen[-1].name == ["b"])
     for wrong, error in (
         ("<robot", "robot description ignored: <robot_description>:1:1: not XML"),
-        (robot(("c", "continuous", '<mimic joint="c"/>')), 'joint "c" mimics itself'),
+        (robot(("c", "continuous", '<mimic joint="c"/>')), "joints mimic themselves: c -> c"),
     ):
         rig.descriptions.publish(String(data=wrong))
         await until(lambda error=error: error in caplog.text)
@@ -183,12 +183,15 @@ async def test_messages_have_the_rate(memory: World, rate: float) -> None:
         ({"use_mimic_tags": 1}, "use_mimic_tags: got 1; expected bool"),
         ({"zeros.turn": "a"}, "zeros.turn: got 'a'; expected int or float"),
         ({"source_list": [1]}, "source_list: got 1; expected str"),
-        ({"source_list": "a"}, "source_list: got 'a'; expected list or tuple"),
-        ({"dependent_joints.a.factor": 1}, "dependent_joints.a.parent: not set"),
+        ({"source_list": "a"}, "source_list: got 'a'; expected tuple"),
+        (
+            {"dependent_joints.a.factor": 1},
+            "dependent_joints.a.factor: expected dependent_joints.<joint>.parent, and if",
+        ),
         ({"dependent_joints.a.parents": "b"}, "dependent_joints.a.parents: expected"),
         ({"dependent_joints.a.parent": 1}, "dependent_joints.a.parent: got 1; expected str"),
-        ({"dependent_joints.turn.parent": "weld"}, 'joint "turn" mimics joint "weld", which does not exist'),
-        ({"dependent_joints.turn.parent": "turn"}, 'joint "turn" mimics itself'),
+        ({"dependent_joints.turn.parent": "weld"}, 'joint "turn" mimics joint "weld", not a moving joint'),
+        ({"dependent_joints.turn.parent": "turn"}, "joints mimic themselves: turn -> turn"),
     ],
 )
 async def test_wrong_parameters_are_refused(memory: World, parameters: dict[str, Any], error: str) -> None:

@@ -45,14 +45,14 @@ def test_a_joint_has_all_its_values() -> None:
     assert (found.name, found.type, found.parent, found.child) == ("elbow", "revolute", "base", "arm")
     assert found.translation == (1, -2.5, 0.5) and found.axis == (0, 0.6, 0.8) and found.is_movable
     assert found.rotation == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
-    assert found.limits == (-1, 2) and found.soft_limits == (-0.5, None)
+    assert found.limits == (-1, 2) and found.soft_limits == (-0.5, math.inf)
     assert found.mimic == Mimic("other", -2, 1)
 
 
 def test_what_a_joint_does_not_state_has_defaults() -> None:
     found = only(joint())
     assert (found.translation, found.rotation, found.axis) == ((0, 0, 0), (0, 0, 0, 1), (1, 0, 0))
-    assert (found.limits, found.soft_limits, found.mimic) == (None, (None, None), None)
+    assert (found.limits, found.soft_limits, found.mimic) == (None, (-math.inf, math.inf), None)
     assert only(joint('<origin rpy="0 0 0"/><mimic joint="a"/>')).mimic == Mimic("a", 1, 0)
     assert only(joint('<axis xyz="0 0 0"/>', "fixed")).type == "fixed"  # as exported by CAD programs
 
@@ -94,17 +94,17 @@ def test_other_elements_are_ignored() -> None:
         (joint('<axis xyz="1.7e308 1.7e308 0"/>'), None),
         (joint(type="revolute"), 'joint "elbow": a revolute joint must have a <limit>; a continuous joint turns'),
         (joint(type="prismatic"), "a prismatic joint must have a <limit>"),
-        (joint('<limit effort="1"/>'), "<limit> has no velocity; expected a number such as 1.5"),
+        (joint('<limit effort="1"/>'), '<limit> has no velocity; expected velocity="..."'),
         (joint('<limit lower="low" effort="1" velocity="1"/>'), "<limit> has lower='low'"),
         (joint("<mimic/>"), "<mimic> has no joint"),
         (joint('<mimic joint="a" offset="inf"/>'), "<mimic> has offset='inf'"),
-        (robot("", LINKS + '\n<link name="arm"/>'), 'urdf>:3:1: second link "arm", the first is in line 2; names must'),
-        (robot(f'<joint name="a" type="fixed">{ENDS}</joint>\n' * 2), 'second joint "a", the first is in line 3'),
+        (robot("", LINKS + '\n<link name="arm"/>'), 'urdf>:3:1: second link "arm"; expected different names'),
+        (robot(f'<joint name="a" type="fixed">{ENDS}</joint>\n' * 2), 'second joint "a"; expected different names'),
         (
             robot("".join(f'<joint name="{name}" type="fixed">{ENDS}</joint>' for name in "ab")),
             'link "arm" is the child of joint "a" and of joint "b"; expected one parent',
         ),
-        (robot(""), '2 links without a parent: "base", "arm"; a joint must connect all but one'),
+        (robot(""), 'links without a parent: "base", "arm"; a joint must connect all but one'),
         (robot("", ""), "no links; expected at least one <link>"),
         (joint(ends='<parent link="arm"/><child link="arm"/>'), 'link "arm" is in a loop of joints, or below one'),
         (
@@ -164,7 +164,7 @@ def test_very_long_and_very_wide_robots_are_read_soon() -> None:
         found = parse_urdf(robot(joints, links))
         mimics = {name: one.mimic for name, one in found.items() if one.mimic is not None}
         order, problems = resolve_mimics(mimics, found)
-        assert len(found) == 10_000 and not order and len(problems) == 10_000  # all follow j0, which follows itself
+        assert len(found) == 10_000 and not order and len(problems) == 1  # all follow j0, which follows itself
         del mimics["j0"]
         assert len(resolve_mimics(mimics, found)[0]) == 9_999
         assert time.process_time() - started < 10
@@ -199,9 +199,10 @@ def test_files_are_read_or_refused(tmp_path: Path) -> None:
 def test_mimics_follow_the_joint_they_depend_on() -> None:
     mimics = {"a": Mimic("b"), "b": Mimic("c"), "d": Mimic("c"), "x": Mimic("y"), "y": Mimic("z"), "z": Mimic("y")}
     order, problems = resolve_mimics(mimics | {"m": Mimic("elbo"), "n": Mimic("m")}, [*"abcdxyzmn", "elbow"])
-    assert order.index("b") < order.index("a") and set(order) == {"a", "b", "d"}
-    assert set(problems) == set("xyzmn") and 'joint "y" mimics itself, by "z"' in problems["x"]
-    assert problems["n"] == 'joint "m" mimics joint "elbo", which does not exist; did you mean "elbow"?'
+    assert order.index("b") < order.index("a") and set(order) == {"a", "b", "d", "m", "n"}
+    assert len(problems) == 2 and problems[0].startswith("joints mimic themselves: ")
+    assert {*problems[0][25:].split(";")[0].split(" -> ")} == {"y", "z"}
+    assert problems[1] == 'joint "m" mimics joint "elbo", not a moving joint; did you mean "elbow"?'
 
 
 def test_angles_are_about_fixed_axes() -> None:
