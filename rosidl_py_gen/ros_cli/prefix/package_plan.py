@@ -39,6 +39,7 @@ _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
 _TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament_auto_add_library")
 _BUILD_TYPE = re.compile(r"<build_type[^>]*>\s*(\w+)\s*<")
+_LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
 _VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
 
 
@@ -48,6 +49,11 @@ class PrefixFile(NamedTuple):
     source: Path | None = None
     content: bytes | None = None
     is_program: bool = False
+
+    @property
+    def mode(self) -> int:
+        """Permissions of a file with `content`."""
+        return 0o755 if self.is_program else 0o644
 
 
 @dataclass
@@ -82,23 +88,22 @@ class PackagePlan:
             return
         if (path := inside(place)) is None or len(path) > _MAX_PLACE or "\n" in path:
             self.problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
-        elif self.files.setdefault(path, file) != file and self.files[path].source != file.source:
-            self.problem(f"two files would be {path}; {display_path(file.source or path)} is skipped")
+            return
+        old, self.files[path] = self.files.get(path, file), file
+        if old.source != file.source:
+            self.problem(f"two files would be {path}; the last one is used, {display_path(file.source or path)}")
         if len(self.files) > _MAX_FILES:
             raise _TooManyError
 
-    def usable(self) -> str:
-        """Return what the prefix has of the package, for display."""
-        share = f"share/{self.name}/"
-        counts = {"launch file": 0, "other file": 0, "message": 0, "Python executable": 0}
-        for place, file in self.files.items():
-            if place.startswith(share) and place != f"{share}package.xml":
-                below = place[len(share) :]
-                is_message = below.split("/")[0] in ("msg", "srv", "action") and below.count("/") == 1
-                is_launch = re.search(r"(launch\.(py|xml|ya?ml)|\.launch)\Z", below) is not None
-                counts["message" if is_message else "launch file" if is_launch else "other file"] += 1
-            counts["Python executable"] += file.is_program
-        return ", ".join(f"{count} {name}{'s' if count > 1 else ''}" for name, count in counts.items() if count)
+    @property
+    def text(self) -> str:
+        """Line about a package with C++ code: the missing executables, and what the prefix has of it."""
+        share = [place for place in self.files if place.startswith(f"share/{self.name}/")]
+        launch = sum(_LAUNCH_FILE.search(place) is not None for place in share)
+        programs = sum(file.is_program for file in self.files.values())
+        counts = {"launch file": launch, "share file": len(share) - launch, "Python program": programs}
+        usable = ", ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
+        return f"{self.name}: without {', '.join(self.missing) or 'its libraries'}; with {usable}"
 
 
 class _TooManyError(Exception):
@@ -370,19 +375,16 @@ class _CMakeRules(_Rules):
         if (install.destination + "/").startswith("include/"):
             return  # headers are for compilers
         for path in install.paths:
-            if "*" in path:
-                self._plan.is_complete = False
-                continue
             is_whole = inside(path) is None and posixpath.normpath(path) in (".", self._plan.folder.as_posix())
             source = self._plan.folder if is_whole else self._source(path)
             if source is None:
                 continue
-            if install.kind == "DIRECTORY":
-                below = "" if path.endswith("/") else source.name
-                self._install_folder(install, source, posixpath.join(install.destination, below))
-            elif source.is_file():
+            if install.kind != "DIRECTORY" and source.is_file():
                 place = posixpath.join(install.destination, install.rename or source.name)
                 self._add_file(place, source, is_program=install.kind == "PROGRAMS")
+            elif install.kind == "DIRECTORY" and source.is_dir():
+                below = "" if path.endswith("/") else source.name
+                self._install_folder(install, source, posixpath.join(install.destination, below))
 
     def _install_folder(self, install: Install, top: Path, destination: str) -> None:
         left = _MAX_FILES
