@@ -128,7 +128,8 @@ def _has_relative_imports(file: Path) -> bool:
     return any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree))
 
 
-def _workspaces(paths: Sequence[str]) -> list[Workspace]:
+def workspaces(paths: Sequence[str]) -> list[Workspace]:
+    """Return the workspaces of ``--path``, then that of the current folder."""
     around = workspace_around(Path.cwd())
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 
@@ -138,7 +139,7 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
     from rosidl_py_gen.ros_cli.prefix import executables
 
     places: list[str] = []
-    for workspace in _workspaces(paths):
+    for workspace in workspaces(paths):
         if folder := workspace.packages.get(package):
             places.append(str(folder))
             if by_name := executables.of_sources(folder):
@@ -152,8 +153,8 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
 def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
     by_name, places = _executables(package, paths)
     if not by_name and not places:
-        searched = ", ".join(str(one.folder) for one in _workspaces(paths))
-        known = {name for workspace in _workspaces(paths) for name in workspace.packages}
+        searched = ", ".join(str(one.folder) for one in workspaces(paths))
+        known = {name for workspace in workspaces(paths) for name in workspace.packages}
         text = f'no file and no package "{package}"{did_you_mean(package, known)}'
         raise CommandError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
     names = ", ".join(sorted(by_name)) or "none in Python"
@@ -186,7 +187,7 @@ def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
         raise click.UsageError("expected at most a package")
-    packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace.packages})
+    packages = words or sorted({name for workspace in workspaces(paths) for name in workspace.packages})
     rows = []
     for package in packages:
         by_name, places = _executables(package, paths)
