@@ -88,18 +88,20 @@ def read_xml(path: str) -> XmlElement:
     return _TreeBuilder(XmlSource(source.path, tuple(text.split("\n")))).parse(data)
 
 
-def parse_xml(text: str, path: str) -> XmlElement:
-    """Return the root element of a text, whose names keep their prefixes; `path` is for errors.
+def parse_fragment(text: str, path: str) -> XmlElement:
+    """Return an element without name whose children are the elements and comments of a text, which may be several.
 
-    An encoding that the text declares is ignored, and white space before the declaration allowed.
+    Names keep their prefixes. An encoding that the text declares is ignored, and white space before the declaration
+    allowed. `path` is for errors.
 
     Raises:
         DefinitionError: the text is nested too deeply, has a document type, or is not XML.
     """
-    # The declaration becomes spaces, so that lines and columns stay those of the text.
+    # Everything stays in its line and column: the declaration becomes spaces, and the first line of the parser is ours.
     content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
-    data = content.encode("utf-8", "replace")
-    return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), namespaces=False).parse(data)
+    data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
+    builder = _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), first_line=2, namespaces=False)
+    return builder.parse(data)
 
 
 def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
@@ -127,8 +129,9 @@ def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 class _TreeBuilder:
     """Handlers of an expat parser that build the tree of one file."""
 
-    def __init__(self, source: XmlSource, *, namespaces: bool = True) -> None:
+    def __init__(self, source: XmlSource, *, first_line: int = 1, namespaces: bool = True) -> None:
         self._source = source
+        self._skipped_lines = first_line - 1
         self._open: list[XmlElement] = []
         self._texts: list[list[str]] = []
         self._count = 0
@@ -156,7 +159,7 @@ class _TreeBuilder:
 
     def _error(self, text: str, line: int | None = None, column: int | None = None) -> DefinitionError:
         parser = self._parser
-        line = parser.CurrentLineNumber if line is None else line
+        line = (parser.CurrentLineNumber if line is None else line) - self._skipped_lines
         column = parser.CurrentColumnNumber + 1 if column is None else column
         return DefinitionError(self._source.diagnostic(line, column, text))
 
@@ -169,7 +172,7 @@ class _TreeBuilder:
             _clark_name(name),
             {_clark_name(key): value for key, value in attributes.items()},
             source=self._source,
-            line=parser.CurrentLineNumber,
+            line=parser.CurrentLineNumber - self._skipped_lines,
             column=parser.CurrentColumnNumber + 1,
         )
         if self._open:

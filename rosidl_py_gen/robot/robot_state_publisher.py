@@ -98,7 +98,9 @@ class RobotStatePublisher:
     def _use_robot(self, text: str, joints: dict[str, Joint]) -> None:
         """Publish a description and its fixed transforms."""
         self._joints = joints
-        self._moving = {name: _MovingTransform(joint) for name, joint in joints.items() if joint.is_movable}
+        self._moving = {
+            name: _MovingTransform(joint) for name, joint in joints.items() if joint.is_movable and any(joint.axis)
+        }
         self._mimics = {name: joint.mimic for name, joint in joints.items() if joint.mimic is not None}
         self._mimic_order, problems = resolve_mimics(self._mimics, joints)
         for problem in problems:
@@ -112,10 +114,9 @@ class RobotStatePublisher:
         now, messages = self.node.clock.now().nanoseconds, []
         for joint in self._joints.values():
             parent, child = self._prefix + joint.parent, self._prefix + joint.child
-            if joint.is_movable:
-                message = self._moving[joint.name].message
-                message.header.frame_id, message.child_frame_id = parent, child
-            elif joint.type != "floating":
+            if moving := self._moving.get(joint.name):
+                moving.message.header.frame_id, moving.message.child_frame_id = parent, child
+            elif joint.type in ("fixed", "planar"):
                 messages.append(transform_message(parent, child, joint.translation, joint.rotation))
                 set_stamp(messages[-1].header.stamp, now)
         self._static_broadcaster.send(messages)

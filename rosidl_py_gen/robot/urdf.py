@@ -13,9 +13,10 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_xml, read_file
+from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
 from rosidl_py_gen.errors import DefinitionError, display_path
-from rosidl_py_gen.tf.quaternion_math import normalized, product
+from rosidl_py_gen.runtime import get_logger
+from rosidl_py_gen.tf.quaternion_math import ORIGIN, normalized, product
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -47,7 +48,7 @@ class Joint:
         type: one of `JOINT_TYPES`.
         translation: origin of the joint in the frame of the link `parent`, in metres.
         rotation: orientation of the joint in that frame.
-        axis: unit vector in the frame of the joint.
+        axis: unit vector in the frame of the joint, or zero.
         limits: lower and upper position, or None.
         soft_limits: those of the safety controller, infinite by default.
         element: the element, for errors.
@@ -90,15 +91,17 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
     if len(text) > MAX_BYTES or not text.lstrip().startswith("<"):
         found = f"more than {MAX_BYTES} characters" if len(text) > MAX_BYTES else f"found {text.strip()[:60]!r}"
         raise DefinitionError(XmlSource(path).diagnostic(0, 0, f"{found}; expected the text of a URDF, not its path"))
-    root = parse_xml(text, path)
+    document = parse_fragment(text, path)
+    roots = [element for element in document.elements if element.tag == "robot"] or [*document.elements, document]
+    root = roots[0]  # as urdfdom does; scripts that fill in names put others before it
     if root.tag != "robot" or root.attributes.get("version", "1.0") not in ("1.0", "1"):
         raise root.error(f"found <{root.tag}>; expected a URDF of version 1.0, whose root is <robot>")
     _attribute(root, "name", "robot")
     links: dict[str, XmlElement] = {}
     joints: dict[str, Joint] = {}
+    if xacro := next((element for element in root.elements if element.tag.startswith("xacro:")), None):
+        _warn(xacro, f"<{xacro.tag}> ignored; expected the output of xacro, not its input")
     for element in root.elements:
-        if element.tag.startswith("xacro:"):
-            raise element.error(f"found <{element.tag}>; expected the output of xacro, not its input")
         if element.tag in ("link", "joint"):
             name = _attribute(element, "name", element.tag)
             if name in (links if element.tag == "link" else joints):
@@ -182,9 +185,11 @@ def _joint(name: str, element: XmlElement) -> Joint:
     if kind in MOVABLE_TYPES and "axis" in children:
         axis = _vector(children["axis"], "xyz", where)
         length = math.hypot(*axis)
-        if not 1e-300 < length < math.inf:
-            raise children["axis"].error(f"{where}: the axis has length {length:g}; expected a direction such as 0 0 1")
-        axis = (axis[0] / length, axis[1] / length, axis[2] / length)
+        if not length < math.inf:
+            raise children["axis"].error(f"{where}: the axis is too long; expected a direction such as 0 0 1")
+        if length < 1e-300:
+            _warn(children["axis"], f"{where} is not published: its axis has no length; expected one such as 0 0 1")
+        axis = (axis[0] / length, axis[1] / length, axis[2] / length) if length >= 1e-300 else ORIGIN
     limits = None
     if (limit := children.get("limit")) is not None:
         lower, upper = (_number(limit, key, where, 0.0) for key in ("lower", "upper"))
@@ -221,6 +226,10 @@ def parse_number(text: str) -> float | None:
     text = text.strip()
     value = float(text) if len(text) < 1000 and _NUMBER.fullmatch(text) else math.inf
     return value if math.isfinite(value) else None
+
+
+def _warn(element: XmlElement, text: str) -> None:
+    get_logger("robot_description").warning(str(element.diagnostic(text)))
 
 
 def _attribute(element: XmlElement, key: str, where: str) -> str:

@@ -92,7 +92,7 @@ async def test_the_description_comes_from_a_file_or_topic_and_may_change(
     rig.descriptions.publish(String(data=robot(("b", "continuous", ""))))
     await until(lambda: rig.seen[-1].name == ["b"])
     for wrong, error in (
-        ("<robot", "robot description ignored: <robot_description>:1:1: not XML"),
+        ("<robot", "robot description ignored: <robot_description>:2:1: not XML"),
         (robot(("c", "continuous", '<mimic joint="c"/>')), "joints mimic themselves: c -> c"),
     ):
         rig.descriptions.publish(String(data=wrong))

@@ -278,10 +278,11 @@ async def test_static_transforms_have_simulated_time(memory: World) -> None:
     assert rig.fixed[-1].transforms[-1].header.stamp.sec == 100
 
 
-async def test_mimic_tags_that_cannot_be_resolved_are_warned_about(memory: World, caplog: Any) -> None:
-    rig = await Rig(memory, ARM.replace('joint="grip"', 'joint="gripp"')).ready()
+async def test_joints_without_axis_or_mimicked_joint_are_warned_about(memory: World, caplog: Any) -> None:
+    shoulder = ARM.replace('xyz="0 0 2"', 'xyz="0 0 0"')
+    rig = await Rig(memory, shoulder.replace('joint="grip"', 'joint="gripp"')).ready()
     assert 'joint "also_grip" mimics joint "gripp", not a moving joint; did you mean "grip"?; without' in caplog.text
     rig.move(grip=0.5)
     assert await rig.moved(1) == ["finger"]
-    rig.move(2, also_grip=0.5)
+    rig.move(2, also_grip=0.5, shoulder=1.0)  # which has no axis
     assert await rig.moved(2) == ["thumb"]
