@@ -37,11 +37,18 @@ def start(
     if as_json and not check:
         raise click.UsageError("--json requires --check or --list; options of the program follow the program")
     program = _program(words, paths)
-    _make_importable(program.place, paths)
+    make_importable(program.place, paths)
     if check:
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
         return check_program(program, as_json)
+    set_environment()
+    _note_misplaced_option(program)
+    return program.start
+
+
+def set_environment() -> None:
+    """Set the environment variables of ROS that programs read."""
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     choice = selected()
@@ -49,8 +56,6 @@ def start(
         os.environ[ENVIRONMENT_VARIABLE] = choice.name
     elif ENVIRONMENT_VARIABLE not in os.environ:
         assume_default()
-    _note_misplaced_option(program)
-    return program.start
 
 
 def _note_misplaced_option(program: Program) -> None:
@@ -64,7 +69,7 @@ def _note_misplaced_option(program: Program) -> None:
     terminal_output.note(f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM")
 
 
-def _make_importable(place: Path, paths: Sequence[str]) -> None:
+def make_importable(place: Path, paths: Sequence[str]) -> None:
     """Install the import hook; print a warning if it replaces an installed rclpy."""
     real = PathFinder.find_spec("rclpy")
     if real is not None and real.origin is not None:
@@ -128,7 +133,7 @@ def _has_relative_imports(file: Path) -> bool:
     return any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree))
 
 
-def _workspaces(paths: Sequence[str]) -> list[Workspace]:
+def workspaces(paths: Sequence[str]) -> list[Workspace]:
     around = workspace_around(Path.cwd())
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 
@@ -138,7 +143,7 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
     from rosidl_py_gen.ros_cli.prefix import executables
 
     places: list[str] = []
-    for workspace in _workspaces(paths):
+    for workspace in workspaces(paths):
         if folder := workspace.packages.get(package):
             places.append(str(folder))
             if by_name := executables.of_sources(folder):
@@ -152,8 +157,8 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
 def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
     by_name, places = _executables(package, paths)
     if not by_name and not places:
-        searched = ", ".join(str(one.folder) for one in _workspaces(paths))
-        known = {name for workspace in _workspaces(paths) for name in workspace.packages}
+        searched = ", ".join(str(one.folder) for one in workspaces(paths))
+        known = {name for workspace in workspaces(paths) for name in workspace.packages}
         text = f'no file and no package "{package}"{did_you_mean(package, known)}'
         raise CommandError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
     names = ", ".join(sorted(by_name)) or "none in Python"
@@ -186,7 +191,7 @@ def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
         raise click.UsageError("expected at most a package")
-    packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace.packages})
+    packages = words or sorted({name for workspace in workspaces(paths) for name in workspace.packages})
     rows = []
     for package in packages:
         by_name, places = _executables(package, paths)

@@ -1,0 +1,178 @@
+"""Packages and executables that a launch file needs and that do not exist: errors with a cure, or skipped actions.
+
+With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder of a
+missing package is a path that does not exist, because many files look up all packages before they create actions.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sysconfig
+import traceback
+import warnings
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.errors import display_path
+from rosidl_py_gen.ros_cli import report, terminal_output
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.ros_cli.prefix import Prefix
+
+_NOT_FOUND = re.compile(r"(executable|package|file not found:?) .*")
+"""Texts of SubstitutionFailure for executables and packages."""
+
+
+class _MissingCommandError(Exception):
+    """The command of an action does not exist."""
+
+
+class MissingParts:
+    """Checks of actions before and after they run."""
+
+    def __init__(self, skip: bool, file: str, prefix: Prefix) -> None:
+        self._skip, self._file, self._prefix = skip, file, prefix
+        self._not_built = {one.name: one for one in prefix.skipped}
+        self._absent = os.path.join(prefix.folder, "missing")
+        self._reported: set[str] = set()
+        self._containers: set[str] = set()
+
+    def install(self) -> None:
+        """Replace `Action.visit`, through which launch runs each action, and what finds packages and commands."""
+        packages: Any = import_module("ament_index_python.packages")
+        action = import_module("launch").Action
+        local = import_module("launch.actions").ExecuteLocal
+        share, visit, prepare = packages._share_folder, action.visit, local.prepare
+        warnings.filterwarnings("ignore", message="Share (directory|path) for")
+
+        def share_folder(name: str) -> str:
+            try:
+                return share(name)  # type: ignore[no-any-return]
+            except packages.PackageNotFoundError:
+                if not self._skip:
+                    raise
+                self._report(f"package {name}", "")
+                return os.path.join(self._absent, name)
+
+        def prepare_and_check(self: Any, context: Any) -> None:
+            prepare(self, context)
+            details = self.process_details
+            command, environment = details["cmd"][0], details["env"] or os.environ
+            if os.sep in command:
+                command = os.path.join(details["cwd"] or "", command)
+            if not self.shell and shutil.which(command, path=environment.get("PATH")) is None:
+                raise _MissingCommandError(command)
+
+        packages._share_folder = share_folder
+        local.prepare = prepare_and_check
+        action.visit = lambda one, context: self._visit(visit, one, context)
+
+    def _visit(self, visit: Any, action: Any, context: Any) -> Any:
+        if self._needs_missing_container(action, context):
+            return None
+        try:
+            return visit(action, context)
+        except Exception as error:
+            file = getattr(context.locals, "current_launch_file_path", self._file)
+            part = self._missing_part(action, context, error)
+            if part is None:
+                report(error_text(error, file))
+                raise
+            if not self._skip:
+                cure = "add the folder of its package with --path, or start the rest with --missing skip"
+                report(f"{display_path(file)}: missing {part}; {cure}")
+                raise
+            if hasattr(action, "node_name") and type(action).__name__ == "ComposableNodeContainer":
+                self._containers.add(action.node_name)
+            self._report(part, f" ({type(action).__name__} in {display_path(file)})")
+            return None
+
+    def _report(self, part: str, place: str) -> None:
+        if part not in self._reported:
+            self._reported.add(part)
+            terminal_output.note(f"missing, skipped: {part}{place}")
+
+    def _needs_missing_container(self, action: Any, context: Any) -> bool:
+        """Return True for nodes that would wait forever for a container that was skipped."""
+        target = getattr(action, "_LoadComposableNodes__target_container", None)
+        if target is None or not self._containers:
+            return False
+        name = target.node_name if hasattr(target, "node_name") else _text(target, context)
+        if f"/{name.lstrip('/')}" not in self._containers:
+            return False
+        self._report(f"nodes of the container {name}", "")
+        return True
+
+    def _missing_part(self, action: Any, context: Any, error: BaseException) -> str | None:
+        """Return what an action lacks; None for other errors."""
+        for one in _causes(error):
+            kind = type(one).__name__
+            if kind in ("PackageNotFoundError", "SubstitutionFailure") and getattr(action, "node_package", None):
+                if kind == "PackageNotFoundError" or _NOT_FOUND.match(str(one)):
+                    return self._executable_text(
+                        _text(action.node_package, context), _text(action.node_executable, context)
+                    )
+            elif kind == "PackageNotFoundError":
+                return str(one.args[0]).partition(", searching")[0].replace("'", "").removesuffix(" not found")
+            elif isinstance(one, _MissingCommandError):
+                return f"command {one}"
+            elif isinstance(one, ModuleNotFoundError):
+                return f"Python module {one.name}"
+            elif kind == "SubstitutionFailure" and (found := _NOT_FOUND.match(str(one))):
+                return found[0]
+        location = str(getattr(getattr(action, "launch_description_source", None), "location", ""))
+        return f"launch file {os.path.relpath(location, self._absent)}" if location.startswith(self._absent) else None
+
+    def _executable_text(self, package: str, executable: str) -> str:
+        text = f"executable {executable} of {package}"
+        if package in self._not_built:
+            return f"{text}: its package has C++ code, which is not built"
+        folder = self._prefix.folder / "lib" / package
+        if package in self._prefix.packages or folder.is_dir():
+            known = sorted(os.listdir(folder)) if folder.is_dir() else []
+            return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
+        return f"{text}: no such package{did_you_mean(package, self._prefix.packages)}"
+
+
+def error_text(error: BaseException, file: str) -> str:
+    """Return an error with the place in the launch file that caused it."""
+    cause = [*_causes(error)][-1]
+    line: Any = None
+    if isinstance(cause, SyntaxError):
+        file, line = cause.filename or file, cause.lineno
+    elif frame := next((one for one in reversed(traceback.extract_tb(cause.__traceback__)) if _is_of_user(one)), None):
+        file, line = frame.filename, frame.lineno
+    elif hasattr(cause, "problem_mark") and cause.problem_mark is not None:  # of YAML
+        line = cause.problem_mark.line + 1
+    elif hasattr(cause, "position"):  # of XML
+        line = cause.position[0]
+    text = cause.msg if isinstance(cause, SyntaxError) else str(cause)
+    place = display_path(file) + (f":{line}" if line else "")
+    hint = (
+        "; install it, or add the folder of its package with --path" if isinstance(cause, ModuleNotFoundError) else ""
+    )
+    return f"{place}: {type(cause).__name__}: {text}{hint}"
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """Yield an error and its explicit causes."""
+    one: BaseException | None = error
+    while one is not None:
+        yield one
+        one = one.__cause__
+
+
+def _is_of_user(frame: traceback.FrameSummary) -> bool:
+    folders = {str(Path(import_module(name).__path__[0])) for name in ("launch", "launch_ros", "rosidl_py_gen")}
+    folders |= {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
+    return not frame.filename.startswith((*folders, "<"))
+
+
+def _text(value: Any, context: Any) -> str:
+    utilities = import_module("launch.utilities")
+    return str(utilities.perform_substitutions(context, utilities.normalize_to_list_of_substitutions(value)))
