@@ -51,9 +51,11 @@ _COMMANDS = {
     "log": ("log.follow", "Print the log messages of all nodes."),
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
+    "prefix": ("prefix.command", "Create an ament prefix of a workspace, without a build."),
     "run": ("program_runner.command", "Run a program written for rclpy without changes."),
     "security": ("security", "Keystores for secured networks (SROS2): keys, certificates, permissions, policies."),
     "service": ("service", "Services: list, type, call, info, echo."),
+    "test": ("program_runner.package_tests", "Run the pytest tests of a package."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find."),
     "zenoh-router": ("zenoh_router", "Run a Zenoh router for nodes on rmw_zenoh."),
@@ -152,7 +154,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the console script; the module docstring lists its exit codes."""
     words = sys.argv[1:] if arguments is None else arguments
     is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
-    is_run = words[:1] in (["run"], ["launch"])
+    is_run = words[:1] in (["run"], ["launch"], ["test"])
     if is_completion:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     if not is_run:
@@ -173,7 +175,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _configure_process(is_process: bool) -> None:
-    """Set up the process for our commands; not for programs that `run` starts."""
+    """Set up the process for our commands; not for programs that `run` and `test` start."""
     if is_process:
         # Garbage collection of imported modules, and at exit, takes a tenth of the time of a short command.
         gc.set_threshold(200_000)

@@ -130,6 +130,10 @@ def _names(what: str, context: click.Context) -> list[str]:
         from rosidl_py_gen.ros_cli.type_resolution import interface_names
 
         return interface_names(_KINDS[what], paths)
+    if what == "workspace packages":
+        from rosidl_py_gen.ros_cli.program_runner.run import workspaces
+
+        return [name for workspace in workspaces(paths) for name in workspace.packages]
     if what in ("interfaces", "packages"):
         from rosidl_py_gen.ros_cli.definitions import known_names
 

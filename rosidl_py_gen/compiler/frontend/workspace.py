@@ -33,10 +33,20 @@ class Workspace:
     depth: int = MAX_DEPTH
     own: Path | None = None
 
-    @cached_property
+    @property
     def packages(self) -> dict[str, Path]:
         """Folders of the packages by name; of two with one name, the one of least depth."""
+        return self._found[0]
+
+    @property
+    def duplicates(self) -> list[tuple[str, Path]]:
+        """Names and folders of the packages whose name another package of `packages` has."""
+        return self._found[1]
+
+    @cached_property
+    def _found(self) -> tuple[dict[str, Path], list[tuple[str, Path]]]:
         found = {} if self.own is None else {package_name(self.own / MANIFEST, self.own): self.own}
+        duplicates: list[tuple[str, Path]] = []
         visited: set[str] = set()
         waiting = [(self.folder, 0)]
         while waiting:
@@ -48,11 +58,13 @@ class Workspace:
                 continue
             visited.add(real)
             if MANIFEST in names:
-                found.setdefault(package_name(folder / MANIFEST, folder), folder)
+                name = package_name(folder / MANIFEST, folder)
+                if found.setdefault(name, folder) != folder:
+                    duplicates.append((name, folder))
             elif depth < self.depth:
                 inside = (folder / name for name in sorted(names) if not name.startswith("."))
                 waiting += [(path, depth + 1) for path in inside if os.path.isdir(path)]
-        return found
+        return found, duplicates
 
     @property
     def roots(self) -> list[Path]:

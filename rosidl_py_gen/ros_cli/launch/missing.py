@@ -1,7 +1,7 @@
 """Packages and executables that a launch file needs and that do not exist: errors with a cure, or skipped actions.
 
-With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder of a
-missing package is a path that does not exist, because many files look up all packages before they create actions.
+With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder
+of a missing package is a path that does not exist, because many files look up all packages before they create actions.
 """
 
 from __future__ import annotations

@@ -2,9 +2,35 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
+import sys
+import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+
+from rosidl_py_gen.base.names import RosName, is_package_name
+from rosidl_py_gen.compiler.frontend.cmake_reader import inside
+from rosidl_py_gen.compiler.frontend.package_files import mentions_interfaces
+from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
+from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
+from rosidl_py_gen.errors import RosidlError, display_path
+from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.prefix import environment, wrappers
+from rosidl_py_gen.ros_cli.prefix.bundled import BUNDLED, ON_PACKAGE_INDEX
+from rosidl_py_gen.ros_cli.prefix.executables import of_distribution
+from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PackagePlan, PrefixFile, plan_package
+from rosidl_py_gen.type_loading.cache_files import cache_home
+from rosidl_py_gen.type_loading.share_folder import temporary_home
+
+_STATE = ".rosidl-py-prefix.json"
+"""File of a prefix with the paths of the files that this module has written."""
+_MAX_STATE_BYTES = 64 << 20
+_MAX_NAME = 200
 
 
 @dataclass(frozen=True)
@@ -15,13 +41,19 @@ class SkippedPackage:
         name: name of the package.
         folder: its source folder.
         executables: names of the executables that are missing.
-        usable: what the prefix has of the package, for display.
+        usable: what the prefix has of the package, for display; may be empty.
     """
 
     name: str
     folder: Path
     executables: tuple[str, ...]
     usable: str
+
+    @property
+    def text(self) -> str:
+        """Line with the missing executables and the usable files, for display."""
+        missing = f"without {', '.join(self.executables)}" if self.executables else "without its libraries"
+        return f"{self.name}: {missing}" + (f"; with {self.usable}" if self.usable else "")
 
 
 @dataclass(frozen=True)
@@ -45,8 +77,8 @@ class Prefix:
     removed: int
 
     def environment(self) -> dict[str, str]:
-        """Return the environment variables that a process needs to find the packages, with current values appended."""
-        raise NotImplementedError
+        """Return the environment variables of a process that uses the prefix; lists end with the current values."""
+        return environment.variables(self.folder)
 
 
 def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
@@ -59,4 +91,228 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
     Raises:
         CommandError: a source does not exist or contains no package, or the prefix cannot be written.
     """
-    raise NotImplementedError
+    if os.name == "nt":
+        raise CommandError(
+            "a prefix needs links and executable scripts, which Windows lacks; use WSL, or rosidl-py run"
+        )
+    folders = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
+    problems: list[str] = []
+    packages = _find_packages(folders, problems)
+    prefix = _cache_folder(folders) if out is None else Path(os.path.abspath(out))
+    interfaces = {name: _interfaces(name, folder, problems) for name, folder in packages.items()}
+    files = environment.files(prefix, (name for name, found in interfaces.items() if found))
+    plans = [plan_package(name, folder, interfaces[name]) for name, folder in packages.items()]
+    owners = dict.fromkeys(files, "the prefix itself")
+    for plan in plans:
+        problems += plan.problems
+        for place, file in plan.files.items():
+            if place in files and files[place] != file:
+                problems.append(f"{plan.name}: {place} is a file of {owners[place]}, too; that one is used")
+            else:
+                files[place], owners[place] = file, plan.name
+    for place, file in _bundled_files().items():
+        files.setdefault(place, file)
+    created, removed = _Writer(prefix).write(files, problems)
+    skipped = tuple(_skipped(plan, files) for plan in plans if plan.has_targets)
+    return Prefix(prefix, packages, skipped, tuple(problems), created, removed)
+
+
+def current_sources() -> list[Path]:
+    """Return the folders with the packages of the workspace around the current folder, for `build_prefix`."""
+    around = workspace_around(Path.cwd())
+    if around is None or not around.packages:
+        raise CommandError("there is no package in or around the current folder; give the folder of a workspace")
+    return around.roots
+
+
+def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
+    packages: dict[str, Path] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise CommandError(f"{display_path(folder)}: expected a folder of packages, found none")
+        top = folder if (folder / MANIFEST).exists() or not (folder / "src").is_dir() else folder / "src"
+        workspace = Workspace(top)
+        found = workspace.packages
+        if not found:
+            raise CommandError(f"{display_path(top)}: expected packages with a package.xml, found none")
+        for name, place in found.items():
+            if not name or len(name) > _MAX_NAME or not name.replace("-", "").replace("_", "").isalnum():
+                problems.append(f'{display_path(place / MANIFEST)}: "{name[:_MAX_NAME]}" is not the name of a package')
+            elif packages.setdefault(name, place) != place:
+                problems.append(_duplicate(name, packages[name], place))
+        problems += [_duplicate(name, packages.get(name, place), place) for name, place in workspace.duplicates]
+    return packages
+
+
+def _duplicate(name: str, used: Path, other: Path) -> str:
+    text = f"two packages are called {name}: {display_path(used)} is used, and {display_path(other)} is not"
+    return f"{text}; put an empty file COLCON_IGNORE into one of them"
+
+
+def _interfaces(name: str, folder: Path, problems: list[str]) -> dict[RosName, Path]:
+    try:
+        if is_package_name(name) and (holds_interfaces(folder) or mentions_interfaces(folder)):
+            return Package(name, folder, "", from_source=True).files
+    except RosidlError as error:
+        problems.append(f"{name}: {error}")
+    return {}
+
+
+def _skipped(plan: PackagePlan, files: dict[str, PrefixFile]) -> SkippedPackage:
+    missing = tuple(name for name in plan.missing if f"lib/{plan.name}/{name}" not in files)
+    return SkippedPackage(plan.name, plan.folder, missing, plan.usable())
+
+
+def _bundled_files() -> dict[str, PrefixFile]:
+    """Return files of packages whose executables are bundled or installed by pip."""
+    functions = {
+        package: {name: target for name, target in names.items() if _exists(target.partition(":")[0])}
+        for package, names in BUNDLED.items()
+    }
+    for package in ON_PACKAGE_INDEX:
+        functions[package] = {name: f"{one.module}:{one.function}" for name, one in of_distribution(package).items()}
+    found: dict[str, PrefixFile] = {}
+    for package, names in functions.items():
+        if not names:
+            continue
+        manifest = f'<package format="3">\n  <name>{package}</name>\n  <version>0.0.0</version>\n</package>\n'
+        found[f"{INDEX}/packages/{package}"] = PrefixFile(content=b"")
+        found[f"share/{package}/package.xml"] = PrefixFile(content=manifest.encode())
+        for name, target in names.items():
+            content = wrappers.of_function(*target.split(":"))
+            found[f"lib/{package}/{name}"] = PrefixFile(content=content, is_program=True)
+    return found
+
+
+def _exists(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def _cache_folder(sources: list[Path]) -> Path:
+    words = "\n".join((sys.executable, *map(str, sources)))
+    return (cache_home() or temporary_home()) / "prefix" / hashlib.sha256(os.fsencode(words)).hexdigest()[:24]
+
+
+class _Writer:
+    """Writes the files of a prefix that differ, and removes those of an earlier call; others are left alone.
+
+    Every folder of a path is a real folder below the prefix, so that nothing is written elsewhere.
+    """
+
+    def __init__(self, prefix: Path) -> None:
+        self._prefix = prefix
+        self._folders: set[str] = set()
+        try:
+            prefix.mkdir(parents=True, exist_ok=True)
+            self._old = self._read_state()
+            if self._old is None and any(prefix.iterdir()):
+                text = "the folder is not empty, and rosidl-py prefix has not written it"
+                raise CommandError(f"{display_path(prefix)}: {text}; choose another one with --out")
+        except OSError as error:
+            raise CommandError(f"{display_path(prefix)}: cannot be written: {error.strerror or error}") from error
+
+    def write(self, files: dict[str, PrefixFile], problems: list[str]) -> tuple[int, int]:
+        """Write files; returns how many have changed and how many were removed."""
+        old = self._old or set()
+        removed = sum(self._remove(place) for place in sorted(old - files.keys(), reverse=True))
+        if not files.keys() <= old:  # first, so that an interrupted call leaves no unknown files
+            self._write_state(old | files.keys())
+        created = 0
+        for place, file in files.items():
+            try:
+                created += self._write_file(place, file, is_known=place in old)
+            except OSError as error:
+                problems.append(f"{place} cannot be written: {error.strerror or error}")
+        if old != files.keys():
+            self._write_state(set(files))
+        return created, removed
+
+    def _read_state(self) -> set[str] | None:
+        path = self._prefix / _STATE
+        if path.is_symlink() or not path.is_file():
+            return None
+        with path.open("rb") as file:
+            raw = file.read(_MAX_STATE_BYTES)
+        with suppress(ValueError, RecursionError):
+            state = json.loads(raw)
+            if isinstance(state, list):
+                return {place for place in state if isinstance(place, str) and inside(place) == place}
+        return set()
+
+    def _write_state(self, places: set[str]) -> None:
+        try:
+            self._replace(self._prefix / _STATE, json.dumps(sorted(places), indent=0).encode(), 0o644)
+        except OSError as error:
+            raise CommandError(f"{display_path(self._prefix)}: cannot be written: {error.strerror or error}") from error
+
+    def _write_file(self, place: str, file: PrefixFile, *, is_known: bool) -> bool:
+        """Write a file; returns False if it is up to date."""
+        path = self._prefix / place
+        self._make_folder(os.path.dirname(place))
+        if file.content is None:
+            assert file.source is not None
+            with suppress(OSError):
+                if os.readlink(path) == str(file.source):
+                    return False
+        mode = 0o755 if file.is_program else 0o644
+        if file.content is not None and _has_content(path, file.content, mode):
+            return False
+        if not is_known and os.path.lexists(path):
+            raise OSError(0, "there is another file of this name, which is left alone")
+        if file.content is not None:
+            self._replace(path, file.content, mode)
+            return True
+        name = tempfile.mktemp(prefix=".new-", dir=path.parent)
+        os.symlink(str(file.source), name)
+        self._rename(name, path)
+        return True
+
+    def _replace(self, path: Path, data: bytes, mode: int) -> None:
+        handle, name = tempfile.mkstemp(prefix=".new-", dir=path.parent)
+        with os.fdopen(handle, "wb") as opened:
+            opened.write(data)
+        os.chmod(name, mode)
+        self._rename(name, path)
+
+    def _rename(self, name: str, path: Path) -> None:
+        try:
+            os.replace(name, path)  # other processes may use the prefix
+        except OSError:
+            os.unlink(name)
+            raise
+
+    def _make_folder(self, place: str) -> None:
+        """Create a folder; raises OSError if a part of its path is a link or a file."""
+        if not place or place in self._folders:
+            return
+        self._make_folder(os.path.dirname(place))
+        path = self._prefix / place
+        with suppress(FileExistsError):
+            path.mkdir()
+        if path.is_symlink() or not path.is_dir():
+            raise OSError(0, f"{place} is not a folder")
+        self._folders.add(place)
+
+    def _remove(self, place: str) -> bool:
+        """Remove a file and empty folders above it; returns False if it does not exist."""
+        path = self._prefix / place
+        above = [folder for folder in path.parents if folder.is_relative_to(self._prefix)][:-1]
+        if any(folder.is_symlink() for folder in above) or (path.is_dir() and not path.is_symlink()):
+            return False
+        with suppress(OSError):
+            path.unlink()
+            for folder in above:
+                folder.rmdir()
+            return True
+        return not os.path.lexists(path)
+
+
+def _has_content(path: Path, content: bytes, mode: int) -> bool:
+    if path.is_symlink() or not path.is_file():
+        return False
+    found = path.stat()
+    is_similar = found.st_size == len(content) and found.st_mode & 0o777 == mode
+    return is_similar and path.read_bytes() == content

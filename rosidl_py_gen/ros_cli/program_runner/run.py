@@ -134,6 +134,7 @@ def _has_relative_imports(file: Path) -> bool:
 
 
 def workspaces(paths: Sequence[str]) -> list[Workspace]:
+    """Return the workspaces of ``--path``, then that of the current folder."""
     around = workspace_around(Path.cwd())
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 
