@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import sys
 import sysconfig
 import traceback
 import warnings
@@ -56,7 +57,7 @@ class MissingParts:
             except packages.PackageNotFoundError:
                 if not self._skip:
                     raise
-                self._report(f"package {name}", "")
+                self._report(f"package {name}")
                 return os.path.join(self._absent, name)
 
         def prepare_and_check(self: Any, context: Any) -> None:
@@ -66,7 +67,7 @@ class MissingParts:
             if os.sep in command:
                 command = os.path.join(details["cwd"] or "", command)
             if not self.shell and shutil.which(command, path=environment.get("PATH")) is None:
-                raise _MissingCommandError(command)
+                raise _MissingCommandError(f"command {command}")
 
         packages._share_folder = share_folder
         local.prepare = prepare_and_check
@@ -78,24 +79,19 @@ class MissingParts:
         try:
             return visit(action, context)
         except Exception as error:
-            file = getattr(context.locals, "current_launch_file_path", self._file)
-            part = self._missing_part(action, context, error)
-            if part is None:
-                report(error_text(error, file))
-                raise
-            if not self._skip:
-                cure = "add the folder of its package with --path, or start the rest with --missing skip"
-                report(f"{display_path(file)}: missing {part}; {cure}")
+            part = self.part_of(error, action, context)
+            if part is None or not self._skip:
+                report(self.error_text(error, part))
                 raise
             if hasattr(action, "node_name") and type(action).__name__ == "ComposableNodeContainer":
                 self._containers.add(action.node_name)
-            self._report(part, f" ({type(action).__name__} in {display_path(file)})")
+            self._report(f"{part} ({type(action).__name__})")
             return None
 
-    def _report(self, part: str, place: str) -> None:
+    def _report(self, part: str) -> None:
         if part not in self._reported:
             self._reported.add(part)
-            terminal_output.note(f"missing, skipped: {part}{place}")
+            terminal_output.note(f"missing, skipped: {part}")
 
     def _needs_missing_container(self, action: Any, context: Any) -> bool:
         """Return True for nodes that would wait forever for a container that was skipped."""
@@ -105,28 +101,44 @@ class MissingParts:
         name = target.node_name if hasattr(target, "node_name") else _text(target, context)
         if f"/{name.lstrip('/')}" not in self._containers:
             return False
-        self._report(f"nodes of the container {name}", "")
+        self._report(f"nodes of the container {name}")
         return True
 
-    def _missing_part(self, action: Any, context: Any, error: BaseException) -> str | None:
-        """Return what an action lacks; None for other errors."""
+    def part_of(self, error: BaseException, action: Any = None, context: Any = None) -> str | None:
+        """Return the missing part that an error is about; None for other errors."""
         for one in _causes(error):
             kind = type(one).__name__
-            if kind in ("PackageNotFoundError", "SubstitutionFailure") and getattr(action, "node_package", None):
-                if kind == "PackageNotFoundError" or _NOT_FOUND.match(str(one)):
-                    return self._executable_text(
-                        _text(action.node_package, context), _text(action.node_executable, context)
-                    )
-            elif kind == "PackageNotFoundError":
+            is_failure = kind == "SubstitutionFailure" and _NOT_FOUND.match(str(one))
+            if (kind == "PackageNotFoundError" or is_failure) and getattr(action, "node_package", None):
+                return self._executable_text(
+                    _text(action.node_package, context), _text(action.node_executable, context)
+                )
+            if kind == "PackageNotFoundError":
                 return str(one.args[0]).partition(", searching")[0].replace("'", "").removesuffix(" not found")
-            elif isinstance(one, _MissingCommandError):
-                return f"command {one}"
-            elif isinstance(one, ModuleNotFoundError):
+            if isinstance(one, ModuleNotFoundError):
                 return f"Python module {one.name}"
-            elif kind == "SubstitutionFailure" and (found := _NOT_FOUND.match(str(one))):
-                return found[0]
+            if is_failure or isinstance(one, _MissingCommandError):
+                return str(one)
         location = str(getattr(getattr(action, "launch_description_source", None), "location", ""))
         return f"launch file {os.path.relpath(location, self._absent)}" if location.startswith(self._absent) else None
+
+    def error_text(self, error: BaseException, part: str | None) -> str:
+        """Return an error, or its missing part, with the place in the launch file that caused it, and a cure."""
+        cause = [*_causes(error)][-1]
+        file, line = self._file, None
+        if hasattr(cause, "position"):  # of XML
+            line = cause.position[0]
+        elif (mark := getattr(cause, "problem_mark", None)) is not None:  # of YAML
+            line = mark.line + 1
+        elif isinstance(cause, SyntaxError):
+            file, line = cause.filename or file, cause.lineno
+        elif frames := [*filter(_is_of_user, traceback.extract_tb(cause.__traceback__))]:
+            file, line = frames[-1].filename, frames[-1].lineno
+        place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
+        if part is None:
+            return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
+        cure = "install it, or pass the folder of its package with --path"
+        return f"{place}: missing {part}; {cure}" + ("" if self._skip else ", or start the rest with --missing skip")
 
     def _executable_text(self, package: str, executable: str) -> str:
         text = f"executable {executable} of {package}"
@@ -139,26 +151,6 @@ class MissingParts:
         return f"{text}: no such package{did_you_mean(package, self._prefix.packages)}"
 
 
-def error_text(error: BaseException, file: str) -> str:
-    """Return an error with the place in the launch file that caused it."""
-    cause = [*_causes(error)][-1]
-    line: Any = None
-    if isinstance(cause, SyntaxError):
-        file, line = cause.filename or file, cause.lineno
-    elif frame := next((one for one in reversed(traceback.extract_tb(cause.__traceback__)) if _is_of_user(one)), None):
-        file, line = frame.filename, frame.lineno
-    elif hasattr(cause, "problem_mark") and cause.problem_mark is not None:  # of YAML
-        line = cause.problem_mark.line + 1
-    elif hasattr(cause, "position"):  # of XML
-        line = cause.position[0]
-    text = cause.msg if isinstance(cause, SyntaxError) else str(cause)
-    place = display_path(file) + (f":{line}" if line else "")
-    hint = (
-        "; install it, or add the folder of its package with --path" if isinstance(cause, ModuleNotFoundError) else ""
-    )
-    return f"{place}: {type(cause).__name__}: {text}{hint}"
-
-
 def _causes(error: BaseException) -> Iterator[BaseException]:
     """Yield an error and its explicit causes."""
     one: BaseException | None = error
@@ -168,7 +160,8 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
 
 
 def _is_of_user(frame: traceback.FrameSummary) -> bool:
-    folders = {str(Path(import_module(name).__path__[0])) for name in ("launch", "launch_ros", "rosidl_py_gen")}
+    modules = (sys.modules.get(name) for name in ("launch", "launch_ros", "launch_xml", "launch_yaml", "rosidl_py_gen"))
+    folders = {str(Path(one.__path__[0])) for one in modules if one is not None}
     folders |= {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
     return not frame.filename.startswith((*folders, "<"))
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
-from rosidl_py_gen.ros_cli.launch.missing import MissingParts, error_text
+from rosidl_py_gen.ros_cli.launch.missing import MissingParts
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.launch.start import Settings
@@ -56,7 +56,11 @@ def _run(file: str, arguments: dict[str, str], settings: Settings, prefix: Prefi
         is_noninteractive = settings.noninteractive or not sys.stdin.isatty()
         words = [f"{name}:={value}" for name, value in given.items()]
         service = launch.LaunchService(argv=words, noninteractive=is_noninteractive, debug=settings.debug)
-    description = _load(file)
+    sources = import_module("launch.launch_description_sources")
+    try:
+        description = sources.get_launch_description_from_any_launch_file(file)
+    except Exception as error:
+        raise CommandError(missing.error_text(error, missing.part_of(error))) from error
     if service is None:
         if settings.task == "arguments":
             terminal_output.block("\n".join(_argument_lines(description.get_launch_arguments())))
@@ -68,21 +72,6 @@ def _run(file: str, arguments: dict[str, str], settings: Settings, prefix: Prefi
     include = launch.actions.IncludeLaunchDescription(source, launch_arguments=given.items())
     service.include_launch_description(launch.LaunchDescription([include]))
     return _serve(service)
-
-
-def _load(file: str) -> Any:
-    """Return the description of a launch file; parsers of checkouts, which have no entry points, are registered."""
-    parser = import_module("launch.frontend").Parser
-    parser.load_parser_implementations()
-    for name in ("xml", "yaml"):
-        with suppress(ModuleNotFoundError):
-            parser.frontend_parsers.setdefault(name, import_module(f"launch_{name}").Parser)
-    import_module("launch_ros.actions")  # it registers the tags of nodes
-    sources = import_module("launch.launch_description_sources")
-    try:
-        return sources.get_launch_description_from_any_launch_file(file)
-    except Exception as error:
-        raise CommandError(error_text(error, file)) from error
 
 
 def _argument_lines(arguments: Iterable[Any]) -> Iterable[str]:
@@ -103,14 +92,16 @@ def _argument_lines(arguments: Iterable[Any]) -> Iterable[str]:
 
 def _check_arguments(description: Any, given: dict[str, str], file: str) -> None:
     """Raise `CommandError` for an argument without a value; print a warning for a name that no file declares."""
-    declared = {one.name: one for one in description.get_launch_arguments()}
-    for name, one in declared.items():
-        if name not in given and one.default_value is None and not one._conditionally_included:
-            text = f"{display_path(file)}: the argument {name} has no value: {one.description}"
-            raise CommandError(f"{text}; pass {name}:=VALUE (--show-args prints all arguments)")
+    arguments = description.get_launch_arguments_with_include_launch_description_actions()
+    declared = {one.name for one, _ in arguments}
+    for one, includes in arguments:
+        is_required = includes is None and one.default_value is None and not one._conditionally_included
+        if is_required and one.name not in given:
+            text = f"{display_path(os.path.realpath(file))}: the argument {one.name} has no value: {one.description}"
+            raise CommandError(f"{text}; pass {one.name}:=VALUE (--show-args prints all arguments)")
     for name in given:
         if name not in declared and name not in _BUILT_IN:
-            text = f"{display_path(file)} declares no argument {name}{did_you_mean(name, declared)}"
+            text = f"{display_path(os.path.realpath(file))} declares no argument {name}{did_you_mean(name, declared)}"
             terminal_output.note(f"warning: {text}; it is set nevertheless (--show-args prints all arguments)")
 
 

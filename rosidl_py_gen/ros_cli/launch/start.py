@@ -17,6 +17,8 @@ from rosidl_py_gen.base.resources import install_command, require_modules
 from rosidl_py_gen.compiler.frontend.workspace import workspace_around
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.prefix import build_prefix
+from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, set_environment
 
 _URL = "git+https://github.com/ros2/"
@@ -60,24 +62,19 @@ def start(
         raise CommandError(f"{words[0]}: expected a launch file, {kind}")
     arguments = _arguments(words[1 if is_file else 2 :])
     place = Path(words[0]).resolve() if is_file else Path.cwd()
+    around = [one for one in map(workspace_around, (place, Path.cwd())) if one is not None]
+    roots = [folder.resolve() for one in around if one.packages for folder in one.roots]
+    prefix = build_prefix([*map(Path, paths), *roots, *map(Path, checkouts)])
+    set_environment()
+    os.environ.update(prefix.environment())
+    os.environ["PATH"] += os.pathsep + os.path.dirname(sys.executable)
+    sys.path.append(str(prefix.folder / SITE_PACKAGES))
     make_importable(place, [*paths, *checkouts])
-    for name in ("launch", "launch_ros"):
+    file = str(place) if is_file else _file_of_package(words[0], words[1] if len(words) > 1 else "")
+    parser = {".xml": ["launch_xml"], ".yml": ["launch_yaml"], ".yaml": ["launch_yaml"]}
+    for name in ("launch", "launch_ros", *parser.get(os.path.splitext(file)[1], [])):
         _require(name)
     require_modules("osrf_pycommon", "packaging", "yaml")
-    set_environment()
-    around = {str(one.folder): one for one in map(workspace_around, (place, Path.cwd())) if one is not None}
-    workspaces = [one.own or one.folder for one in around.values() if one.packages]
-    from rosidl_py_gen.ros_cli.prefix import build_prefix
-
-    prefix = build_prefix([*map(Path, paths), *workspaces])
-    os.environ.update(prefix.environment())
-    bin_folder = os.path.dirname(sys.executable)
-    os.environ["PATH"] = os.pathsep.join([os.environ.get("PATH", os.defpath), bin_folder])
-    file = str(place) if is_file else _file_of_package(words[0], words[1] if len(words) > 1 else "")
-    if file.endswith(".xml"):
-        _require("launch_xml")
-    elif file.endswith((".yaml", ".yml")):
-        _require("launch_yaml")
     from rosidl_py_gen.ros_cli.launch import service
 
     return lambda: service.run(file, arguments, settings, prefix)
