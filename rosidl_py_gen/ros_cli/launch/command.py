@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -53,19 +53,7 @@ def _complete_words(context: click.Context, parameter: click.Parameter, incomple
 )
 @options.paths
 @click.argument("words", nargs=-1, metavar="(FILE | PACKAGE FILE) [NAME:=VALUE]...", shell_complete=_complete_words)
-def launch(
-    words: Sequence[str],
-    paths: Sequence[str],
-    checkouts: Sequence[str],
-    show_args: bool,
-    print_description: bool,
-    debug: bool,
-    noninteractive: bool,
-    show_all: bool,
-    launch_prefix: str | None,
-    launch_prefix_filter: str | None,
-    missing: str,
-) -> Callable[[], None]:
+def launch(words: Sequence[str], paths: Sequence[str], checkouts: Sequence[str], **settings: Any) -> Callable[[], None]:
     """Run a launch file (Python, XML or YAML) with launch and launch_ros, and all its nodes on this package.
 
     PACKAGE is a package of the workspace, which needs no build, or of AMENT_PREFIX_PATH.
@@ -74,13 +62,10 @@ def launch(
     rosidl-py launch my_robot robot.launch.py use_sim_time:=true
     rosidl-py launch src/my_robot/launch/robot.launch.py --missing skip
     """
-    from rosidl_py_gen.ros_cli.launch.start import Settings, start
+    from rosidl_py_gen.ros_cli.launch.start import start
 
-    if show_args and print_description:
+    if settings["show_args"] and settings["print_description"]:
         raise click.UsageError("--show-args and --print-description exclude each other")
-    if launch_prefix_filter and not launch_prefix:
+    if settings["launch_prefix_filter"] and not settings["launch_prefix"]:
         raise click.UsageError("--launch-prefix-filter requires --launch-prefix")
-    prefixes = {"launch-prefix": launch_prefix, "launch-prefix-filter": launch_prefix_filter}
-    more = {name: value for name, value in prefixes.items() if value}
-    task = "arguments" if show_args else "description" if print_description else "run"
-    return start(words, paths, checkouts, Settings(task, debug, noninteractive, show_all, missing == "skip", more))
+    return start(words, paths, checkouts, settings)

@@ -46,9 +46,9 @@ class MissingParts:
     def install(self) -> None:
         """Replace `Action.visit`, through which launch runs each action, and what finds packages and commands."""
         packages: Any = import_module("ament_index_python.packages")
-        action = import_module("launch").Action
-        local = import_module("launch.actions").ExecuteLocal
-        share, visit, prepare = packages._share_folder, action.visit, local.prepare
+        action, local = import_module("launch").Action, import_module("launch.actions").ExecuteLocal
+        load = import_module("launch_ros.actions").LoadComposableNodes
+        share, visit, prepare, execute = packages._share_folder, action.visit, local.prepare, load.execute
         warnings.filterwarnings("ignore", message="Share (directory|path) for")
 
         def share_folder(name: str) -> str:
@@ -69,13 +69,11 @@ class MissingParts:
             if not self.shell and shutil.which(command, path=environment.get("PATH")) is None:
                 raise _MissingCommandError(f"command {command}")
 
-        packages._share_folder = share_folder
-        local.prepare = prepare_and_check
+        packages._share_folder, local.prepare = share_folder, prepare_and_check
         action.visit = lambda one, context: self._visit(visit, one, context)
+        load.execute = lambda one, context: None if self._lacks_container(one, context) else execute(one, context)
 
     def _visit(self, visit: Any, action: Any, context: Any) -> Any:
-        if self._needs_missing_container(action, context):
-            return None
         try:
             return visit(action, context)
         except Exception as error:
@@ -83,7 +81,7 @@ class MissingParts:
             if part is None or not self._skip:
                 report(self.error_text(error, part))
                 raise
-            if hasattr(action, "node_name") and type(action).__name__ == "ComposableNodeContainer":
+            if type(action).__name__ == "ComposableNodeContainer":
                 self._containers.add(action.node_name)
             self._report(f"{part} ({type(action).__name__})")
             return None
@@ -93,11 +91,9 @@ class MissingParts:
             self._reported.add(part)
             terminal_output.note(f"missing, skipped: {part}")
 
-    def _needs_missing_container(self, action: Any, context: Any) -> bool:
+    def _lacks_container(self, action: Any, context: Any) -> bool:
         """Return True for nodes that would wait forever for a container that was skipped."""
-        target = getattr(action, "_LoadComposableNodes__target_container", None)
-        if target is None or not self._containers:
-            return False
+        target = action._LoadComposableNodes__target_container
         name = target.node_name if hasattr(target, "node_name") else _text(target, context)
         if f"/{name.lstrip('/')}" not in self._containers:
             return False

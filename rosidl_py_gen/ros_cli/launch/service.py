@@ -8,7 +8,7 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -20,56 +20,54 @@ from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
 from rosidl_py_gen.ros_cli.launch.missing import MissingParts
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.launch.start import Settings
     from rosidl_py_gen.ros_cli.prefix import Prefix
 
-_BUILT_IN = (
-    "emulate_tty",
-    "launch-prefix",
-    "launch-prefix-filter",
-    "ros_namespace",
-    "sigkill_timeout",
-    "sigterm_timeout",
-)
+_BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
 """Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""
 _SET_CHILD_SUBREAPER = 36
 _GRACE_S = 1.0
 """Time between the signals to a process that a node has left behind; all end within 5 s of Ctrl-C."""
 
 
-def run(file: str, arguments: dict[str, str], settings: Settings, prefix: Prefix) -> None:
+def run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], prefix: Prefix) -> None:
     """Run or print a launch file, and exit with the code of launch."""
     with exit_on_error():
         code = _run(file, arguments, settings, prefix)
     sys.exit(code)
 
 
-def _run(file: str, arguments: dict[str, str], settings: Settings, prefix: Prefix) -> int:
-    if settings.show_all:
+def _run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], prefix: Prefix) -> int:
+    if settings["show_all"]:
         os.environ["OVERRIDE_LAUNCH_PROCESS_OUTPUT"] = "both"
-    missing = MissingParts(settings.skip, file, prefix)
+    missing = MissingParts(settings["missing"] == "skip", file, prefix)
     missing.install()
     launch = import_module("launch")
-    given = {**arguments, **settings.arguments}
-    service = None
-    if settings.task == "run":
-        is_noninteractive = settings.noninteractive or not sys.stdin.isatty()
-        words = [f"{name}:={value}" for name, value in given.items()]
-        service = launch.LaunchService(argv=words, noninteractive=is_noninteractive, debug=settings.debug)
+    for name in ("launch-prefix", "launch-prefix-filter"):
+        if value := settings[name.replace("-", "_")]:
+            arguments[name] = value
+    is_run = not (settings["show_args"] or settings["print_description"])
+    if is_run:
+        is_terminal = sys.stdin is not None and sys.stdin.isatty()
+        service = launch.LaunchService(
+            argv=[f"{name}:={value}" for name, value in arguments.items()],
+            noninteractive=settings["noninteractive"] or not is_terminal,
+            debug=settings["debug"],
+        )
     sources = import_module("launch.launch_description_sources")
     try:
         description = sources.get_launch_description_from_any_launch_file(file)
     except Exception as error:
         raise CommandError(missing.error_text(error, missing.part_of(error))) from error
-    if service is None:
-        if settings.task == "arguments":
-            terminal_output.block("\n".join(_argument_lines(description.get_launch_arguments())))
+    if not is_run:
+        if settings["show_args"]:
+            text = "\n".join(_argument_lines(description.get_launch_arguments()))
         else:
-            terminal_output.block(launch.LaunchIntrospector().format_launch_description(description))
+            text = launch.LaunchIntrospector().format_launch_description(description)
+        terminal_output.block(text)
         return 0
-    _check_arguments(description, given, file)
+    _check_arguments(description, arguments, display_path(os.path.realpath(file)))
     source = launch.LaunchDescriptionSource(description, file, "launch file")
-    include = launch.actions.IncludeLaunchDescription(source, launch_arguments=given.items())
+    include = launch.actions.IncludeLaunchDescription(source, launch_arguments=arguments.items())
     service.include_launch_description(launch.LaunchDescription([include]))
     return _serve(service)
 
@@ -97,11 +95,11 @@ def _check_arguments(description: Any, given: dict[str, str], file: str) -> None
     for one, includes in arguments:
         is_required = includes is None and one.default_value is None and not one._conditionally_included
         if is_required and one.name not in given:
-            text = f"{display_path(os.path.realpath(file))}: the argument {one.name} has no value: {one.description}"
+            text = f"{file}: the argument {one.name} has no value: {one.description}"
             raise CommandError(f"{text}; pass {one.name}:=VALUE (--show-args prints all arguments)")
     for name in given:
         if name not in declared and name not in _BUILT_IN:
-            text = f"{display_path(os.path.realpath(file))} declares no argument {name}{did_you_mean(name, declared)}"
+            text = f"{file} declares no argument {name}{did_you_mean(name, declared)}"
             terminal_output.note(f"warning: {text}; it is set nevertheless (--show-args prints all arguments)")
 
 
@@ -129,17 +127,17 @@ def _serve(service: Any) -> int:
 
 
 def _end_remaining_processes() -> None:
+    if names := _children():
+        terminal_output.note(f"ending processes that nodes have left behind: {', '.join(names.values())}")
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        names = _children()
-        if names and number == signal.SIGINT:
-            terminal_output.note(f"ending processes that nodes have left behind: {', '.join(names.values())}")
+        signalled: set[int] = set()
         end = time.monotonic() + _GRACE_S
-        while names and time.monotonic() < end:
-            for process in names:
+        while (names := _children()) and time.monotonic() < end:
+            for process in names.keys() - signalled:
                 with suppress(ProcessLookupError):
                     os.kill(process, number)
-            time.sleep(0.1)
-            names = _children()
+            signalled |= names.keys()
+            time.sleep(0.05)
 
 
 def _children() -> dict[int, str]:

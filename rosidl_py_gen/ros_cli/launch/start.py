@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import importlib
 import os
+import site
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -32,26 +33,8 @@ _ORIGINS = {
 _ENDINGS = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", "_launch.xml", "_launch.yaml")
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Options of the command.
-
-    Attributes:
-        task: ``run``, or ``arguments`` or ``description`` to print.
-        skip: skip missing packages and executables.
-        arguments: further arguments of the launch file.
-    """
-
-    task: str
-    debug: bool
-    noninteractive: bool
-    show_all: bool
-    skip: bool
-    arguments: Mapping[str, str]
-
-
 def start(
-    words: Sequence[str], paths: Sequence[str], checkouts: Sequence[str], settings: Settings
+    words: Sequence[str], paths: Sequence[str], checkouts: Sequence[str], settings: Mapping[str, Any]
 ) -> Callable[[], None]:
     """Prepare imports, environment and prefix; returns a function that runs or prints the launch file, and exits."""
     if not words:
@@ -68,6 +51,9 @@ def start(
     set_environment()
     os.environ.update(prefix.environment())
     os.environ["PATH"] += os.pathsep + os.path.dirname(sys.executable)
+    index = "share/ament_index/resource_index"  # pip installs launch with an index and share files
+    with_index = [one for one in (sys.prefix, site.USER_BASE) if one and os.path.isdir(os.path.join(one, index))]
+    os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join([os.environ["AMENT_PREFIX_PATH"], *with_index])
     sys.path.append(str(prefix.folder / SITE_PACKAGES))
     make_importable(place, [*paths, *checkouts])
     file = str(place) if is_file else _file_of_package(words[0], words[1] if len(words) > 1 else "")
