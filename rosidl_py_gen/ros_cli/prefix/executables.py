@@ -16,6 +16,7 @@ from pathlib import Path
 
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.prefix.bundled import BUNDLED
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 from rosidl_py_gen.type_loading.share_folder import cmake_installs
 
@@ -86,6 +87,13 @@ def of_distribution(package: str) -> dict[str, Executable]:
     folder = Path(str(installed.locate_file("")))
     texts = [f"{one.name} = {one.value}" for one in installed.entry_points if one.group == _GROUP]
     return {one.name: one for one in _scripts(texts, folder, folder)}
+
+
+def of_bundled(package: str) -> dict[str, Executable]:
+    """Return the executables that this package has for a ROS package."""
+    folder = Path(__file__).parents[3]
+    texts = [f"{name} = {value}" for name, value in BUNDLED.get(package, {}).items()]
+    return {one.name: one for one in _scripts(texts, folder, Path(__file__).parents[2])}
 
 
 def of_prefixes(package: str) -> dict[str, Executable]:

@@ -149,7 +149,7 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
             places.append(str(folder))
             if by_name := executables.of_sources(folder):
                 return by_name, places
-    for find in (executables.of_distribution, executables.of_prefixes):
+    for find in (executables.of_distribution, executables.of_bundled, executables.of_prefixes):
         if by_name := find(package):
             return by_name, [str(next(iter(by_name.values())).source)]
     return {}, places
