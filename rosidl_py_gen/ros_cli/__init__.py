@@ -46,6 +46,7 @@ _COMMANDS = {
     "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
     "graph": ("graph.command", "Nodes and topics as text, Mermaid or SVG."),
     "interface": ("interface", "Definitions of messages, services and actions."),
+    "launch": ("launch.command", "Run a launch file without building its workspace."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
     "log": ("log.follow", "Print the log messages of all nodes."),
     "node": ("node", "Nodes: list, info."),
@@ -153,7 +154,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the console script; the module docstring lists its exit codes."""
     words = sys.argv[1:] if arguments is None else arguments
     is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
-    is_run = words[:1] in (["run"], ["test"])
+    is_run = words[:1] in (["run"], ["launch"], ["test"])
     if is_completion:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     if not is_run:

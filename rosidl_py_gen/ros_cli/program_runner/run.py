@@ -38,11 +38,18 @@ def start(
     if as_json and not check:
         raise click.UsageError("--json requires --check or --list; options of the program follow the program")
     program = _program(words, paths)
-    _make_importable(program.place, paths)
+    make_importable(program.place, paths)
     if check:
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
         return check_program(program, as_json)
+    set_environment()
+    _note_misplaced_option(program)
+    return program.start
+
+
+def set_environment() -> None:
+    """Set the environment variables of ROS that programs read."""
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     choice = selected()
@@ -50,8 +57,6 @@ def start(
         os.environ[ENVIRONMENT_VARIABLE] = choice.name
     elif ENVIRONMENT_VARIABLE not in os.environ:
         assume_default()
-    _note_misplaced_option(program)
-    return program.start
 
 
 def _note_misplaced_option(program: Program) -> None:
@@ -65,7 +70,7 @@ def _note_misplaced_option(program: Program) -> None:
     terminal_output.note(f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM")
 
 
-def _make_importable(place: Path, paths: Sequence[str]) -> None:
+def make_importable(place: Path, paths: Sequence[str]) -> None:
     """Install the import hook; print a warning if it replaces an installed rclpy."""
     real = PathFinder.find_spec("rclpy")
     if real is not None and real.origin is not None:
