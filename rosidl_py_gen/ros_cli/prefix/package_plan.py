@@ -35,6 +35,8 @@ _MAX_FILES = 20_000
 """Maximum number of files that a package installs, and of directory entries that are read for them."""
 _MAX_COPY_BYTES = 16 << 20
 _MAX_PLACE = 1024
+_UNENCODABLE = re.compile("[\ud800-\udc7f\udd00-\udfff]")
+"""Characters that no file name has; others in this range are bytes that are not UTF-8."""
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
 _TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament_auto_add_library")
@@ -86,7 +88,8 @@ class PackagePlan:
         if UNKNOWN in place:
             self.is_complete = False
             return
-        if (path := inside(place)) is None or len(path) > _MAX_PLACE or "\n" in path:
+        path = inside(place)
+        if path is None or len(path) > _MAX_PLACE or "\n" in path or _UNENCODABLE.search(path):
             self.problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
             return
         old, self.files[path] = self.files.get(path, file), file
@@ -119,6 +122,8 @@ def plan_package(name: str, folder: Path, interfaces: dict[RosName, Path]) -> Pa
         plan.problem(f"it installs more than {_MAX_FILES} files; the others are skipped")
     except OSError as error:
         plan.problem(f"{error.filename or folder} cannot be read: {error.strerror or error}")
+    plan.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
+    plan.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
     return plan
 
 
@@ -128,7 +133,7 @@ def _plan(plan: PackagePlan, interfaces: dict[RosName, Path]) -> None:
         plan.add(f"share/{name}/{interface.kind}/{path.name}", PrefixFile(path))
     if interfaces:
         lines = sorted(f"{interface.kind}/{path.name}" for interface, path in interfaces.items())
-        plan.add(f"{INDEX}/rosidl_interfaces/{name}", PrefixFile(content="\n".join(lines).encode()))
+        plan.add(f"{INDEX}/rosidl_interfaces/{name}", PrefixFile(content=os.fsencode("\n".join(lines))))
     manifest = _text(folder, "package.xml")
     found = _BUILD_TYPE.search(manifest)
     is_cmake = (folder / "CMakeLists.txt").is_file()
@@ -150,8 +155,6 @@ def _plan(plan: PackagePlan, interfaces: dict[RosName, Path]) -> None:
         plan.problems.append(f"{name}: {error}")
     if not plan.is_complete:
         _link_sources(plan)
-    plan.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
-    plan.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
 
 
 def _text(folder: Path, name: str) -> str:
@@ -228,7 +231,7 @@ class _Rules:
         self._plan.add(f"{folder}/METADATA", PrefixFile(content=text.encode()))
         sections = (f"[{group}]\n" + "".join(f"{line}\n" for line in lines) for group, lines in groups.items())
         if text := "\n".join(sections):
-            self._plan.add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode()))
+            self._plan.add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode(errors="replace")))
 
 
 class _PythonRules(_Rules):
@@ -361,7 +364,7 @@ class _CMakeRules(_Rules):
             case "ament_index_register_resource", [kind, *options]:
                 given = _options(options, "PACKAGE_NAME", "CONTENT", "CONTENT_FILE")
                 content = given.get("CONTENT", "")
-                if (file := self._source(given.get("CONTENT_FILE", UNKNOWN))) is not None:
+                if "CONTENT_FILE" in given and (file := self._source(given["CONTENT_FILE"])) is not None:
                     content = _text(plan.folder, str(file.relative_to(plan.folder)))
                 place = f"{INDEX}/{kind}/{given.get('PACKAGE_NAME', plan.name)}"
                 plan.add(place, PrefixFile(content=content.replace(UNKNOWN, "").encode()))
@@ -402,7 +405,7 @@ class _CMakeRules(_Rules):
                     continue
                 if is_folder:
                     waiting.append((path, folder / entry.name))
-                elif entry.is_file() or entry.is_symlink():
+                elif entry.is_symlink() or entry.is_file():
                     self._add_file(posixpath.join(destination, path), folder / entry.name)
 
 
