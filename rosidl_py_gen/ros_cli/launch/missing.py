@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 _NOT_FOUND = re.compile(r"(executable|package|file not found:?) .*")
 """Texts of SubstitutionFailure for executables and packages."""
 
+_SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
+"""Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
+
 
 class _MissingCommandError(Exception):
     """The command of an action does not exist."""
@@ -48,7 +51,7 @@ class MissingParts:
         packages: Any = import_module("ament_index_python.packages")
         action, local = import_module("launch").Action, import_module("launch.actions").ExecuteLocal
         load = import_module("launch_ros.actions").LoadComposableNodes
-        share, visit, prepare, execute = packages._share_folder, action.visit, local.prepare, load.execute
+        share, visit, prepare, execute = vars(packages)[_SHARE], action.visit, local.prepare, load.execute
         warnings.filterwarnings("ignore", message="Share (directory|path) for")
 
         def share_folder(name: str) -> str:
@@ -69,7 +72,7 @@ class MissingParts:
             if not self.shell and shutil.which(command, path=environment.get("PATH")) is None:
                 raise _MissingCommandError(f"command {command}")
 
-        packages._share_folder, local.prepare = share_folder, prepare_and_check
+        vars(packages)[_SHARE], local.prepare = share_folder, prepare_and_check
         action.visit = lambda one, context: self._visit(visit, one, context)
         load.execute = lambda one, context: None if self._lacks_container(one, context) else execute(one, context)
 
@@ -93,7 +96,7 @@ class MissingParts:
 
     def _lacks_container(self, action: Any, context: Any) -> bool:
         """Return True for nodes that would wait forever for a container that was skipped."""
-        target = action._LoadComposableNodes__target_container
+        target = vars(action)[_TARGET]
         name = target.node_name if hasattr(target, "node_name") else _text(target, context)
         if f"/{name.lstrip('/')}" not in self._containers:
             return False

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 _BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
 """Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""
 _SET_CHILD_SUBREAPER = 36
-_GRACE_S = 1.0
-"""Time between the signals to a process that a node has left behind; all end within 5 s of Ctrl-C."""
+_ROUNDS, _ROUND_S = 20, 0.05
+"""Time between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind: 1 s."""
 
 
 def run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], prefix: Prefix) -> None:
@@ -38,7 +38,7 @@ def run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], prefi
 
 def _run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], prefix: Prefix) -> int:
     if settings["show_all"]:
-        os.environ["OVERRIDE_LAUNCH_PROCESS_OUTPUT"] = "both"
+        os.environ.update(OVERRIDE_LAUNCH_PROCESS_OUTPUT="both")
     missing = MissingParts(settings["missing"] == "skip", file, prefix)
     missing.install()
     launch = import_module("launch")
@@ -77,9 +77,9 @@ def _argument_lines(arguments: Iterable[Any]) -> Iterable[str]:
     yield "Arguments (pass arguments as '<name>:=<value>'):"
     is_any, is_any_conditional = False, False
     for one in arguments:
-        is_any = True
-        is_any_conditional |= one._conditionally_included
-        yield f"\n    '{one.name}':{'*' if one._conditionally_included else ''}\n        {one.description}"
+        is_conditional = getattr(one, "_conditionally_included", False)
+        is_any, is_any_conditional = True, is_any_conditional or is_conditional
+        yield f"\n    '{one.name}':{'*' if is_conditional else ''}\n        {one.description}"
         if one.default_value is not None:
             yield f"        (default: {' + '.join(part.describe() for part in one.default_value)})"
     if is_any_conditional:
@@ -93,7 +93,9 @@ def _check_arguments(description: Any, given: dict[str, str], file: str) -> None
     arguments = description.get_launch_arguments_with_include_launch_description_actions()
     declared = {one.name for one, _ in arguments}
     for one, includes in arguments:
-        is_required = includes is None and one.default_value is None and not one._conditionally_included
+        is_required = (
+            includes is None and one.default_value is None and not getattr(one, "_conditionally_included", False)
+        )
         if is_required and one.name not in given:
             text = f"{file}: the argument {one.name} has no value: {one.description}"
             raise CommandError(f"{text}; pass {one.name}:=VALUE (--show-args prints all arguments)")
@@ -131,13 +133,14 @@ def _end_remaining_processes() -> None:
         terminal_output.note(f"ending processes that nodes have left behind: {', '.join(names.values())}")
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         signalled: set[int] = set()
-        end = time.monotonic() + _GRACE_S
-        while (names := _children()) and time.monotonic() < end:
+        for _ in range(_ROUNDS):
+            if not (names := _children()):
+                return
             for process in names.keys() - signalled:
                 with suppress(ProcessLookupError):
                     os.kill(process, number)
             signalled |= names.keys()
-            time.sleep(0.05)
+            time.sleep(_ROUND_S)
 
 
 def _children() -> dict[int, str]:

@@ -49,11 +49,11 @@ def start(
     roots = [folder.resolve() for one in around if one.packages for folder in one.roots]
     prefix = build_prefix([*map(Path, paths), *roots, *map(Path, checkouts)])
     set_environment()
-    os.environ.update(prefix.environment())
-    os.environ["PATH"] += os.pathsep + os.path.dirname(sys.executable)
     index = "share/ament_index/resource_index"  # pip installs launch with an index and share files
-    with_index = [one for one in (sys.prefix, site.USER_BASE) if one and os.path.isdir(os.path.join(one, index))]
-    os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join([os.environ["AMENT_PREFIX_PATH"], *with_index])
+    pip_folders = [one for one in (sys.prefix, site.USER_BASE) if one and os.path.isdir(os.path.join(one, index))]
+    last = {"AMENT_PREFIX_PATH": pip_folders, "PATH": [os.path.dirname(sys.executable)]}
+    variables = prefix.environment()
+    os.environ.update(variables | {name: os.pathsep.join([variables[name], *last[name]]) for name in last})
     sys.path.append(str(prefix.folder / SITE_PACKAGES))
     make_importable(place, [*paths, *checkouts])
     file = str(place) if is_file else _file_of_package(words[0], words[1] if len(words) > 1 else "")
