@@ -317,6 +317,19 @@ def test_damaged_packages_are_reported_and_others_are_complete(case: str, tmp_pa
     assert b"AMENT_PREFIX_PATH" in (made.folder / "setup.sh").read_bytes()
 
 
+def test_a_malformed_console_script_hides_nothing_else(tmp_path: Path) -> None:
+    scripts = ["bad = odd.bad", "a b", "good = odd.good:main"]
+    setup = f"setup(packages=['odd'], entry_points={{'console_scripts': {scripts}}})"
+    files = {"setup.py": setup, "setup.cfg": "[install]\ninstall_scripts=$base/lib/odd\n", "odd/__init__.py": ""}
+    write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **files})
+    made = build_prefix([tmp_path / "odd"], tmp_path / "out")
+    assert len(made.problems) == 2
+    assert os.listdir(made.folder / "lib/odd") == ["good"]
+    assert (made.folder / SITE_PACKAGES / "odd").is_symlink()
+    found = next((made.folder / SITE_PACKAGES).glob("odd-*/entry_points.txt")).read_text()
+    assert "good = odd.good:main" in found and "a b" not in found
+
+
 def test_loops_pipes_and_odd_names(tmp_path: Path) -> None:
     package = tmp_path / "odd"
     write(package, {"package.xml": MANIFEST.format("odd"), "launch/a.launch.py": ""})

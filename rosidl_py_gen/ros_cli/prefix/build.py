@@ -150,6 +150,8 @@ def _bundled_files() -> dict[str, PrefixFile]:
         for name, target in names.items():
             content = wrappers.of_function(*target.split(":"))
             found[f"lib/{package}/{name}"] = PrefixFile(content=content, is_program=True)
+            if package in ON_PACKAGE_INDEX:  # launch files also run $(find-pkg-prefix xacro)/bin/xacro
+                found[f"bin/{name}"] = found[f"lib/{package}/{name}"]
     return found
 
 

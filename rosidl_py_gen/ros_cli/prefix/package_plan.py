@@ -215,8 +215,8 @@ class _Rules:
         groups: dict[str, list[str]] = {}
         for source, found, root in executables.entry_points(self._plan.folder):
             for group, lines in found.items():
-                groups.setdefault(group, []).extend(line.strip() for line in lines if line.strip())
-            for one in executables.console_scripts(found, source, self._plan.folder / root):
+                groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
+            for one in executables.console_scripts(found, source, self._plan.folder / root, self._plan.problem):
                 content = wrappers.of_function(one.module or "", one.function or "")
                 if inside(one.name) and "/" not in one.name:
                     self._plan.add(f"{scripts_folder}/{one.name}", PrefixFile(content=content, is_program=True))
@@ -313,6 +313,8 @@ class _PythonRules(_Rules):
             if path is not None and path.is_dir() and name not in COMPANIONS:
                 yield name, path
         for name in self._texts(given, "py_modules"):
+            if name.partition(".")[0] in names:
+                continue  # it is in the folder of that package
             path = self._source(posixpath.join(root, name.replace(".", "/") + ".py"))
             if path is not None and path.is_file():
                 yield name.replace(".", "/") + ".py", path
