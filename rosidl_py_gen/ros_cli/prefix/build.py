@@ -24,7 +24,7 @@ from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import environment, wrappers
 from rosidl_py_gen.ros_cli.prefix.bundled import BUNDLED, ON_PACKAGE_INDEX
 from rosidl_py_gen.ros_cli.prefix.executables import of_distribution
-from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PackagePlan, PrefixFile, plan_package
+from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PackagePlan, PrefixFile
 from rosidl_py_gen.type_loading.cache_files import cache_home
 from rosidl_py_gen.type_loading.share_folder import temporary_home
 
@@ -79,7 +79,7 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
     prefix = _cache_folder(folders) if out is None else Path(os.path.abspath(out))
     interfaces = {name: _interfaces(name, folder, problems) for name, folder in packages.items()}
     files = environment.files(prefix, (name for name, found in interfaces.items() if found))
-    plans = [plan_package(name, folder, interfaces[name]) for name, folder in packages.items()]
+    plans = [PackagePlan(name, folder, interfaces[name]) for name, folder in packages.items()]
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
         problems += plan.problems
@@ -111,10 +111,10 @@ def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
         if not folder.is_dir():
             raise CommandError(f"{display_path(folder)}: expected a folder of packages, found none")
         top = folder if (folder / MANIFEST).exists() or not (folder / "src").is_dir() else folder / "src"
-        workspace = Workspace(top)
-        if not workspace.packages:
+        found = Workspace(top).all_packages
+        if not found:
             raise CommandError(f"{display_path(top)}: expected packages with a package.xml, found none")
-        for name, place in (*workspace.packages.items(), *workspace.duplicates):
+        for name, place in found:
             if not _NAME.fullmatch(name):
                 problems.append(f'{display_path(place / MANIFEST)}: "{name[:200]}" is not the name of a package')
             elif (used := packages.setdefault(name, place)) != place:
