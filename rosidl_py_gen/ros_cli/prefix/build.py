@@ -70,9 +70,7 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
         CommandError: a source does not exist or contains no package, or the prefix cannot be written.
     """
     if os.name == "nt":
-        raise CommandError(
-            "a prefix needs links and executable scripts, which Windows lacks; use WSL, or rosidl-py run"
-        )
+        raise CommandError("a prefix needs links and executable scripts; use WSL, or rosidl-py run without a prefix")
     folders = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
     problems: list[str] = []
     packages = _find_packages(folders, problems)
@@ -225,9 +223,10 @@ class _Writer:
         """Write a file; returns False if it is up to date."""
         path = self._prefix / place
         self._make_folder(os.path.dirname(place))
-        if _is_current(path, file):
+        exists = os.path.lexists(path)  # before the content, as another process may create it in between
+        if exists and _is_current(path, file):
             return False
-        if not is_known and os.path.lexists(path):
+        if exists and not is_known:
             raise OSError(0, "there is another file of this name, which is left alone")
         self._replace(path, file)
         return True
