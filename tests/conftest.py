@@ -21,6 +21,7 @@ from types import ModuleType
 
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
+from hypothesis import strategies as st
 from support.environments import cache_folder, require
 from support.example_counts import examples
 
@@ -93,6 +94,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if "PYTEST_XDIST_WORKER" not in os.environ:
         if sys.dont_write_bytecode:  # else the first of hundreds of processes does it
             compileall.compile_dir(config.rootpath / "rosidl_py_gen", quiet=2)
+        # Makes Hypothesis's table of all characters, a file for later runs. It takes 200 MB, which a worker with all
+        # test modules should not need.
+        st.text().validate()
         if _MEMORY.is_dir() and os.access(_MEMORY, os.W_OK) and shutil.disk_usage(_MEMORY).free > _ENOUGH_BYTES:
             os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY))
     # Of several mypys the first reads the stubs of numpy; two at a time may not share what they have read.
