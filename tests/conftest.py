@@ -96,7 +96,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if "PYTEST_XDIST_WORKER" not in os.environ:
         if sys.dont_write_bytecode:  # else the first of hundreds of processes does it
             compileall.compile_dir(config.rootpath / "rosidl_py_gen", quiet=2)
-        if not Path(".hypothesis", "unicode_data").exists():  # takes 200 MB, too much for a worker with all test modules
+        if not Path(".hypothesis", "unicode_data").exists():  # 200 MB: too much for a worker with all tests
             code = "from hypothesis import strategies; strategies.text().validate()"
             subprocess.run([sys.executable, "-c", code], check=True)
         if _MEMORY.is_dir() and os.access(_MEMORY, os.W_OK) and shutil.disk_usage(_MEMORY).free > _ENOUGH_BYTES:
