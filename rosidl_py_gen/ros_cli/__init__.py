@@ -46,6 +46,7 @@ _COMMANDS = {
     "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
     "graph": ("graph.command", "Nodes and topics as text, Mermaid or SVG."),
     "interface": ("interface", "Definitions of messages, services and actions."),
+    "launch": ("launch.command", "Run a launch file without building its workspace."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
     "log": ("log.follow", "Print the log messages of all nodes."),
     "node": ("node", "Nodes: list, info."),
@@ -153,11 +154,13 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the console script; the module docstring lists its exit codes."""
     words = sys.argv[1:] if arguments is None else arguments
     is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
-    is_run = words[:1] in (["run"], ["test"])
+    is_run = words[:1] in (["run"], ["launch"], ["test"])
     if is_completion:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     if not is_run:
         _configure_process(arguments is None)
+    elif arguments is None:
+        gc.disable()  # until the program starts; collections would take a tenth of the time to there
     default_showwarning = warnings.showwarning
     program = None
     is_command = not (is_run or is_completion)
@@ -170,6 +173,9 @@ def main(arguments: list[str] | None = None) -> None:
         program = result if callable(result) else None
     if program is not None:
         warnings.showwarning = default_showwarning
+        if arguments is None:
+            gc.freeze()  # collections of the program need not visit the objects of this package
+            gc.enable()
         program()
 
 

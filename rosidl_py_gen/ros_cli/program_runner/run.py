@@ -20,6 +20,7 @@ from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around,
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
+from rosidl_py_gen.type_loading.scan_cache import workspace_packages
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.prefix.executables import Executable
@@ -37,11 +38,18 @@ def start(
     if as_json and not check:
         raise click.UsageError("--json requires --check or --list; options of the program follow the program")
     program = _program(words, paths)
-    _make_importable(program.place, paths)
+    make_importable(program.place, paths)
     if check:
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
         return check_program(program, as_json)
+    set_environment()
+    _note_misplaced_option(program)
+    return program.start
+
+
+def set_environment() -> None:
+    """Set the environment variables of ROS that programs read."""
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     choice = selected()
@@ -49,8 +57,6 @@ def start(
         os.environ[ENVIRONMENT_VARIABLE] = choice.name
     elif ENVIRONMENT_VARIABLE not in os.environ:
         assume_default()
-    _note_misplaced_option(program)
-    return program.start
 
 
 def _note_misplaced_option(program: Program) -> None:
@@ -64,7 +70,7 @@ def _note_misplaced_option(program: Program) -> None:
     terminal_output.note(f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM")
 
 
-def _make_importable(place: Path, paths: Sequence[str]) -> None:
+def make_importable(place: Path, paths: Sequence[str]) -> None:
     """Install the import hook; print a warning if it replaces an installed rclpy."""
     real = PathFinder.find_spec("rclpy")
     if real is not None and real.origin is not None:
@@ -88,7 +94,7 @@ def _workspace_folder(place: Path) -> Path:
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place
     around = workspace_around(here)
-    return here if around is not None and package in around.packages.values() else place
+    return here if around is not None and package in workspace_packages(around).values() else place
 
 
 def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
@@ -140,7 +146,7 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
 
     places: list[str] = []
     for workspace in workspaces(paths):
-        if folder := workspace.packages.get(package):
+        if folder := workspace_packages(workspace).get(package):
             places.append(str(folder))
             if by_name := executables.of_sources(folder):
                 return by_name, places
@@ -154,7 +160,7 @@ def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]
     by_name, places = _executables(package, paths)
     if not by_name and not places:
         searched = ", ".join(str(one.folder) for one in workspaces(paths))
-        known = {name for workspace in workspaces(paths) for name in workspace.packages}
+        known = {name for workspace in workspaces(paths) for name in workspace_packages(workspace)}
         text = f'no file and no package "{package}"{did_you_mean(package, known)}'
         raise CommandError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
     names = ", ".join(sorted(by_name)) or "none in Python"
@@ -187,7 +193,7 @@ def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
         raise click.UsageError("expected at most a package")
-    packages = words or sorted({name for workspace in workspaces(paths) for name in workspace.packages})
+    packages = words or sorted({name for workspace in workspaces(paths) for name in workspace_packages(workspace)})
     rows = []
     for package in packages:
         by_name, places = _executables(package, paths)
