@@ -119,6 +119,10 @@ class _Reader:
                 return self._value(part)
             case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name), args=parts) if name in _PATH_NAMES:
                 return self._path(name, self._list(parts), node)
+            case ast.ListComp(
+                elt=ast.Name(id=name), generators=[ast.comprehension(target=ast.Name(id=same), iter=part)]
+            ):
+                return self._value(part) if name == same else None
             case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name)) if name in _FIND_NAMES:
                 return self._packages(node)
         return None

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS
 from rosidl_py_gen.compiler.frontend.search_path import MAX_DEPTH, package_name
 
@@ -62,8 +63,12 @@ class Workspace:
                 if found.setdefault(name, folder) != folder:
                     duplicates.append((name, folder))
             elif depth < self.depth:
-                inside = (folder / name for name in sorted(names) if not name.startswith("."))
-                waiting += [(path, depth + 1) for path in inside if os.path.isdir(path)]
+                inside = [folder / name for name in sorted(names) if not name.startswith(".")]
+                for path in inside:
+                    if os.path.isdir(path):
+                        waiting.append((path, depth + 1))
+                    elif os.path.islink(path):
+                        note(path)
         return found, duplicates
 
     @property
@@ -99,6 +104,7 @@ def workspace_around(place: Path) -> Workspace | None:
 
 
 def _names(folder: Path) -> set[str]:
+    note(folder)
     with suppress(OSError):  # an unreadable folder is not part of the workspace
         return set(os.listdir(folder))
     return set()

@@ -108,7 +108,8 @@ class MissingParts:
         for one in _causes(error):
             kind = type(one).__name__
             is_failure = kind == "SubstitutionFailure" and _NOT_FOUND.match(str(one))
-            if (kind == "PackageNotFoundError" or is_failure) and getattr(action, "node_package", None):
+            is_of_node = kind == "PackageNotFoundError" or (is_failure and is_failure[1] in ("executable", "package"))
+            if is_of_node and getattr(action, "node_package", None):
                 return self._executable_text(
                     _text(action.node_package, context), _text(action.node_executable, context)
                 )

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import sys
-import tempfile
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from stat import S_IMODE, S_ISREG
 
 from rosidl_py_gen.base.names import RosName, is_package_name
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
@@ -30,30 +31,7 @@ from rosidl_py_gen.type_loading.share_folder import temporary_home
 _STATE = ".rosidl-py-prefix.json"
 """File of a prefix with the paths of the files that this module has written."""
 _MAX_STATE_BYTES = 64 << 20
-_MAX_NAME = 200
-
-
-@dataclass(frozen=True)
-class SkippedPackage:
-    """A package with C++ code, which is not built.
-
-    Attributes:
-        name: name of the package.
-        folder: its source folder.
-        executables: names of the executables that are missing.
-        usable: what the prefix has of the package, for display; may be empty.
-    """
-
-    name: str
-    folder: Path
-    executables: tuple[str, ...]
-    usable: str
-
-    @property
-    def text(self) -> str:
-        """Line with the missing executables and the usable files, for display."""
-        missing = f"without {', '.join(self.executables)}" if self.executables else "without its libraries"
-        return f"{self.name}: {missing}" + (f"; with {self.usable}" if self.usable else "")
+_NAME = re.compile(r"[A-Za-z0-9][\w-]{0,200}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -63,7 +41,7 @@ class Prefix:
     Attributes:
         folder: the prefix.
         packages: source folders of its packages by name.
-        skipped: packages with C++ code.
+        skipped: plans of the packages with C++ code, which is not built: `missing` executables, and `text`.
         problems: texts about files that could not be read or installed.
         created: number of files that this call created or changed.
         removed: number of files that this call removed.
@@ -71,7 +49,7 @@ class Prefix:
 
     folder: Path
     packages: dict[str, Path]
-    skipped: tuple[SkippedPackage, ...]
+    skipped: tuple[PackagePlan, ...]
     problems: tuple[str, ...]
     created: int
     removed: int
@@ -113,7 +91,9 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
     for place, file in _bundled_files().items():
         files.setdefault(place, file)
     created, removed = _Writer(prefix).write(files, problems)
-    skipped = tuple(_skipped(plan, files) for plan in plans if plan.has_targets)
+    for plan in plans:
+        plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
+    skipped = tuple(plan for plan in plans if plan.has_targets)
     return Prefix(prefix, packages, skipped, tuple(problems), created, removed)
 
 
@@ -132,21 +112,15 @@ def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
             raise CommandError(f"{display_path(folder)}: expected a folder of packages, found none")
         top = folder if (folder / MANIFEST).exists() or not (folder / "src").is_dir() else folder / "src"
         workspace = Workspace(top)
-        found = workspace.packages
-        if not found:
+        if not workspace.packages:
             raise CommandError(f"{display_path(top)}: expected packages with a package.xml, found none")
-        for name, place in found.items():
-            if not name or len(name) > _MAX_NAME or not name.replace("-", "").replace("_", "").isalnum():
-                problems.append(f'{display_path(place / MANIFEST)}: "{name[:_MAX_NAME]}" is not the name of a package')
-            elif packages.setdefault(name, place) != place:
-                problems.append(_duplicate(name, packages[name], place))
-        problems += [_duplicate(name, packages.get(name, place), place) for name, place in workspace.duplicates]
+        for name, place in (*workspace.packages.items(), *workspace.duplicates):
+            if not _NAME.fullmatch(name):
+                problems.append(f'{display_path(place / MANIFEST)}: "{name[:200]}" is not the name of a package')
+            elif (used := packages.setdefault(name, place)) != place:
+                text = f"two packages are called {name}: {display_path(used)} is used, {display_path(place)} is not"
+                problems.append(f"{text}; put an empty file COLCON_IGNORE into one of them")
     return packages
-
-
-def _duplicate(name: str, used: Path, other: Path) -> str:
-    text = f"two packages are called {name}: {display_path(used)} is used, and {display_path(other)} is not"
-    return f"{text}; put an empty file COLCON_IGNORE into one of them"
 
 
 def _interfaces(name: str, folder: Path, problems: list[str]) -> dict[RosName, Path]:
@@ -156,11 +130,6 @@ def _interfaces(name: str, folder: Path, problems: list[str]) -> dict[RosName, P
     except RosidlError as error:
         problems.append(f"{name}: {error}")
     return {}
-
-
-def _skipped(plan: PackagePlan, files: dict[str, PrefixFile]) -> SkippedPackage:
-    missing = tuple(name for name in plan.missing if f"lib/{plan.name}/{name}" not in files)
-    return SkippedPackage(plan.name, plan.folder, missing, plan.usable())
 
 
 def _bundled_files() -> dict[str, PrefixFile]:
@@ -181,6 +150,8 @@ def _bundled_files() -> dict[str, PrefixFile]:
         for name, target in names.items():
             content = wrappers.of_function(*target.split(":"))
             found[f"lib/{package}/{name}"] = PrefixFile(content=content, is_program=True)
+            if package in ON_PACKAGE_INDEX:  # launch files also run $(find-pkg-prefix xacro)/bin/xacro
+                found[f"bin/{name}"] = found[f"lib/{package}/{name}"]
     return found
 
 
@@ -204,11 +175,12 @@ class _Writer:
 
     def __init__(self, prefix: Path) -> None:
         self._prefix = prefix
+        self._new = prefix / f".new-{os.getpid()}"
         self._folders: set[str] = set()
         try:
             prefix.mkdir(parents=True, exist_ok=True)
             self._old = self._read_state()
-            if self._old is None and any(prefix.iterdir()):
+            if self._old is None and any(not one.name.startswith(".new-") for one in prefix.iterdir()):
                 text = "the folder is not empty, and rosidl-py prefix has not written it"
                 raise CommandError(f"{display_path(prefix)}: {text}; choose another one with --out")
         except OSError as error:
@@ -228,6 +200,7 @@ class _Writer:
                 problems.append(f"{place} cannot be written: {error.strerror or error}")
         if old != files.keys():
             self._write_state(set(files))
+        self._new.unlink(missing_ok=True)
         return created, removed
 
     def _read_state(self) -> set[str] | None:
@@ -244,7 +217,7 @@ class _Writer:
 
     def _write_state(self, places: set[str]) -> None:
         try:
-            self._replace(self._prefix / _STATE, json.dumps(sorted(places), indent=0).encode(), 0o644)
+            self._replace(self._prefix / _STATE, PrefixFile(content=json.dumps(sorted(places), indent=0).encode()))
         except OSError as error:
             raise CommandError(f"{display_path(self._prefix)}: cannot be written: {error.strerror or error}") from error
 
@@ -252,37 +225,22 @@ class _Writer:
         """Write a file; returns False if it is up to date."""
         path = self._prefix / place
         self._make_folder(os.path.dirname(place))
-        if file.content is None:
-            assert file.source is not None
-            with suppress(OSError):
-                if os.readlink(path) == str(file.source):
-                    return False
-        mode = 0o755 if file.is_program else 0o644
-        if file.content is not None and _has_content(path, file.content, mode):
+        if _is_current(path, file):
             return False
         if not is_known and os.path.lexists(path):
             raise OSError(0, "there is another file of this name, which is left alone")
-        if file.content is not None:
-            self._replace(path, file.content, mode)
-            return True
-        name = tempfile.mktemp(prefix=".new-", dir=path.parent)
-        os.symlink(str(file.source), name)
-        self._rename(name, path)
+        self._replace(path, file)
         return True
 
-    def _replace(self, path: Path, data: bytes, mode: int) -> None:
-        handle, name = tempfile.mkstemp(prefix=".new-", dir=path.parent)
-        with os.fdopen(handle, "wb") as opened:
-            opened.write(data)
-        os.chmod(name, mode)
-        self._rename(name, path)
-
-    def _rename(self, name: str, path: Path) -> None:
-        try:
-            os.replace(name, path)  # other processes may use the prefix
-        except OSError:
-            os.unlink(name)
-            raise
+    def _replace(self, path: Path, file: PrefixFile) -> None:
+        """Write a file completely or not at all, because other processes may use the prefix."""
+        self._new.unlink(missing_ok=True)
+        if file.content is not None:
+            self._new.write_bytes(file.content)
+            self._new.chmod(file.mode)
+        elif file.source is not None:
+            self._new.symlink_to(file.source)
+        self._new.replace(path)
 
     def _make_folder(self, place: str) -> None:
         """Create a folder; raises OSError if a part of its path is a link or a file."""
@@ -310,9 +268,11 @@ class _Writer:
         return not os.path.lexists(path)
 
 
-def _has_content(path: Path, content: bytes, mode: int) -> bool:
-    if path.is_symlink() or not path.is_file():
+def _is_current(path: Path, file: PrefixFile) -> bool:
+    try:
+        if file.content is None:
+            return os.readlink(path) == str(file.source)
+        found = os.lstat(path)
+        return S_ISREG(found.st_mode) and S_IMODE(found.st_mode) == file.mode and path.read_bytes() == file.content
+    except OSError:
         return False
-    found = path.stat()
-    is_similar = found.st_size == len(content) and found.st_mode & 0o777 == mode
-    return is_similar and path.read_bytes() == content

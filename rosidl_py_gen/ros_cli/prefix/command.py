@@ -34,10 +34,7 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
 
     made = build_prefix(map(Path, sources) if sources else current_sources(), Path(out))
     if as_json:
-        skipped = [
-            {"name": one.name, "folder": str(one.folder), "executables": [*one.executables], "usable": one.usable}
-            for one in made.skipped
-        ]
+        skipped = [{"name": one.name, "executables": one.missing, "text": one.text} for one in made.skipped]
         terminal_output.document(
             {
                 "folder": str(made.folder),

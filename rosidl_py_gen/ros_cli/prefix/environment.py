@@ -75,9 +75,8 @@ def _fish_script(prefix: Path) -> str:
         lines.append(f'test -n "${ENVIRONMENT_VARIABLE}"; or set -gx {name} {value}')
     for name, folder in _folders(prefix).items():
         quoted = "'" + str(folder).replace("\\", "\\\\").replace("'", "\\'") + "'"
-        joined = f'set -gx {name} {quoted}(test -n "${name}"; and string join : "" ${name})'
-        is_new = f'contains -- {quoted} (string split : -- "${name}")'
-        lines.append(f"{is_new}; or {'set -gx PATH ' + quoted + ' $PATH' if name == 'PATH' else joined}")
+        value = f"{quoted} $PATH" if name == "PATH" else f"(string join : -- {quoted} ${name})"
+        lines.append(f'contains -- {quoted} (string split : -- "${name}"); or set -gx {name} {value}')
     return "\n".join(lines) + "\n"
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import configparser
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.prefix.bundled import BUNDLED
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 from rosidl_py_gen.type_loading.share_folder import cmake_installs
@@ -52,12 +52,16 @@ def of_sources(folder: Path) -> dict[str, Executable]:
     """Return the executables of a source package by name. Raises `CommandError` if a file cannot be read."""
     executables: dict[str, Executable] = {}
     for source, groups, root in entry_points(folder):
-        for one in console_scripts(groups, source, folder / root):
+        for one in console_scripts(groups, source, folder / root, _warn):
             executables.setdefault(one.name, one)
     if (folder / "CMakeLists.txt").is_file():
         for one in _programs(folder):
             executables.setdefault(one.name, one)
     return executables
+
+
+def _warn(text: str) -> None:
+    terminal_output.note(f"warning: {text}")
 
 
 def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str]]:
@@ -71,9 +75,11 @@ def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str
             yield folder / name, *reader(_text(folder, name), folder / name)
 
 
-def console_scripts(groups: dict[str, list[str]], source: Path, folder: Path) -> Iterator[Executable]:
-    """Yield the console scripts of `entry_points`. Raises `CommandError` if a line has another form."""
-    return _scripts(groups.get(_GROUP, ()), folder, source)
+def console_scripts(
+    groups: dict[str, list[str]], source: Path, folder: Path, problem: Callable[[str], None]
+) -> Iterator[Executable]:
+    """Yield the console scripts of `entry_points`; calls `problem` with an error text for each other line."""
+    return _scripts(groups.get(_GROUP, ()), folder, source, problem)
 
 
 def of_distribution(package: str) -> dict[str, Executable]:
@@ -119,12 +125,14 @@ def _text(folder: Path, name: str) -> str:
         raise CommandError(f"{folder / name}: {error.reason}") from error
 
 
-def _scripts(texts: Iterable[str], folder: Path, source: Path) -> Iterator[Executable]:
+def _scripts(
+    texts: Iterable[str], folder: Path, source: Path, problem: Callable[[str], None] = lambda text: None
+) -> Iterator[Executable]:
     for text in texts:
         if match := _ENTRY.fullmatch(text):
             yield Executable(match[1], folder, source, module=match[2], function=match[3])
         elif text.strip():
-            raise CommandError(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"')
+            problem(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"; it is skipped')
 
 
 def _setup_py(text: str, source: Path) -> tuple[dict[str, list[str]], str]:

@@ -35,10 +35,13 @@ _MAX_FILES = 20_000
 """Maximum number of files that a package installs, and of directory entries that are read for them."""
 _MAX_COPY_BYTES = 16 << 20
 _MAX_PLACE = 1024
+_UNENCODABLE = re.compile("[\ud800-\udc7f\udd00-\udfff]")
+"""Characters that no file name has; others in this range are bytes that are not UTF-8."""
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
 _TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament_auto_add_library")
 _BUILD_TYPE = re.compile(r"<build_type[^>]*>\s*(\w+)\s*<")
+_LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
 _VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
 
 
@@ -48,6 +51,11 @@ class PrefixFile(NamedTuple):
     source: Path | None = None
     content: bytes | None = None
     is_program: bool = False
+
+    @property
+    def mode(self) -> int:
+        """Permissions of a file with `content`."""
+        return 0o755 if self.is_program else 0o644
 
 
 @dataclass
@@ -80,25 +88,25 @@ class PackagePlan:
         if UNKNOWN in place:
             self.is_complete = False
             return
-        if (path := inside(place)) is None or len(path) > _MAX_PLACE or "\n" in path:
+        path = inside(place)
+        if path is None or len(path) > _MAX_PLACE or "\n" in path or _UNENCODABLE.search(path):
             self.problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
-        elif self.files.setdefault(path, file) != file and self.files[path].source != file.source:
-            self.problem(f"two files would be {path}; {display_path(file.source or path)} is skipped")
+            return
+        old, self.files[path] = self.files.get(path, file), file
+        if old.source != file.source:
+            self.problem(f"two files would be {path}; the last one is used, {display_path(file.source or path)}")
         if len(self.files) > _MAX_FILES:
             raise _TooManyError
 
-    def usable(self) -> str:
-        """Return what the prefix has of the package, for display."""
-        share = f"share/{self.name}/"
-        counts = {"launch file": 0, "other file": 0, "message": 0, "Python executable": 0}
-        for place, file in self.files.items():
-            if place.startswith(share) and place != f"{share}package.xml":
-                below = place[len(share) :]
-                is_message = below.split("/")[0] in ("msg", "srv", "action") and below.count("/") == 1
-                is_launch = re.search(r"(launch\.(py|xml|ya?ml)|\.launch)\Z", below) is not None
-                counts["message" if is_message else "launch file" if is_launch else "other file"] += 1
-            counts["Python executable"] += file.is_program
-        return ", ".join(f"{count} {name}{'s' if count > 1 else ''}" for name, count in counts.items() if count)
+    @property
+    def text(self) -> str:
+        """Line about a package with C++ code: the missing executables, and what the prefix has of it."""
+        share = [place for place in self.files if place.startswith(f"share/{self.name}/")]
+        launch = sum(_LAUNCH_FILE.search(place) is not None for place in share)
+        programs = sum(file.is_program for file in self.files.values())
+        counts = {"launch file": launch, "share file": len(share) - launch, "Python program": programs}
+        usable = ", ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
+        return f"{self.name}: without {', '.join(self.missing) or 'its libraries'}; with {usable}"
 
 
 class _TooManyError(Exception):
@@ -114,6 +122,8 @@ def plan_package(name: str, folder: Path, interfaces: dict[RosName, Path]) -> Pa
         plan.problem(f"it installs more than {_MAX_FILES} files; the others are skipped")
     except OSError as error:
         plan.problem(f"{error.filename or folder} cannot be read: {error.strerror or error}")
+    plan.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
+    plan.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
     return plan
 
 
@@ -123,7 +133,7 @@ def _plan(plan: PackagePlan, interfaces: dict[RosName, Path]) -> None:
         plan.add(f"share/{name}/{interface.kind}/{path.name}", PrefixFile(path))
     if interfaces:
         lines = sorted(f"{interface.kind}/{path.name}" for interface, path in interfaces.items())
-        plan.add(f"{INDEX}/rosidl_interfaces/{name}", PrefixFile(content="\n".join(lines).encode()))
+        plan.add(f"{INDEX}/rosidl_interfaces/{name}", PrefixFile(content=os.fsencode("\n".join(lines))))
     manifest = _text(folder, "package.xml")
     found = _BUILD_TYPE.search(manifest)
     is_cmake = (folder / "CMakeLists.txt").is_file()
@@ -145,8 +155,6 @@ def _plan(plan: PackagePlan, interfaces: dict[RosName, Path]) -> None:
         plan.problems.append(f"{name}: {error}")
     if not plan.is_complete:
         _link_sources(plan)
-    plan.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
-    plan.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
 
 
 def _text(folder: Path, name: str) -> str:
@@ -207,8 +215,8 @@ class _Rules:
         groups: dict[str, list[str]] = {}
         for source, found, root in executables.entry_points(self._plan.folder):
             for group, lines in found.items():
-                groups.setdefault(group, []).extend(line.strip() for line in lines if line.strip())
-            for one in executables.console_scripts(found, source, self._plan.folder / root):
+                groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
+            for one in executables.console_scripts(found, source, self._plan.folder / root, self._plan.problem):
                 content = wrappers.of_function(one.module or "", one.function or "")
                 if inside(one.name) and "/" not in one.name:
                     self._plan.add(f"{scripts_folder}/{one.name}", PrefixFile(content=content, is_program=True))
@@ -223,7 +231,7 @@ class _Rules:
         self._plan.add(f"{folder}/METADATA", PrefixFile(content=text.encode()))
         sections = (f"[{group}]\n" + "".join(f"{line}\n" for line in lines) for group, lines in groups.items())
         if text := "\n".join(sections):
-            self._plan.add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode()))
+            self._plan.add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode(errors="replace")))
 
 
 class _PythonRules(_Rules):
@@ -305,6 +313,8 @@ class _PythonRules(_Rules):
             if path is not None and path.is_dir() and name not in COMPANIONS:
                 yield name, path
         for name in self._texts(given, "py_modules"):
+            if name.partition(".")[0] in names:
+                continue  # it is in the folder of that package
             path = self._source(posixpath.join(root, name.replace(".", "/") + ".py"))
             if path is not None and path.is_file():
                 yield name.replace(".", "/") + ".py", path
@@ -356,7 +366,7 @@ class _CMakeRules(_Rules):
             case "ament_index_register_resource", [kind, *options]:
                 given = _options(options, "PACKAGE_NAME", "CONTENT", "CONTENT_FILE")
                 content = given.get("CONTENT", "")
-                if (file := self._source(given.get("CONTENT_FILE", UNKNOWN))) is not None:
+                if "CONTENT_FILE" in given and (file := self._source(given["CONTENT_FILE"])) is not None:
                     content = _text(plan.folder, str(file.relative_to(plan.folder)))
                 place = f"{INDEX}/{kind}/{given.get('PACKAGE_NAME', plan.name)}"
                 plan.add(place, PrefixFile(content=content.replace(UNKNOWN, "").encode()))
@@ -370,19 +380,16 @@ class _CMakeRules(_Rules):
         if (install.destination + "/").startswith("include/"):
             return  # headers are for compilers
         for path in install.paths:
-            if "*" in path:
-                self._plan.is_complete = False
-                continue
             is_whole = inside(path) is None and posixpath.normpath(path) in (".", self._plan.folder.as_posix())
             source = self._plan.folder if is_whole else self._source(path)
             if source is None:
                 continue
-            if install.kind == "DIRECTORY":
-                below = "" if path.endswith("/") else source.name
-                self._install_folder(install, source, posixpath.join(install.destination, below))
-            elif source.is_file():
+            if install.kind != "DIRECTORY" and source.is_file():
                 place = posixpath.join(install.destination, install.rename or source.name)
                 self._add_file(place, source, is_program=install.kind == "PROGRAMS")
+            elif install.kind == "DIRECTORY" and source.is_dir():
+                below = "" if path.endswith("/") else source.name
+                self._install_folder(install, source, posixpath.join(install.destination, below))
 
     def _install_folder(self, install: Install, top: Path, destination: str) -> None:
         left = _MAX_FILES
@@ -400,7 +407,7 @@ class _CMakeRules(_Rules):
                     continue
                 if is_folder:
                     waiting.append((path, folder / entry.name))
-                elif entry.is_file() or entry.is_symlink():
+                elif entry.is_symlink() or entry.is_file():
                     self._add_file(posixpath.join(destination, path), folder / entry.name)
 
 
