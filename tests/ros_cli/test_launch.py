@@ -101,6 +101,7 @@ FILES = {
     "one_missing.launch.py": _file(
         "ExecuteProcess(cmd=['echo', 'first'])", "Node(package='rviz2', executable='rviz2')"
     ),
+    "messages.launch.py": "from px4_msgs.msg import VehicleStatus\n",
     "syntax.launch.py": "def generate_launch_description(:\n    pass\n",
     "raises.launch.py": "import os\n\ndef generate_launch_description():\n    return os.environ['MODEL_OF_NOBODY']\n",
     "imports.launch.py": "import nav2_common.launch\n",
@@ -192,6 +193,11 @@ ERRORS = {
     f"such package; {CURE}",
     ("robot", "missing.launch.py"): f"{LAUNCH_DIR}/missing.launch.py:11: missing package gazebo_ros; {CURE}",
     ("robot", "imports.launch.py"): f"{LAUNCH_DIR}/imports.launch.py:1: missing Python module nav2_common; {CURE}",
+    (
+        "robot",
+        "messages.launch.py",
+    ): f"{LAUNCH_DIR}/messages.launch.py:1: missing Python module px4_msgs; px4_msgs is in "
+    "https://github.com/PX4/px4_msgs, branch main: git clone ",
     ("robot", "syntax.launch.py"): f"{LAUNCH_DIR}/syntax.launch.py:1: SyntaxError: ",
     ("robot", "raises.launch.py"): f"{LAUNCH_DIR}/raises.launch.py:4: KeyError: 'MODEL_OF_NOBODY'",
     ("robot", "late.launch.py"): f"{LAUNCH_DIR}/late.launch.py:11: KeyError: 'key'",

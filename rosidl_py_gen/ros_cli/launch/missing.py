@@ -18,6 +18,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import report, terminal_output
@@ -137,7 +139,8 @@ class MissingParts:
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
-        cure = "install it, or pass the folder of its package with --path"
+        package = part.rpartition(" ")[2].partition(".")[0]
+        cure = download_note(package, selected().name) or "install it, or pass the folder of its package with --path"
         return f"{place}: missing {part}; {cure}" + ("" if self._skip else ", or start the rest with --missing skip")
 
     def _executable_text(self, package: str, executable: str) -> str:
