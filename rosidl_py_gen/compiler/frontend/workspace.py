@@ -34,20 +34,18 @@ class Workspace:
     depth: int = MAX_DEPTH
     own: Path | None = None
 
-    @property
+    @cached_property
     def packages(self) -> dict[str, Path]:
         """Folders of the packages by name; of two with one name, the one of least depth."""
-        return self._found[0]
-
-    @property
-    def duplicates(self) -> list[tuple[str, Path]]:
-        """Names and folders of the packages whose name another package of `packages` has."""
-        return self._found[1]
+        found: dict[str, Path] = {}
+        for name, folder in self.all_packages:
+            found.setdefault(name, folder)
+        return found
 
     @cached_property
-    def _found(self) -> tuple[dict[str, Path], list[tuple[str, Path]]]:
-        found = {} if self.own is None else {package_name(self.own / MANIFEST, self.own): self.own}
-        duplicates: list[tuple[str, Path]] = []
+    def all_packages(self) -> list[tuple[str, Path]]:
+        """Names and folders of all packages; several may have one name."""
+        found = [] if self.own is None else [(package_name(self.own / MANIFEST, self.own), self.own)]
         visited: set[str] = set()
         waiting = [(self.folder, 0)]
         while waiting:
@@ -59,9 +57,7 @@ class Workspace:
                 continue
             visited.add(real)
             if MANIFEST in names:
-                name = package_name(folder / MANIFEST, folder)
-                if found.setdefault(name, folder) != folder:
-                    duplicates.append((name, folder))
+                found.append((package_name(folder / MANIFEST, folder), folder))
             elif depth < self.depth:
                 inside = [folder / name for name in sorted(names) if not name.startswith(".")]
                 for path in inside:
@@ -69,7 +65,7 @@ class Workspace:
                         waiting.append((path, depth + 1))
                     elif os.path.islink(path):
                         note(path)
-        return found, duplicates
+        return found
 
     @property
     def roots(self) -> list[Path]:

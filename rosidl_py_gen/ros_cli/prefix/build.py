@@ -24,7 +24,7 @@ from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import environment, wrappers
 from rosidl_py_gen.ros_cli.prefix.bundled import BUNDLED, ON_PACKAGE_INDEX
 from rosidl_py_gen.ros_cli.prefix.executables import of_distribution
-from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PackagePlan, PrefixFile, plan_package
+from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PackagePlan, PrefixFile
 from rosidl_py_gen.type_loading.cache_files import cache_home
 from rosidl_py_gen.type_loading.share_folder import temporary_home
 
@@ -70,16 +70,14 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
         CommandError: a source does not exist or contains no package, or the prefix cannot be written.
     """
     if os.name == "nt":
-        raise CommandError(
-            "a prefix needs links and executable scripts, which Windows lacks; use WSL, or rosidl-py run"
-        )
+        raise CommandError("a prefix needs links and executable scripts; use WSL, or rosidl-py run without a prefix")
     folders = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
     problems: list[str] = []
     packages = _find_packages(folders, problems)
     prefix = _cache_folder(folders) if out is None else Path(os.path.abspath(out))
     interfaces = {name: _interfaces(name, folder, problems) for name, folder in packages.items()}
     files = environment.files(prefix, (name for name, found in interfaces.items() if found))
-    plans = [plan_package(name, folder, interfaces[name]) for name, folder in packages.items()]
+    plans = [PackagePlan(name, folder, interfaces[name]) for name, folder in packages.items()]
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
         problems += plan.problems
@@ -111,10 +109,10 @@ def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
         if not folder.is_dir():
             raise CommandError(f"{display_path(folder)}: expected a folder of packages, found none")
         top = folder if (folder / MANIFEST).exists() or not (folder / "src").is_dir() else folder / "src"
-        workspace = Workspace(top)
-        if not workspace.packages:
+        found = Workspace(top).all_packages
+        if not found:
             raise CommandError(f"{display_path(top)}: expected packages with a package.xml, found none")
-        for name, place in (*workspace.packages.items(), *workspace.duplicates):
+        for name, place in found:
             if not _NAME.fullmatch(name):
                 problems.append(f'{display_path(place / MANIFEST)}: "{name[:200]}" is not the name of a package')
             elif (used := packages.setdefault(name, place)) != place:
@@ -225,9 +223,10 @@ class _Writer:
         """Write a file; returns False if it is up to date."""
         path = self._prefix / place
         self._make_folder(os.path.dirname(place))
-        if _is_current(path, file):
+        exists = os.path.lexists(path)  # before the content, as another process may create it in between
+        if exists and _is_current(path, file):
             return False
-        if not is_known and os.path.lexists(path):
+        if exists and not is_known:
             raise OSError(0, "there is another file of this name, which is left alone")
         self._replace(path, file)
         return True

@@ -156,21 +156,14 @@ def _setup_py(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
 
 
 def _setup_cfg(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
-    parser = read_setup_cfg(text, source)
-    root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
-    points = parser["options.entry_points"].items() if "options.entry_points" in parser else ()
-    groups = {group: lines.splitlines() for group, lines in points}
-    return groups, root[1] if root else ""
-
-
-def read_setup_cfg(text: str, source: Path) -> configparser.ConfigParser:
-    """Return the sections of a setup.cfg. Raises `CommandError` if it cannot be parsed."""
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
         parser.read_string(text)
     except configparser.Error as error:
         raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
-    return parser
+    root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
+    points = parser["options.entry_points"].items() if "options.entry_points" in parser else ()
+    return {group: lines.splitlines() for group, lines in points}, root[1] if root else ""
 
 
 def _pyproject(text: str, source: Path) -> tuple[dict[str, list[str]], str]:

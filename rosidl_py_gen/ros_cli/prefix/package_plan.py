@@ -10,8 +10,6 @@ import os
 import posixpath
 import re
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
@@ -43,6 +41,10 @@ _TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament
 _BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
 """Not that of ROS 1: packages for both have one build type with the condition `$ROS_VERSION == 1`."""
 _LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
+_SCRIPTS_FOLDER = re.compile(
+    r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$base/|\$\{base\}/)?(\S+)", re.MULTILINE
+)
+_PYTHON_WORD = re.compile(r"[\w.+!-]{1,200}")
 _VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
 
 
@@ -59,45 +61,36 @@ class PrefixFile(NamedTuple):
         return 0o755 if self.is_program else 0o644
 
 
-@dataclass
+class _TooManyError(Exception):
+    """A package installs too many files."""
+
+
 class PackagePlan:
-    """What a package installs.
+    """What a package installs; errors of its files are `problems`.
 
     Attributes:
         name: name of the package.
-        folder: its source folder.
         files: files by their paths below the prefix.
         problems: texts about what could not be read or installed.
         missing: names of the executables that need a build.
         has_targets: there is C++ code.
-        is_complete: all install rules were read.
     """
 
-    name: str
-    folder: Path
-    files: dict[str, PrefixFile] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
-    has_targets: bool = False
-    is_complete: bool = True
-
-    def problem(self, text: str) -> None:
-        self.problems.append(f"{self.name} ({display_path(self.folder)}): {text}")
-
-    def add(self, place: str, file: PrefixFile) -> None:
-        """Add a file at a path below the prefix; other paths, and paths of other files, are problems."""
-        if UNKNOWN in place:
-            self.is_complete = False
-            return
-        path = inside(place)
-        if path is None or len(path) > _MAX_PLACE or "\n" in path or _UNENCODABLE.search(path):
-            self.problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
-            return
-        old, self.files[path] = self.files.get(path, file), file
-        if old.source != file.source:
-            self.problem(f"two files would be {path}; the last one is used, {display_path(file.source or path)}")
-        if len(self.files) > _MAX_FILES:
-            raise _TooManyError
+    def __init__(self, name: str, folder: Path, interfaces: dict[RosName, Path]) -> None:
+        self.name, self._folder = name, folder
+        self.files: dict[str, PrefixFile] = {}
+        self.problems: list[str] = []
+        self.missing: list[str] = []
+        self.has_targets = False
+        self._is_complete = True  # all install rules were read
+        try:
+            self._read(interfaces)
+        except _TooManyError:
+            self._problem(f"it installs more than {_MAX_FILES} files; the others are skipped")
+        except OSError as error:
+            self._problem(f"{error.filename or folder} cannot be read: {error.strerror or error}")
+        self.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
+        self.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
 
     @property
     def text(self) -> str:
@@ -109,287 +102,228 @@ class PackagePlan:
         usable = ", ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
         return f"{self.name}: without {', '.join(self.missing) or 'its libraries'}; with {usable}"
 
+    def _problem(self, text: str) -> None:
+        self.problems.append(f"{self.name} ({display_path(self._folder)}): {text}")
 
-class _TooManyError(Exception):
-    """A package installs too many files."""
+    def _read(self, interfaces: dict[RosName, Path]) -> None:
+        names = []
+        for interface, path in interfaces.items():
+            names.append(f"{interface.kind}/{path.name}")
+            self._add(f"share/{self.name}/{names[-1]}", PrefixFile(path))
+        if names:
+            lines = os.fsencode("\n".join(sorted(names)))
+            self._add(f"{INDEX}/rosidl_interfaces/{self.name}", PrefixFile(content=lines))
+        manifest = _text(self._folder, "package.xml")
+        version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
+        self._version = version[1] if version else "0.0.0"
+        is_cmake = (self._folder / "CMakeLists.txt").is_file()
+        is_python = any((self._folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
+        if is_cmake and is_python and kind:
+            is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
+        self._is_complete = is_cmake or is_python
+        try:
+            if is_python:
+                self._read_setup()
+            if is_cmake:
+                self._read_cmake()
+        except (CommandError, UnreadableError) as error:
+            self._is_complete = False
+            self._problem(str(error))
+        if not self._is_complete:
+            self._link_sources()
 
+    def _link_sources(self) -> None:
+        """Link the files of the source folder below ``share``, except those that known rules install there."""
+        share = f"share/{self.name}/"
+        installed = {file.source for place, file in self.files.items() if place.startswith(share)}
+        try:
+            paths = files_below(self._folder)
+        except UnreadableError as error:
+            return self._problem(error.reason)
+        for path in paths:
+            is_code = path.split("/")[0] in _CODE_FOLDERS or "/" not in path
+            if not is_code and self._folder / path not in installed and share + path not in self.files:
+                self._add(share + path, PrefixFile(self._folder / path))
 
-def plan_package(name: str, folder: Path, interfaces: dict[RosName, Path]) -> PackagePlan:
-    """Return what a source package installs; errors of its files are `problems`."""
-    plan = PackagePlan(name, folder)
-    try:
-        _plan(plan, interfaces)
-    except _TooManyError:
-        plan.problem(f"it installs more than {_MAX_FILES} files; the others are skipped")
-    except OSError as error:
-        plan.problem(f"{error.filename or folder} cannot be read: {error.strerror or error}")
-    plan.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
-    plan.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
-    return plan
+    # --- adding files -------------------------------------------------------------------------------------------------
 
-
-def _plan(plan: PackagePlan, interfaces: dict[RosName, Path]) -> None:
-    name, folder = plan.name, plan.folder
-    for interface, path in interfaces.items():
-        plan.add(f"share/{name}/{interface.kind}/{path.name}", PrefixFile(path))
-    if interfaces:
-        lines = sorted(f"{interface.kind}/{path.name}" for interface, path in interfaces.items())
-        plan.add(f"{INDEX}/rosidl_interfaces/{name}", PrefixFile(content=os.fsencode("\n".join(lines))))
-    manifest = _text(folder, "package.xml")
-    found = _BUILD_TYPE.search(manifest)
-    is_cmake = (folder / "CMakeLists.txt").is_file()
-    is_python = any((folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
-    if is_cmake and is_python and found:
-        is_cmake, is_python = "python" not in found[1], "python" in found[1]
-    version = _VERSION.search(manifest)
-    plan.is_complete = is_cmake or is_python
-    try:
-        if is_python:
-            _PythonRules(plan, version[1] if version else "0.0.0").read()
-        if is_cmake:
-            _CMakeRules(plan, version[1] if version else "0.0.0").read()
-    except UnreadableError as error:
-        plan.is_complete = False
-        plan.problem(error.reason)
-    except (CommandError, SetupSyntaxError) as error:
-        plan.is_complete = False
-        plan.problems.append(f"{name}: {error}")
-    if not plan.is_complete:
-        _link_sources(plan)
-
-
-def _text(folder: Path, name: str) -> str:
-    try:
-        return read_text(folder, name)
-    except UnreadableError:
-        return ""
-
-
-def _link_sources(plan: PackagePlan) -> None:
-    """Link the files of the source folder below ``share``, except those that known rules install there."""
-    share = f"share/{plan.name}/"
-    installed = {file.source for place, file in plan.files.items() if place.startswith(share)}
-    try:
-        paths = files_below(plan.folder)
-    except UnreadableError as error:
-        plan.problem(error.reason)
-        return
-    for path in paths:
-        is_code = path.split("/")[0] in _CODE_FOLDERS or "/" not in path
-        if not is_code and plan.folder / path not in installed and share + path not in plan.files:
-            plan.add(share + path, PrefixFile(plan.folder / path))
-
-
-class _Rules:
-    def __init__(self, plan: PackagePlan, version: str) -> None:
-        self._plan, self._version = plan, version
+    def _add(self, place: str, file: PrefixFile) -> None:
+        """Add a file at a path below the prefix; other paths, and paths of other files, are problems."""
+        if UNKNOWN in place:
+            self._is_complete = False
+            return None
+        path = inside(place)
+        if path is None or len(path) > _MAX_PLACE or "\n" in path or _UNENCODABLE.search(path):
+            return self._problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
+        old, self.files[path] = self.files.get(path, file), file
+        if old.source != file.source:
+            self._problem(f"two files would be {path}; the last one is used, {display_path(file.source or path)}")
+        if len(self.files) > _MAX_FILES:
+            raise _TooManyError
 
     def _source(self, path: str) -> Path | None:
         """Return a file or folder of the package that is installed; None, and a problem, if it is elsewhere."""
+        path = posixpath.normpath(path.removeprefix(f"{self._folder}/"))
         if UNKNOWN in path:
-            self._plan.is_complete = False
-            return None
-        place = inside(path.removeprefix(f"{self._plan.folder}/"))
-        if place is None:
-            self._plan.problem(f'"{path[:200]}" is not in the package folder; it is skipped')
-            return None
-        return self._plan.folder / place
+            self._is_complete = False
+        elif path in (".", str(self._folder)):
+            return self._folder
+        elif inside(path) is not None:
+            return self._folder / path
+        else:
+            self._problem(f'"{path[:200]}" is not in the package folder; it is skipped')
+        return None
 
     def _add_file(self, place: str, source: Path, is_program: bool = False) -> None:
         """Add a file; scripts below ``lib`` become programs that run with this Python."""
         is_below_lib = place.startswith(("lib/", "bin/")) and not place.startswith(SITE_PACKAGES)
         file = PrefixFile(source)
-        if is_program or (is_below_lib and wrappers.is_program(source)):
-            file = self._program(source)
-        self._plan.add(place, file)
-
-    def _program(self, source: Path) -> PrefixFile:
-        if wrappers.is_python(source):
-            return PrefixFile(source, wrappers.of_file(source), is_program=True)
-        if os.access(source, os.X_OK):
-            return PrefixFile(source)
-        with source.open("rb") as file:
-            return PrefixFile(source, file.read(_MAX_COPY_BYTES), is_program=True)
+        if (is_program and source.suffix == ".py") or (is_below_lib and wrappers.is_python_program(source)):
+            file = PrefixFile(source, wrappers.of_file(source), is_program=True)
+        elif is_program and not os.access(source, os.X_OK):
+            with source.open("rb") as opened:
+                file = PrefixFile(source, opened.read(_MAX_COPY_BYTES), is_program=True)
+        self._add(place, file)
 
     def _add_entry_points(self, scripts_folder: str) -> dict[str, list[str]]:
         """Add programs of console scripts; returns the entry points by group."""
         groups: dict[str, list[str]] = {}
-        for source, found, root in executables.entry_points(self._plan.folder):
+        for source, found, root in executables.entry_points(self._folder):
             for group, lines in found.items():
                 groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
-            for one in executables.console_scripts(found, source, self._plan.folder / root, self._plan.problem):
+            for one in executables.console_scripts(found, source, self._folder / root, self._problem):
                 content = wrappers.of_function(one.module or "", one.function or "")
                 if inside(one.name) and "/" not in one.name:
-                    self._plan.add(f"{scripts_folder}/{one.name}", PrefixFile(content=content, is_program=True))
+                    self._add(f"{scripts_folder}/{one.name}", PrefixFile(content=content, is_program=True))
                 else:
-                    self._plan.problem(f'"{one.name[:200]}" is not the name of an executable; it is skipped')
+                    self._problem(f'"{one.name[:200]}" is not the name of an executable; it is skipped')
         return groups
 
     def _add_metadata(self, name: str, version: str, groups: dict[str, list[str]]) -> None:
         """Add the metadata of a Python distribution, in which other programs find entry points."""
         folder = f"{SITE_PACKAGES}/{re.sub(r'[^A-Za-z0-9.]+', '_', name)}-{version}.dist-info"
         text = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
-        self._plan.add(f"{folder}/METADATA", PrefixFile(content=text.encode()))
+        self._add(f"{folder}/METADATA", PrefixFile(content=text.encode(errors="replace")))
         sections = (f"[{group}]\n" + "".join(f"{line}\n" for line in lines) for group, lines in groups.items())
         if text := "\n".join(sections):
-            self._plan.add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode(errors="replace")))
+            self._add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode(errors="replace")))
 
+    # --- setup.py, setup.cfg and pyproject.toml -----------------------------------------------------------------------
 
-class _PythonRules(_Rules):
-    """Rules of setup.py, setup.cfg and pyproject.toml."""
-
-    def read(self) -> None:
-        folder = self._plan.folder
+    def _read_setup(self) -> None:
         given: dict[str, object] = {}
-        if (folder / "setup.py").is_file():
+        if (self._folder / "setup.py").is_file():
             try:
-                calls = setup_calls(read_text(folder, "setup.py"), folder)
+                for call in setup_calls(read_text(self._folder, "setup.py"), self._folder):
+                    given |= call
             except SetupSyntaxError as error:
-                raise CommandError(f"{folder / 'setup.py'}: {error}") from error
-            for call in calls:
-                given |= call
-        scripts_folder = self._scripts_folder()
-        name, version = given.get("name"), given.get("version")
+                raise CommandError(f"setup.py: {error}") from error
+        found = _SCRIPTS_FOLDER.search(_text(self._folder, "setup.cfg"))
+        scripts_folder = found[1] if found else "bin"
         groups = self._add_entry_points(scripts_folder)
         if given.get("entry_points", {}) is None:
-            self._plan.problem("the entry points of setup.py cannot be read without running it; they are skipped")
+            self._problem("the entry points of setup.py cannot be read without running it; they are skipped")
+        name, version = given.get("name"), given.get("version")
         self._add_metadata(
-            name if isinstance(name, str) and re.fullmatch(r"[\w.-]{1,200}", name) else self._plan.name,
-            version if isinstance(version, str) and re.fullmatch(r"[\w.+!-]{1,100}", version) else self._version,
+            name if isinstance(name, str) and _PYTHON_WORD.fullmatch(name) else self.name,
+            version if isinstance(version, str) and _PYTHON_WORD.fullmatch(version) else self._version,
             groups,
         )
-        for module, source in self._modules(given):
-            self._plan.add(f"{SITE_PACKAGES}/{module}", PrefixFile(source))
-        for path in self._texts(given, "scripts"):
+        self._add_modules(given)
+        for path in _texts(given.get("scripts")):
             if (script := self._source(path)) is not None and script.is_file():
-                self._plan.add(f"{scripts_folder}/{script.name}", self._program(script))
+                self._add_file(f"{scripts_folder}/{script.name}", script, is_program=True)
         rows = given.get("data_files", [])
-        self._plan.is_complete &= isinstance(rows, list)
-        for row in rows if isinstance(rows, list) else ():
+        for row in rows if isinstance(rows, list) else [None]:
             match row:
-                case [str(place), list(paths)]:
-                    self._add_data_files(re.sub(r"[\\/]+", "/", place), paths)
+                case [str(place), list(paths)] if all(isinstance(path, str) for path in paths):
+                    for source in filter(None, map(self._source, paths)):
+                        if source.is_file():
+                            self._add_file(posixpath.join(re.sub(r"[\\/]+", "/", place), source.name), source)
                 case _:
-                    self._plan.is_complete = False
+                    self._is_complete = False
 
-    def _add_data_files(self, place: str, paths: list[object]) -> None:
-        for path in paths:
-            if not isinstance(path, str):
-                self._plan.is_complete = False
-            elif (source := self._source(path)) is not None and source.is_file():
-                self._add_file(posixpath.join(place, source.name), source)
-
-    def _texts(self, given: dict[str, object], name: str) -> list[str]:
-        values = given.get(name)
-        return [value for value in values if isinstance(value, str)] if isinstance(values, list) else []
-
-    def _scripts_folder(self) -> str:
-        """Return the folder of console scripts: that of setup.cfg, else ``bin``."""
-        if not (self._plan.folder / "setup.cfg").is_file():
-            return "bin"
-        source = self._plan.folder / "setup.cfg"
-        parser = executables.read_setup_cfg(read_text(self._plan.folder, "setup.cfg"), source)
-        names = (("install", "install_scripts"), ("develop", "script_dir"))
-        for section, option in ((one, spelled) for one, name in names for spelled in (name, name.replace("_", "-"))):
-            if folder := parser.get(section, option, fallback=""):
-                return re.sub(r"^\$base/|^\$\{base\}/", "", folder)
-        return "bin"
-
-    def _modules(self, given: dict[str, object]) -> Iterator[tuple[str, Path]]:
-        """Yield the paths below site-packages, and the sources, of the Python packages and modules."""
-        folder = self._plan.folder
-        given_folders = given.get("package_dir")
-        folders: dict[str, str] = {}
-        for package, path in given_folders.items() if isinstance(given_folders, dict) else ():
-            if isinstance(path, str):
-                folders[package] = path
-        root = folders.get("", "src" if not given and (folder / "src").is_dir() else "")
+    def _add_modules(self, given: dict[str, object]) -> None:
+        """Add links to the Python packages and modules."""
+        found = given.get("package_dir")
+        folders = {key: path for key, path in found.items() if isinstance(path, str)} if isinstance(found, dict) else {}
+        root = folders.get("", "src" if not given and (self._folder / "src").is_dir() else "")
         if isinstance(given.get("packages"), list):
-            names = {name.partition(".")[0] for name in self._texts(given, "packages")}
+            names = {name.partition(".")[0] for name in _texts(given["packages"])}
         else:
-            names = {file.parent.name for file in (folder / root).glob("*/__init__.py")} - {"test", "tests"}
-        for name in sorted(names):
-            source = folders.get(name) or posixpath.join(root, name)
-            path = folder if posixpath.normpath(source) == "." else self._source(source)
-            if path is not None and path.is_dir() and name not in COMPANIONS:
-                yield name, path
-        for name in self._texts(given, "py_modules"):
-            if name.partition(".")[0] in names:
-                continue  # it is in the folder of that package
-            path = self._source(posixpath.join(root, name.replace(".", "/") + ".py"))
-            if path is not None and path.is_file():
-                yield name.replace(".", "/") + ".py", path
+            names = {file.parent.name for file in (self._folder / root).glob("*/__init__.py")} - {"test", "tests"}
+        places = {name: folders.get(name) or posixpath.join(root, name) for name in sorted(names - COMPANIONS)}
+        for name in _texts(given.get("py_modules")):
+            if name.partition(".")[0] not in names:
+                path = name.replace(".", "/") + ".py"
+                places[path] = posixpath.join(root, path)
+        for place, path in places.items():
+            source = self._source(path)
+            if source is not None and (source.is_file() if place.endswith(".py") else source.is_dir()):
+                self._add(f"{SITE_PACKAGES}/{place}", PrefixFile(source))
 
+    # --- CMakeLists.txt -----------------------------------------------------------------------------------------------
 
-class _CMakeRules(_Rules):
-    """Rules of CMakeLists.txt."""
-
-    def read(self) -> None:
-        plan = self._plan
-        script = CMakeScript(plan.folder, read_text(plan.folder, "CMakeLists.txt"))
-        for install in installs_of(script, plan.folder):
+    def _read_cmake(self) -> None:
+        script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"))
+        for install in installs_of(script, self._folder):
             self._install(install)
         executable: list[str] = []
         installed: set[str] = set()
         for command, words in script.calls:
             texts = [word.text for word in words]
             if command in _TARGETS:
-                plan.has_targets |= not {"INTERFACE", "IMPORTED", "ALIAS"} & {*texts[1:]}
+                self.has_targets |= {"INTERFACE", "IMPORTED", "ALIAS"}.isdisjoint(texts[1:])
                 executable += texts[:1] if command.endswith("executable") else []
                 installed |= {*texts[:1]} if command.startswith("ament_auto") else set()
             elif command == "install" and texts[:1] == ["TARGETS"]:
                 installed |= {*texts[1:]}
             elif command == "add_subdirectory":
-                plan.is_complete = False
+                self._is_complete = False
             else:
-                self._read(command, texts)
-        are_known = UNKNOWN not in installed
-        plan.missing += dict.fromkeys(
-            name for name in executable if UNKNOWN not in name and (name in installed or not are_known)
-        )
+                self._read_command(command, texts)
+        known = (name for name in executable if UNKNOWN not in name)
+        self.missing += dict.fromkeys(name for name in known if name in installed or UNKNOWN in installed)
 
-    def _read(self, command: str, texts: list[str]) -> None:
-        plan = self._plan
+    def _read_command(self, command: str, texts: list[str]) -> None:
+        options = dict(pairwise(texts[1:]))
         match command, texts:
-            case "ament_python_install_package", [name, *options]:
-                given = _options(options, "PACKAGE_DIR", "SCRIPTS_DESTINATION")
-                source = self._source(given.get("PACKAGE_DIR", name))
+            case "ament_python_install_package", [name, *_]:
+                source = self._source(options.get("PACKAGE_DIR", name))
                 if source is not None and source.is_dir() and name not in COMPANIONS:
-                    groups = self._add_entry_points(given["SCRIPTS_DESTINATION"]) if len(given) > 1 else {}
-                    self._add_metadata(name, self._version, groups)
-                    plan.add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
-            case "ament_python_install_module", [path, *options]:
-                suffix = _options(options, "DESTINATION_SUFFIX").get("DESTINATION_SUFFIX", "")
-                self._install(Install(plan.folder, "FILES", (path,), posixpath.join(SITE_PACKAGES, suffix)))
+                    scripts = options.get("SCRIPTS_DESTINATION")
+                    self._add_metadata(name, self._version, self._add_entry_points(scripts) if scripts else {})
+                    self._add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
+            case "ament_python_install_module", [path, *_]:
+                place = posixpath.join(SITE_PACKAGES, options.get("DESTINATION_SUFFIX", ""))
+                self._install(Install(self._folder, "FILES", (path,), place))
             case "ament_auto_package", _ if "INSTALL_TO_SHARE" in texts:
                 paths = tuple(texts[texts.index("INSTALL_TO_SHARE") + 1 :])
-                self._install(Install(plan.folder, "DIRECTORY", paths, f"share/{plan.name}"))
-            case "ament_index_register_resource", [kind, *options]:
-                given = _options(options, "PACKAGE_NAME", "CONTENT", "CONTENT_FILE")
-                content = given.get("CONTENT", "")
-                if "CONTENT_FILE" in given and (file := self._source(given["CONTENT_FILE"])) is not None:
-                    content = _text(plan.folder, str(file.relative_to(plan.folder)))
-                place = f"{INDEX}/{kind}/{given.get('PACKAGE_NAME', plan.name)}"
-                plan.add(place, PrefixFile(content=content.replace(UNKNOWN, "").encode()))
+                self._install(Install(self._folder, "DIRECTORY", paths, f"share/{self.name}"))
+            case "ament_index_register_resource", [kind, *_]:
+                content = options.get("CONTENT", "")
+                if "CONTENT_FILE" in options and (file := self._source(options["CONTENT_FILE"])) is not None:
+                    content = _text(self._folder, str(file.relative_to(self._folder)))
+                place = f"{INDEX}/{kind}/{options.get('PACKAGE_NAME', self.name)}"
+                self._add(place, PrefixFile(content=content.replace(UNKNOWN, "").encode(errors="replace")))
             case "pluginlib_export_plugin_description_file", [kind, path] if UNKNOWN not in kind + path:
-                self._install(Install(plan.folder, "FILES", (path,), f"share/{plan.name}"))
-                place = f"{INDEX}/{kind}__pluginlib__plugin/{plan.name}"
-                before = plan.files.pop(place, PrefixFile(content=b"")).content or b""
-                plan.add(place, PrefixFile(content=before + f"share/{plan.name}/{path}\n".encode()))
+                self._install(Install(self._folder, "FILES", (path,), f"share/{self.name}"))
+                place = f"{INDEX}/{kind}__pluginlib__plugin/{self.name}"
+                before = self.files.get(place, PrefixFile(content=b"")).content or b""
+                self._add(place, PrefixFile(content=before + f"share/{self.name}/{path}\n".encode(errors="replace")))
 
     def _install(self, install: Install) -> None:
         if (install.destination + "/").startswith("include/"):
             return  # headers are for compilers
         for path in install.paths:
-            is_whole = inside(path) is None and posixpath.normpath(path) in (".", self._plan.folder.as_posix())
-            source = self._plan.folder if is_whole else self._source(path)
+            source = self._source(path)
             if source is None:
                 continue
             if install.kind != "DIRECTORY" and source.is_file():
                 place = posixpath.join(install.destination, install.rename or source.name)
                 self._add_file(place, source, is_program=install.kind == "PROGRAMS")
             elif install.kind == "DIRECTORY" and source.is_dir():
-                below = "" if path.endswith("/") else source.name
+                below = "" if path.endswith(("/", ".")) else source.name
                 self._install_folder(install, source, posixpath.join(install.destination, below))
 
     def _install_folder(self, install: Install, top: Path, destination: str) -> None:
@@ -408,12 +342,19 @@ class _CMakeRules(_Rules):
                     continue
                 if is_folder:
                     waiting.append((path, folder / entry.name))
-                elif entry.is_symlink() or entry.is_file():
+                elif entry.is_symlink() or entry.is_file():  # in this order: is_file raises for a link to itself
                     self._add_file(posixpath.join(destination, path), folder / entry.name)
 
 
-def _options(texts: Sequence[str], *names: str) -> dict[str, str]:
-    return {word: text for word, text in pairwise(texts) if word in names}
+def _text(folder: Path, name: str) -> str:
+    try:
+        return read_text(folder, name)
+    except UnreadableError:
+        return ""
+
+
+def _texts(values: object) -> list[str]:
+    return [value for value in values if isinstance(value, str)] if isinstance(values, list) else []
 
 
 def _accepts(install: Install, path: str, is_folder: bool) -> bool:

@@ -11,22 +11,13 @@ _MAX_SHEBANG = 120
 _MARK = "# Written by rosidl-py prefix"
 
 
-def is_python(file: Path) -> bool:
-    """Return True for a file ``.py`` or a script that starts with the name of Python."""
-    return file.suffix == ".py" or "python" in _first_line(file)
-
-
-def is_program(file: Path) -> bool:
-    """Return True for a Python script that is executable or starts with the name of Python."""
-    return "python" in _first_line(file) or (file.suffix == ".py" and os.access(file, os.X_OK))
-
-
-def _first_line(file: Path) -> str:
+def is_python_program(file: Path) -> bool:
+    """Return True for a script that starts with the name of Python, and for an executable file ``.py``."""
     if not file.is_file():  # opening a pipe would wait for its writer
-        return ""
+        return False
     with file.open("rb") as opened:
         line = opened.readline(200)
-    return line.decode(errors="replace") if line.startswith(b"#!") else ""
+    return (line.startswith(b"#!") and b"python" in line) or (file.suffix == ".py" and os.access(file, os.X_OK))
 
 
 def of_function(module: str, function: str) -> bytes:
