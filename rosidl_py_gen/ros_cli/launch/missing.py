@@ -14,7 +14,6 @@ import sys
 import sysconfig
 import traceback
 import warnings
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,7 +126,7 @@ class MissingParts:
 
     def error_text(self, error: BaseException, part: str | None) -> str:
         """Return an error, or its missing part, with the place in the launch file that caused it, and a cure."""
-        cause = [*_causes(error)][-1]
+        cause = _causes(error)[-1]
         file, line = self._file, None
         if hasattr(cause, "position"):  # of XML
             line = cause.position[0]
@@ -155,12 +154,9 @@ class MissingParts:
         return f"{text}: no such package{did_you_mean(package, self._prefix.packages)}"
 
 
-def _causes(error: BaseException) -> Iterator[BaseException]:
-    """Yield an error and its explicit causes."""
-    one: BaseException | None = error
-    while one is not None:
-        yield one
-        one = one.__cause__
+def _causes(error: BaseException) -> list[BaseException]:
+    """Return an error and its explicit causes."""
+    return [error, *(_causes(error.__cause__) if error.__cause__ else ())]
 
 
 def _is_of_user(frame: traceback.FrameSummary) -> bool:
