@@ -90,6 +90,7 @@ RESTRICTED = {
         "ros_cli.bag.display",
         "ros_cli.bag.migrate",
         "ros_cli.foxglove",
+        "ros_cli.launch.service",
         "ros_cli.message_expressions",
         "ros_cli.message_text",
         "ros_cli.topic.statistics",

@@ -170,7 +170,7 @@ def main(arguments: list[str] | None = None) -> None:
     interrupts = command_interrupts.handling(is_command and arguments is None)
     with interrupts, exit_on_error(), importable_current_folder() if is_command else nullcontext():
         warnings.showwarning = _show_warning
-        if is_run and words[1:2] and not words[1].startswith("-"):
+        if words[:1] == ["run"] and words[1:2] and not words[1].startswith("-"):
             start = import_module(f"{__name__}.program_runner.run").start  # without the options, click is not needed
             result = start(words[1:], with_project_path(()), False, False, False)
         else:

@@ -125,7 +125,10 @@ def listed(text: str) -> list[LaunchFile]:
 
 async def _try(file: LaunchFile, checkouts: Path, domain: int) -> Result:
     result, mark = Result(file), f"{os.getpid()}-{domain}-{time.monotonic_ns()}"
-    with tempfile.TemporaryDirectory(prefix="launch-") as logs, Context(domain_id=domain, discovery="localhost") as context:
+    with (
+        tempfile.TemporaryDirectory(prefix="launch-") as logs,
+        Context(domain_id=domain, discovery="localhost") as context,
+    ):
         settings = {**environment(domain), "ROS_LOG_DIR": logs, "HOME": logs, _MARK: mark}
         process = await asyncio.create_subprocess_exec(
             *file.command(checkouts),
@@ -225,7 +228,9 @@ def _clone(files: list[LaunchFile]) -> None:
     others = (path for one in files for path in one.paths)
     names = [*commits, *LAUNCH, *("/".join(path.split("/")[:2]) for path in others)]
     for name in dict.fromkeys(names):
-        print(f"git clone https://github.com/{name} {name} && git -C {name} checkout --quiet {commits.get(name, 'HEAD')}")
+        print(
+            f"git clone https://github.com/{name} {name} && git -C {name} checkout --quiet {commits.get(name, 'HEAD')}"
+        )
 
 
 def main() -> int:

@@ -15,7 +15,7 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import install_command, require_modules
-from rosidl_py_gen.compiler.frontend.workspace import workspace_around
+from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import build_prefix
@@ -47,7 +47,8 @@ def start(
     place = Path(words[0]).resolve() if is_file else Path.cwd()
     around = [one for one in map(workspace_around, (place, Path.cwd())) if one is not None]
     roots = [folder.resolve() for one in around if one.packages for folder in one.roots]
-    prefix = build_prefix([*map(Path, paths), *roots, *map(Path, checkouts)])
+    given = [Path(one).resolve() for one in (*paths, *checkouts)]
+    prefix = build_prefix([*roots, *(one for one in given if Workspace(one).packages)])
     set_environment()
     index = "share/ament_index/resource_index"  # pip installs launch with an index and share files
     pip_folders = [one for one in (sys.prefix, site.USER_BASE) if one and os.path.isdir(os.path.join(one, index))]
