@@ -57,6 +57,7 @@ QUESTIONS = [
     ("How do I join a robot on rmw_zenoh?", "rmw_zenoh", "howto/zenoh"),
     ("Images are slow or get lost", "images lost", "howto/qos"),
     ("ros2 topic echo on a laptop without ROS", "ros2 topic echo", "commands/index"),
+    ("ros2 launch without a build", "ros2 launch", "howto/launch"),
     ("Tests of nodes are flaky", "pytest", "howto/test"),
     ("A live view without ROS on my side", "live view", "howto/live-view"),
     ("Is this instead of rosbridge, rosbags, rclpy?", "rosbridge", "background/compare"),
