@@ -36,8 +36,8 @@ PAGE_OF = {
     "run": "start/from-rclpy.md",
     "security": "howto/security.md",
     "service": "commands/topic-service-action.md",
-    "tf": "commands/diagnose.md",
     "test": "howto/launch.md",
+    "tf": "commands/diagnose.md",
     "topic": "commands/topic-service-action.md",
     "zenoh-router": "howto/zenoh.md",
 }
