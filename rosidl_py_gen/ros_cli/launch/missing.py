@@ -2,7 +2,7 @@
 
 With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder
 of a missing package is a path that does not exist, because many files look up all packages before they create actions.
-What this depends on in launch and launch_ros: docs/internals/protocol.md 14.
+What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ _ORIGINS = {
     "launch_yaml": f"{_URL}launch@3.4.3#subdirectory=launch_yaml",
     "launch_ros": f"{_URL}launch_ros@0.26.6#subdirectory=launch_ros",
 }
-"""The packages of Jazzy for pip. Their dependencies have names that are free on the package index: --no-deps."""
+"""Packages of Jazzy for pip. --no-deps, as the package index has another `launch`: docs/internals/protocol.md 15."""
 _ENDINGS = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", "_launch.xml", "_launch.yaml")
 
 

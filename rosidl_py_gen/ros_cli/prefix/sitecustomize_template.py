@@ -13,7 +13,7 @@ _NAMES: frozenset[str] = frozenset(())
 _HOOK = "rosidl_py_gen.type_loading.import_hook"
 
 
-class _Finder:
+class _HookInstaller:
     """Finder that installs the import hook, and passes on what the hook finds."""
 
     def find_spec(self, fullname, path=None, target=None):  # type: ignore[no-untyped-def]
@@ -40,5 +40,5 @@ def _import_next() -> None:
         spec.loader.exec_module(module_from_spec(spec))
 
 
-sys.meta_path.insert(0, _Finder())
+sys.meta_path.insert(0, _HookInstaller())
 _import_next()
