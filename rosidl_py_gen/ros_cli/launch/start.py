@@ -17,7 +17,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import install_command, require_modules
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.prefix import build_prefix
 from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, set_environment
@@ -49,6 +49,8 @@ def start(
     roots = [folder.resolve() for one in around if one.packages for folder in one.roots]
     given = [Path(one).resolve() for one in (*paths, *checkouts)]
     prefix = build_prefix([*roots, *(one for one in given if Workspace(one).packages)])
+    for text in prefix.problems:
+        terminal_output.note(f"warning: {text}")
     set_environment()
     index = "share/ament_index/resource_index"  # pip installs launch with an index and share files
     pip_folders = [one for one in (sys.prefix, site.USER_BASE) if one and os.path.isdir(os.path.join(one, index))]
