@@ -45,12 +45,13 @@ def start(
         raise CommandError(f"{words[0]}: expected a launch file, {kind}")
     arguments = _arguments(words[1 if is_file else 2 :])
     place = Path(words[0]).resolve() if is_file else Path.cwd()
-    around = [one for one in map(workspace_around, (place, Path.cwd())) if one is not None]
-    roots = [folder.resolve() for one in around if one.packages for folder in one.roots]
+    around = workspace_around(place) or workspace_around(Path.cwd())
+    roots = [folder.resolve() for folder in around.roots] if around is not None and around.packages else []
     given = [Path(one).resolve() for one in (*paths, *checkouts)]
     prefix = build_prefix([*roots, *(one for one in given if Workspace(one).packages)])
-    for text in prefix.problems:
-        terminal_output.note(f"warning: {text}")
+    if prefix.problems:
+        more = f" ({len(prefix.problems)} such problems; rosidl-py prefix prints all)" if prefix.problems[1:] else ""
+        terminal_output.note(f"warning: {prefix.problems[0]}{more}")
     set_environment()
     index = "share/ament_index/resource_index"  # pip installs launch with an index and share files
     pip_folders = [one for one in (sys.prefix, site.USER_BASE) if one and os.path.isdir(os.path.join(one, index))]
