@@ -34,6 +34,9 @@ _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
 """Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
 
 
+_CONTAINER = "executable component_container"
+
+
 class _MissingCommandError(Exception):
     """The command of an action does not exist."""
 
@@ -86,7 +89,7 @@ class MissingParts:
             if part is None or not self._skip:
                 report(self.error_text(error, part))
                 raise
-            if type(action).__name__ == "ComposableNodeContainer":
+            if _CONTAINER in str(part):  # also a Node that names the executable of a container
                 self._containers.add(action.node_name)
             self._report(f"{part} ({type(action).__name__})")
             return None
