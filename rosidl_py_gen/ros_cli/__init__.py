@@ -156,6 +156,8 @@ def main(arguments: list[str] | None = None) -> None:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     if not is_run:
         _configure_process(arguments is None)
+    elif arguments is None:
+        gc.disable()  # until the program starts; collections would take a tenth of the time to there
     default_showwarning = warnings.showwarning
     program = None
     is_command = not (is_run or is_completion)
@@ -168,6 +170,9 @@ def main(arguments: list[str] | None = None) -> None:
         program = result if callable(result) else None
     if program is not None:
         warnings.showwarning = default_showwarning
+        if arguments is None:
+            gc.freeze()  # collections of the program need not visit the objects of this package
+            gc.enable()
         program()
 
 

@@ -12,7 +12,6 @@ import threading
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import spec_from_file_location
@@ -29,7 +28,6 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.frontend.workspace import Workspace
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
     from rosidl_py_gen.type_loading.interface_modules import Interfaces
 
@@ -173,12 +171,8 @@ def _is_compat_package(spec: ModuleSpec) -> bool:
 class _FallbackFinder(MetaPathFinder):
     """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace."""
 
-    def __init__(self, workspaces: Sequence[Workspace]) -> None:
-        self._workspaces = workspaces
-
-    @cached_property
-    def packages(self) -> dict[str, Path]:
-        return {name: folder for one in reversed(self._workspaces) for name, folder in one.packages.items()}
+    def __init__(self, packages: dict[str, Path]) -> None:
+        self.packages = packages
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
@@ -201,31 +195,28 @@ class _Finder(MetaPathFinder, Loader):
         override_installed: bool,
         choice: DistributionChoice,
     ) -> None:
-        from rosidl_py_gen.compiler.frontend.search_path import holds_packages, scan_search_path
         from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
+        from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 
         self.settings = (message_api, tuple(path), workspace_of, override_installed, choice)
         self._is_rclpy, self._override = message_api == "rclpy", override_installed
         workspaces = [Workspace(Path(entry).resolve()) for entry in path]
-        folders = [
-            one for one, of in zip(path, workspaces, strict=True) if holds_packages(Path(one)) or not of.packages
-        ]
         self._sources = [Path(entry).resolve() for entry in path]
         if workspace_of is not None and not os.path.exists(workspace_of):
             raise _wrong("workspace_of", "a script or a folder", workspace_of)
         workspace = None if workspace_of is None else workspace_around(Path(workspace_of).resolve())
         if workspace is not None:
-            given = [*self._sources]
             self._sources.append(workspace.folder)
-            roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
-            folders += [str(place) for place in roots if holds_packages(place)]
             workspaces.append(workspace)
-        self._fallback = _FallbackFinder(workspaces)
+        packages = {}
+        for one in reversed(workspaces):
+            packages |= workspace_packages(one)
+        self._fallback = _FallbackFinder(packages)
         self.last = [self._fallback] if workspaces else []
         self._compat = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
-        distro = choice.name if choice.is_explicit else None
-        self._interfaces: Interfaces = Interfaces(scan_search_path(folders, distro=distro), folders, distro)
+        folders, found = search(path, workspace, choice)
+        self._interfaces: Interfaces = Interfaces(found, folders, choice.name if choice.is_explicit else None)
         self._other_origins: dict[str, str] = {}
         self._search_state = threading.local()
 

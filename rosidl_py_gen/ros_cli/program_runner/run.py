@@ -20,6 +20,7 @@ from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around,
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
+from rosidl_py_gen.type_loading.scan_cache import workspace_packages
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.program_runner.executables import Executable
@@ -88,7 +89,7 @@ def _workspace_folder(place: Path) -> Path:
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place
     around = workspace_around(here)
-    return here if around is not None and package in around.packages.values() else place
+    return here if around is not None and package in workspace_packages(around).values() else place
 
 
 def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
@@ -139,7 +140,7 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
 
     places: list[str] = []
     for workspace in _workspaces(paths):
-        if folder := workspace.packages.get(package):
+        if folder := workspace_packages(workspace).get(package):
             places.append(str(folder))
             if by_name := executables.of_sources(folder):
                 return by_name, places
@@ -153,7 +154,7 @@ def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]
     by_name, places = _executables(package, paths)
     if not by_name and not places:
         searched = ", ".join(str(one.folder) for one in _workspaces(paths))
-        known = {name for workspace in _workspaces(paths) for name in workspace.packages}
+        known = {name for workspace in _workspaces(paths) for name in workspace_packages(workspace)}
         text = f'no file and no package "{package}"{did_you_mean(package, known)}'
         raise CommandError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
     names = ", ".join(sorted(by_name)) or "none in Python"
@@ -186,7 +187,7 @@ def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
         raise click.UsageError("expected at most a package")
-    packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace.packages})
+    packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace_packages(workspace)})
     rows = []
     for package in packages:
         by_name, places = _executables(package, paths)
