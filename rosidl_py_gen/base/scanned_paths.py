@@ -36,7 +36,8 @@ def note(path: str | os.PathLike[str]) -> None:
 @contextmanager
 def recorded() -> Iterator[dict[str, Stamp]]:
     """Return the stamps of all paths that this thread notes in the block; blocks must not be nested."""
-    _recording.stamps = stamps = {}
+    stamps: dict[str, Stamp] = {}
+    _recording.stamps = stamps
     try:
         yield stamps
     finally:

@@ -12,7 +12,6 @@ import threading
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import spec_from_file_location
 from pathlib import Path
@@ -27,9 +26,13 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from importlib.abc import Loader
 
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
     from rosidl_py_gen.type_loading.interface_modules import Interfaces
+
+else:
+    Loader = object  # takes 5 ms to import
 
 _PARSER = ("rosidl_parser", "rosidl_parser.definition")
 """Modules of the `SLOT_TYPES` of rclpy's messages; replaced if they are not installed."""
@@ -168,7 +171,7 @@ def _is_compat_package(spec: ModuleSpec) -> bool:
     return spec.origin is not None and Path(spec.origin).is_relative_to(RCLPY_COMPAT_DIR)
 
 
-class _FallbackFinder(MetaPathFinder):
+class _FallbackFinder:
     """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace."""
 
     def __init__(self, packages: dict[str, Path]) -> None:
@@ -184,7 +187,7 @@ class _FallbackFinder(MetaPathFinder):
         return found if found is not None and found.origin is not None else None
 
 
-class _Finder(MetaPathFinder, Loader):
+class _Finder(Loader):
     """A finder and loader of `sys.meta_path`."""
 
     def __init__(
@@ -209,7 +212,7 @@ class _Finder(MetaPathFinder, Loader):
         if workspace is not None:
             self._sources.append(workspace.folder)
             workspaces.append(workspace)
-        packages = {}
+        packages: dict[str, Path] = {}
         for one in reversed(workspaces):
             packages |= workspace_packages(one)
         self._fallback = _FallbackFinder(packages)
@@ -218,6 +221,8 @@ class _Finder(MetaPathFinder, Loader):
         folders, found = search(path, workspace, choice)
         self._interfaces: Interfaces = Interfaces(found, folders, choice.name if choice.is_explicit else None)
         self._other_origins: dict[str, str] = {}
+        self._own: set[tuple[str, str]] = set()
+        """Packages and kinds of which no others are importable."""
         self._search_state = threading.local()
 
     # --- finding ------------------------------------------------------------------------------------------------------
@@ -346,10 +351,13 @@ class _Finder(MetaPathFinder, Loader):
         code = self._interfaces.code(names[0]) if self._is_rclpy else None
         for package in sorted({part.partition("/")[0] for part in code[0]} if code else ()):
             for kind in sorted(self._interfaces.kinds(package)):
+                if (package, kind) in self._own:
+                    continue
                 if self._uses_other(package, kind, None):
                     origin = self._other_origins[package]
                     text = f"{names[0]} needs {package}, and {origin} has others; override_installed=True hides them"
                     raise ImportError(text, name=module.__name__)
+                self._own.add((package, kind))
         self._interfaces.fill(module, names[0], code[1] if code else None)
 
     def _export_lazily(self, module: ModuleType, package: str, kind: str) -> None:
