@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.distributions import DistributionChoice, selected
 from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, RosName
 from rosidl_py_gen.base.registration import Registration
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
@@ -172,19 +173,37 @@ def _is_compat_package(spec: ModuleSpec) -> bool:
 
 
 class _FallbackFinder:
-    """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace."""
+    """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace.
 
-    def __init__(self, packages: dict[str, Path]) -> None:
+    For the import of a well-known message package that no finder has, it raises the error that names its repository.
+    """
+
+    def __init__(self, packages: dict[str, Path], distro: str) -> None:
         self.packages = packages
+        self._distro = distro
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if path is not None or fullname not in self.packages:
+        if path is not None:
+            return None
+        if fullname not in self.packages:
+            # An import, and not `find_spec`, which returns None.
+            if "_" in fullname and sys._getframe(2).f_code.co_name == "_find_and_load_unlocked":
+                return self._spec_of_later_finder(fullname)
             return None
         folder = self.packages[fullname]
         found = PathFinder.find_spec(fullname, [str(folder), str(folder / "src")])
         return found if found is not None and found.origin is not None else None
+
+    def _spec_of_later_finder(self, name: str) -> ModuleSpec | None:
+        note = download_note(name, self._distro)
+        for finder in sys.meta_path[sys.meta_path.index(self) + 1 :] if note and self in sys.meta_path else ():
+            if (found := finder.find_spec(name, None)) is not None:
+                return found
+        if note:
+            raise ModuleNotFoundError(f"No module named {name!r}. {note}", name=name)
+        return None
 
 
 class _Finder(Loader):
@@ -215,8 +234,8 @@ class _Finder(Loader):
         packages: dict[str, Path] = {}
         for one in reversed(workspaces):
             packages |= workspace_packages(one)
-        self._fallback = _FallbackFinder(packages)
-        self.last = [self._fallback] if workspaces else []
+        self._fallback = _FallbackFinder(packages, choice.name)
+        self.last = [self._fallback]
         self._compat = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
         folders, found = search(path, workspace, choice)
         self._interfaces: Interfaces = Interfaces(found, folders, choice.name if choice.is_explicit else None)
@@ -231,7 +250,7 @@ class _Finder(Loader):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         package, _, rest = fullname.partition(".")
-        if self.last and not rest and fullname in self._fallback.packages and self._is_plain_folder(fullname):
+        if not rest and fullname in self._fallback.packages and self._is_plain_folder(fullname):
             return self._fallback.find_spec(fullname)
         if fullname in _PARSER and self._is_rclpy:
             return None if self._other_spec(fullname, path) else self._parser(fullname)
