@@ -7,6 +7,7 @@ object is an array or a number of numpy; tests with `isinstance` and ``type(x) i
 
 from __future__ import annotations
 
+import gc
 import sys
 
 _TESTED_CLASSES = ("generic", "integer", "ndarray")
@@ -19,7 +20,12 @@ class _NoInstances:
 def __getattr__(name: str) -> object:
     if name in _TESTED_CLASSES and "numpy" not in sys.modules:
         return _NoInstances
-    import numpy
-
+    is_collecting = gc.isenabled()
+    gc.disable()  # a tenth of the time of the import
+    try:
+        import numpy
+    finally:
+        if is_collecting:
+            gc.enable()
     globals().update((key, value) for key, value in vars(numpy).items() if not key.startswith("__"))
     return getattr(numpy, name)
