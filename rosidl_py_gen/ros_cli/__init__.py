@@ -168,9 +168,8 @@ def main(arguments: list[str] | None = None) -> None:
     with interrupts, exit_on_error(), importable_current_folder() if is_command else nullcontext():
         warnings.showwarning = _show_warning
         if is_run and words[1:2] and not words[1].startswith("-"):
-            from rosidl_py_gen.ros_cli.program_runner.run import start
-
-            result: Any = start(words[1:], with_project_path(()), False, False, False)
+            start = import_module(f"{__name__}.program_runner.run").start  # without the options, click is not needed
+            result = start(words[1:], with_project_path(()), False, False, False)
         else:
             result = root().main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(result, int) and result:
