@@ -96,6 +96,7 @@ RESTRICTED = {
         "bags.mcap_writer",
         "bags.sqlite_writer",
         "generator_cli.generate",
+        "type_loading.scan_cache",
     ),
     r".*\b(from_address|memmove|memset|PyBytes_FromStringAndSize)": (KNOWS_LAYOUTS,),
     # `yaml_text` bounds how deep and how large a document may be.

@@ -21,7 +21,8 @@ def __getattr__(name: str) -> object:
     if name in _TESTED_CLASSES and "numpy" not in sys.modules:
         return _NoInstances
     is_collecting = gc.isenabled()
-    gc.disable()  # a tenth of the time of the import
+    if is_collecting:
+        gc.disable()  # a tenth of the time of the import
     try:
         import numpy
     finally:
