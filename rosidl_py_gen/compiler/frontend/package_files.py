@@ -35,6 +35,8 @@ class UnreadableError(RosidlError):
 def mentions_interfaces(folder: Path) -> bool:
     """Return True if there is a CMakeLists.txt, and it or package.xml mentions the generation of interfaces."""
     for name in ("CMakeLists.txt", "package.xml"):
+        if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
+            return False
         note(folder / name)
         try:
             with open(folder / name, "rb") as file:
