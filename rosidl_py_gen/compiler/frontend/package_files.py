@@ -35,9 +35,9 @@ class UnreadableError(RosidlError):
 def mentions_interfaces(folder: Path) -> bool:
     """Return True if there is a CMakeLists.txt, and it or package.xml mentions the generation of interfaces."""
     for name in ("CMakeLists.txt", "package.xml"):
+        note(folder / name)
         if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
             return False
-        note(folder / name)
         try:
             with open(folder / name, "rb") as file:
                 if _MENTIONED.search(file.read(MAX_BYTES + 1)):
