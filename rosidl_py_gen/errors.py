@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +30,7 @@ class ExtraMissingError(RosidlError, ModuleNotFoundError):
     """An extra of this package must be installed; the text has the command, `name` is the missing module."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class Diagnostic:
     """A finding about a definition file, with its location.
 

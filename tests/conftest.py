@@ -88,11 +88,17 @@ def is_there(name: str) -> bool:
 def pytest_configure(config: pytest.Config) -> None:
     if _is_quick(config):
         os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
+        # Workers return freed memory to the system; else each would keep 80 MB of it.
+        for name, value in {"ARENA_MAX": 2, "TRIM_THRESHOLD_": 1 << 17, "MMAP_THRESHOLD_": 1 << 17}.items():
+            os.environ.setdefault(f"MALLOC_{name}", str(value))
         config.pluginmanager.register(WithoutSlowFiles())
     sys.meta_path.insert(0, _WithoutAssertions())
     if "PYTEST_XDIST_WORKER" not in os.environ:
         if sys.dont_write_bytecode:  # else the first of hundreds of processes does it
             compileall.compile_dir(config.rootpath / "rosidl_py_gen", quiet=2)
+        if not Path(".hypothesis", "unicode_data").exists():  # 200 MB: too much for a worker with all tests
+            code = "from hypothesis import strategies; strategies.text().validate()"
+            subprocess.run([sys.executable, "-c", code], check=True)
         if _MEMORY.is_dir() and os.access(_MEMORY, os.W_OK) and shutil.disk_usage(_MEMORY).free > _ENOUGH_BYTES:
             os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY))
     # Of several mypys the first reads the stubs of numpy; two at a time may not share what they have read.

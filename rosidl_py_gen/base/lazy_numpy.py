@@ -21,11 +21,13 @@ def __getattr__(name: str) -> object:
     if name in _TESTED_CLASSES and "numpy" not in sys.modules:
         return _NoInstances
     is_collecting = gc.isenabled()
-    gc.disable()  # a tenth of the time of the import
+    if is_collecting:
+        gc.disable()  # a tenth of the time of the import
     try:
         import numpy
     finally:
         if is_collecting:
             gc.enable()
     globals().update((key, value) for key, value in vars(numpy).items() if not key.startswith("__"))
+    globals().pop("__getattr__", None)  # the interpreter reads attributes of a module without it faster
     return getattr(numpy, name)

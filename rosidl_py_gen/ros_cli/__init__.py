@@ -19,24 +19,23 @@ import sys
 import warnings
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import wraps
+from functools import cache, wraps
 from importlib import import_module
 from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
-from rosidl_py_gen.base.project import importable_current_folder
+from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import printable_line, printable_lines
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
-from rosidl_py_gen.ros_cli.groups import LazyGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
     from contextlib import AbstractContextManager
+
+    import click
 
 _COMMANDS = {
     "action": ("action", "Actions: list, info, send goals."),
@@ -72,28 +71,32 @@ class CommandError(RosidlError):
     """Raised if a command cannot do what the user requests; the text has the reason and the fix."""
 
 
-@click.group(
-    cls=LazyGroup,
-    package=__name__,
-    verbs=_COMMANDS,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
-)
-@click.version_option(__version__, prog_name="rosidl-py")
-def _cli() -> None:
-    """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
+_HELP = """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
 
-    \b
-    rosidl-py topic list -t
-    rosidl-py topic echo /chatter
-    rosidl-py service call /add_two_ints '{a: 1, b: 2}'
+\b
+rosidl-py topic list -t
+rosidl-py topic echo /chatter
+rosidl-py service call /add_two_ints '{a: 1, b: 2}'
 
-    ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discovery of each command replace them.
-    """
+ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discovery of each command replace them.
+"""
 
 
+@cache
 def root() -> click.Group:
-    """Return the group of all commands, for completion."""
-    return _cli
+    """Return the group of all commands."""
+    from rosidl_py_gen.ros_cli.groups import LazyGroup
+
+    settings = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
+    group = LazyGroup(package=__name__, verbs=_COMMANDS, context_settings=settings, help=_HELP)
+    return _click().version_option(__version__, prog_name="rosidl-py")(group)  # type: ignore[no-any-return]
+
+
+def _click() -> Any:
+    """Import click, which takes 10 ms; a program that `run` starts does not need it."""
+    import click
+
+    return click
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = _BROKEN_PIPE
         if code:
-            raise click.exceptions.Exit(code)
+            raise _click().exceptions.Exit(code)
 
     return run
 
@@ -167,7 +170,11 @@ def main(arguments: list[str] | None = None) -> None:
     interrupts = command_interrupts.handling(is_command and arguments is None)
     with interrupts, exit_on_error(), importable_current_folder() if is_command else nullcontext():
         warnings.showwarning = _show_warning
-        result = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
+        if words[:1] == ["run"] and words[1:2] and not words[1].startswith("-"):
+            start = import_module(f"{__name__}.program_runner.run").start  # without the options, click is not needed
+            result = start(words[1:], with_project_path(()), False, False, False)
+        else:
+            result = root().main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(result, int) and result:
             sys.exit(result)
         program = result if callable(result) else None
@@ -197,12 +204,12 @@ def exit_on_error() -> Iterator[None]:
     """Print errors on standard error, and exit with the codes that the module docstring lists."""
     try:
         yield
-    except click.ClickException as error:
+    except _click().ClickException as error:
         text = io.StringIO()
         error.show(text)
-        click.echo(printable_lines(text.getvalue()), err=True, nl=False)
+        _click().echo(printable_lines(text.getvalue()), err=True, nl=False)
         sys.exit(error.exit_code)
-    except (click.Abort, KeyboardInterrupt):
+    except (_click().Abort, KeyboardInterrupt):
         sys.exit(130)
     except DefinitionError as error:
         for diagnostic in error.diagnostics:
@@ -224,7 +231,7 @@ def exit_on_error() -> Iterator[None]:
 
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
     """Print a warning without its location in the code."""
-    click.echo(f"warning: {printable(str(message))}", err=True)
+    _click().echo(f"warning: {printable(str(message))}", err=True)
 
 
 def report(text: str) -> None:
@@ -235,4 +242,4 @@ def report(text: str) -> None:
     head, *rest = text.split("\n    ")
     has_caret = len(rest) == 2 and rest[1].strip() == "^"
     lines = "\n    ".join(map(printable, (head, *rest))) if has_caret else printable_line(text)
-    click.secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)
+    _click().secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)

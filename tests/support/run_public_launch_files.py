@@ -71,7 +71,8 @@ class LaunchFile:
         return " ".join((self.repository, self.place, *self.arguments))
 
     def command(self, checkouts: Path) -> list[str]:
-        paths = [f"--path={checkouts / one}" for one in self.paths]
+        own = () if "src" in Path(self.place).parts else (self.repository,)  # it would be cloned into a folder src
+        paths = [f"--path={checkouts / one}" for one in (*own, *self.paths)]
         origin = [f"--launch-from={checkouts / one}" for one in LAUNCH]
         return [*_MINE, *origin, *paths, str(checkouts / self.repository / self.place), *self.arguments]
 
@@ -107,7 +108,7 @@ class Result:
 
 
 def listed(text: str) -> list[LaunchFile]:
-    """``[group owner/name commit path...]`` begins a repository; lines are ``PLACE [ARGUMENTS] > EXPECTED [# reason]``."""
+    """``[group owner/name commit path...]`` begins a repository; lines: ``PLACE [ARGUMENTS] > NAMES [# reason]``."""
     found = []
     for line in filter(None, map(str.strip, text.splitlines())):
         if line.startswith("#"):
@@ -125,7 +126,10 @@ def listed(text: str) -> list[LaunchFile]:
 
 async def _try(file: LaunchFile, checkouts: Path, domain: int) -> Result:
     result, mark = Result(file), f"{os.getpid()}-{domain}-{time.monotonic_ns()}"
-    with tempfile.TemporaryDirectory(prefix="launch-") as logs, Context(domain_id=domain, discovery="localhost") as context:
+    with (
+        tempfile.TemporaryDirectory(prefix="launch-") as logs,
+        Context(domain_id=domain, discovery="localhost") as context,
+    ):
         settings = {**environment(domain), "ROS_LOG_DIR": logs, "HOME": logs, _MARK: mark}
         process = await asyncio.create_subprocess_exec(
             *file.command(checkouts),
@@ -225,7 +229,9 @@ def _clone(files: list[LaunchFile]) -> None:
     others = (path for one in files for path in one.paths)
     names = [*commits, *LAUNCH, *("/".join(path.split("/")[:2]) for path in others)]
     for name in dict.fromkeys(names):
-        print(f"git clone https://github.com/{name} {name} && git -C {name} checkout --quiet {commits.get(name, 'HEAD')}")
+        print(
+            f"git clone https://github.com/{name} {name} && git -C {name} checkout --quiet {commits.get(name, 'HEAD')}"
+        )
 
 
 def main() -> int:

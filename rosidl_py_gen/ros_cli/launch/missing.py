@@ -2,6 +2,7 @@
 
 With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder
 of a missing package is a path that does not exist, because many files look up all packages before they create actions.
+What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ import sys
 import sysconfig
 import traceback
 import warnings
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.distributions import selected
+from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import report, terminal_output
@@ -30,6 +32,9 @@ _NOT_FOUND = re.compile(r"(executable|package|file not found:?) .*")
 
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
 """Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
+
+
+_CONTAINER = "executable component_container"
 
 
 class _MissingCommandError(Exception):
@@ -84,7 +89,7 @@ class MissingParts:
             if part is None or not self._skip:
                 report(self.error_text(error, part))
                 raise
-            if type(action).__name__ == "ComposableNodeContainer":
+            if _CONTAINER in str(part):  # also a Node that names the executable of a container
                 self._containers.add(action.node_name)
             self._report(f"{part} ({type(action).__name__})")
             return None
@@ -124,7 +129,7 @@ class MissingParts:
 
     def error_text(self, error: BaseException, part: str | None) -> str:
         """Return an error, or its missing part, with the place in the launch file that caused it, and a cure."""
-        cause = [*_causes(error)][-1]
+        cause = _causes(error)[-1]
         file, line = self._file, None
         if hasattr(cause, "position"):  # of XML
             line = cause.position[0]
@@ -137,7 +142,8 @@ class MissingParts:
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
-        cure = "install it, or pass the folder of its package with --path"
+        package = part.rpartition(" ")[2].partition(".")[0]
+        cure = download_note(package, selected().name) or "install it, or pass the folder of its package with --path"
         return f"{place}: missing {part}; {cure}" + ("" if self._skip else ", or start the rest with --missing skip")
 
     def _executable_text(self, package: str, executable: str) -> str:
@@ -151,12 +157,9 @@ class MissingParts:
         return f"{text}: no such package{did_you_mean(package, self._prefix.packages)}"
 
 
-def _causes(error: BaseException) -> Iterator[BaseException]:
-    """Yield an error and its explicit causes."""
-    one: BaseException | None = error
-    while one is not None:
-        yield one
-        one = one.__cause__
+def _causes(error: BaseException) -> list[BaseException]:
+    """Return an error and its explicit causes."""
+    return [error, *(_causes(error.__cause__) if error.__cause__ else ())]
 
 
 def _is_of_user(frame: traceback.FrameSummary) -> bool:

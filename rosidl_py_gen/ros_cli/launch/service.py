@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 _BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
 """Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""
 _SET_CHILD_SUBREAPER = 36
-_ROUNDS, _ROUND_S = 20, 0.05
-"""Time between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind: 1 s."""
+_GRACE_S = 1.0
+"""Time between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind; all end within 5 s of Ctrl-C."""
 
 
 def run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], prefix: Prefix) -> None:
@@ -118,7 +118,7 @@ def _serve(service: Any) -> int:
             return super().handle(number, (lambda number: service.shutdown(force_sync=True)) if is_term else handler)
 
     module.AsyncSafeSignalManager = SignalManager
-    # The service is woken up by a file descriptor, which signals without a handler in Python do not write to.
+    # docs/internals/protocol.md 15: without a handler in Python, the service is not woken up.
     signal.signal(signal.SIGTERM, lambda number, frame: None)
     if sys.platform == "linux":  # processes whose parent has ended become children of this one
         ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
@@ -133,21 +133,22 @@ def _end_remaining_processes() -> None:
         terminal_output.note(f"ending processes that nodes have left behind: {', '.join(names.values())}")
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         signalled: set[int] = set()
-        for _ in range(_ROUNDS):
-            if not (names := _children()):
-                return
+        end = time.monotonic() + _GRACE_S
+        while (names := _children()) and time.monotonic() < end:
             for process in names.keys() - signalled:
                 with suppress(ProcessLookupError):
                     os.kill(process, number)
             signalled |= names.keys()
-            time.sleep(_ROUND_S)
+            time.sleep(0.05)
 
 
 def _children() -> dict[int, str]:
     """Return the child processes by number with their names, without those that have ended; Linux only."""
-    with suppress(ChildProcessError):
+    try:
         while os.waitpid(-1, os.WNOHANG)[0]:
             pass
+    except ChildProcessError:
+        return {}
     names = {}
     for file in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):

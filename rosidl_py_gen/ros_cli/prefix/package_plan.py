@@ -38,7 +38,8 @@ _UNENCODABLE = re.compile("[\ud800-\udc7f\udd00-\udfff]")
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
 _TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament_auto_add_library")
-_BUILD_TYPE = re.compile(r"<build_type[^>]*>\s*(\w+)\s*<")
+_BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
+"""Not that of ROS 1: packages for both have one build type with the condition `$ROS_VERSION == 1`."""
 _LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
 _SCRIPTS_FOLDER = re.compile(
     r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$base/|\$\{base\}/)?(\S+)", re.MULTILINE

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import linecache
 import re
-import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -21,7 +20,7 @@ from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR, found_packa
 _PACKAGE_DIR = str(Path(__file__).parents[2])
 _SIGNAL_HANDLER = str(RCLPY_COMPAT_DIR / "rclpy" / "signals.py")
 _IMPORT_HOOK = import_hook.__file__
-_STDLIB = sysconfig.get_path("stdlib")
+_STDLIB = str(Path(linecache.__file__).parent)
 _KINDS = "|".join(KINDS)
 _MESSAGE_PACKAGE_NAME = re.compile(r"\w+_(msgs?|srvs|interfaces)")
 

@@ -12,8 +12,6 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE, assume_default, selected
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
@@ -36,7 +34,7 @@ def start(
     if listed:
         return _list(words, paths, as_json)
     if as_json and not check:
-        raise click.UsageError("--json requires --check or --list; options of the program follow the program")
+        raise _usage_error("--json requires --check or --list; options of the program follow the program")
     program = _program(words, paths)
     make_importable(program.place, paths)
     if check:
@@ -57,6 +55,12 @@ def set_environment() -> None:
         os.environ[ENVIRONMENT_VARIABLE] = choice.name
     elif ENVIRONMENT_VARIABLE not in os.environ:
         assume_default()
+
+
+def _usage_error(text: str) -> Exception:
+    import click
+
+    return click.UsageError(text)
 
 
 def _note_misplaced_option(program: Program) -> None:
@@ -99,12 +103,12 @@ def _workspace_folder(place: Path) -> Path:
 
 def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
     if not words:
-        raise click.UsageError("expected a file, -m and a module, or a package and an executable")
+        raise _usage_error("expected a file, -m and a module, or a package and an executable")
     first, *rest = words
     here = Path.cwd()
     if first == "-m":
         if not rest:
-            raise click.UsageError("expected a module after -m")
+            raise _usage_error("expected a module after -m")
         return Program("-m", tuple(rest[1:]), str(here), here, module=rest[0])
     path = Path(first)
     if path.is_file():
@@ -192,7 +196,7 @@ def _is_python(file: Path) -> bool:
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
-        raise click.UsageError("expected at most a package")
+        raise _usage_error("expected at most a package")
     packages = words or sorted({name for workspace in workspaces(paths) for name in workspace_packages(workspace)})
     rows = []
     for package in packages:

@@ -97,7 +97,7 @@ def service_type(source: type[Service[Any, Any]] | str, *, arrays: bool = False)
         raise TypeError(
             f"expected a generated service class or a text like 'example_interfaces/srv/AddTwoInts', got {source!r}"
         )
-    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
+    _remember(cls)
     make = _untyped if isinstance(source, str) else _with_arrays if arrays else _typed
     return ServiceType(cls._TYPE.name, cls._TYPE.hash, make(cls.Request), make(cls.Response))
 
@@ -113,6 +113,13 @@ def class_of(ros_name: str, type_hash: str) -> type[Any] | None:
     The hash is needed because a class that is compiled from text may have the name of another one.
     """
     return _classes.get((ros_name, type_hash))
+
+
+def _remember(cls: type[Any]) -> None:
+    """Make `class_of` find a class. A class without fields, which only forwards bytes, replaces no other one."""
+    known = _classes.setdefault((cls._TYPE.name, cls._TYPE.hash), cls)
+    if known is not cls and getattr(cls._TYPE, "fields", True):
+        _classes[cls._TYPE.name, cls._TYPE.hash] = cls
 
 
 def has_unbounded_bytes(message_type: MessageType[Any]) -> bool:
@@ -134,7 +141,7 @@ def raw_type(message_type: MessageType[Any]) -> MessageType[bytes]:
 
 
 def _typed(cls: type[MessageT]) -> MessageType[MessageT]:
-    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
+    _remember(cls)
     encode_own = cls._encode  # the generated function itself: a wrapper costs as much as encoding a small message
 
     def encode(value: MessageT) -> bytes:
@@ -154,7 +161,7 @@ def _with_arrays(cls: type[MessageT]) -> MessageType[MessageT]:
 def _untyped(cls: type[Message]) -> MessageType[DictMessage]:
     from rosidl_py_gen import from_dict, to_dict
 
-    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
+    _remember(cls)
     return MessageType(
         cls._TYPE.name,
         cls._TYPE.hash,

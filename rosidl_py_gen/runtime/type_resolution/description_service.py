@@ -68,8 +68,7 @@ class _DescriptionService:
         reason = "Failed to populate TypeDescription to response."
         try:
             cls = self._find_class(request.type_hash)
-            # A class that only forwards bytes has a hash to which its own description does not lead.
-            if cls is None or rihs01(type_description(cls)) != request.type_hash:
+            if cls is None or not _is_described(cls):
                 return _failure("Type not currently in use by this node")
             from rosidl_py_gen import from_dict
 
@@ -114,9 +113,15 @@ def _failure(reason: str) -> srv.GetTypeDescription_Response:
     return srv.GetTypeDescription_Response(successful=False, failure_reason=reason)
 
 
+def _is_described(cls: type[Any]) -> bool:
+    """Return False for a class that only forwards bytes: its hash is not that of its own description."""
+    return rihs01(type_description(cls)) == type_hash(cls)
+
+
 def _load_class(name: str, wanted_hash: str) -> type[Any]:
     cls = class_of(name, wanted_hash)
-    if cls is None:  # a lazily imported type without any message until now
+    # None: a lazily imported type without any message until now, for which another node may have a class of bytes.
+    if cls is None or (HASHES.get(name) == wanted_hash and not _is_described(cls)):
         package, kind, stem = name.split("/")
         cls = getattr(import_module(f"{_BUNDLED}.{package}.{kind}"), stem)
         if type_hash(cls) != wanted_hash:

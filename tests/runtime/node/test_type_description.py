@@ -19,6 +19,7 @@ from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
+from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.type_resolution import description_client, description_service
 from rosidl_py_gen.runtime.type_resolution.description_client import TypeDescriptionError
@@ -113,6 +114,15 @@ async def test_a_class_without_the_fields_of_its_hash_is_not_described(world: Wo
     world.node("n").create_subscription(Opaque, "closed", raw=True)
     with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
         await world.node("asker").get_type_description("/n", "my_pkg/msg/Closed", timeout_s=5)
+
+
+async def test_a_class_of_bytes_in_the_same_process_hides_no_type(world: World) -> None:
+    world.node("n").create_publisher(Foo, "foo")
+    asker = world.node("asker")
+    recorded = {cls: opaque_message_class(cls._TYPE.name, type_hash(cls)) for cls in (Log, Foo)}
+    for cls, opaque in recorded.items():
+        asker.create_subscription(opaque, f"recorded/{cls.__name__}", raw=True)
+        assert (await names_and_encodings(asker, cls))[0][0] == cls._TYPE.name
 
 
 async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
