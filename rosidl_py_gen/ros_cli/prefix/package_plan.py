@@ -66,7 +66,7 @@ class _TooManyError(Exception):
 
 
 class PackagePlan:
-    """What a package installs; errors of its files are `problems`.
+    """Installed files of a package; errors of its files are `problems`.
 
     Attributes:
         name: name of the package.
