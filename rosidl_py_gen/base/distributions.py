@@ -39,8 +39,8 @@ class DistributionChoice(NamedTuple):
 
 
 _DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
-_assumed = ""
-"""Value of ROS_DISTRO that `assume_default` has set."""
+ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
+"""Environment variable with the value of ROS_DISTRO that `assume_default` or a setup script of a prefix has set."""
 
 
 def checked_distribution(name: str) -> str:
@@ -83,13 +83,12 @@ def command_distribution() -> str | None:
     """Return the distribution of `distribution_of_command`; outside of it None, or "" if ROS_DISTRO has the default."""
     if _command_selections:
         return _command_selections[-1]
-    return "" if os.environ.get(ENVIRONMENT_VARIABLE) == _assumed else None
+    return "" if os.environ.get(ENVIRONMENT_VARIABLE) == os.environ.get(ASSUMED_VARIABLE, "") else None
 
 
 def assume_default() -> None:
-    """Set ROS_DISTRO to the default for programs that read it; contexts take it as not set."""
-    global _assumed
-    _assumed = os.environ[ENVIRONMENT_VARIABLE] = DEFAULT
+    """Set ROS_DISTRO to the default for programs that read it; contexts and child processes take it as not set."""
+    os.environ[ASSUMED_VARIABLE] = os.environ[ENVIRONMENT_VARIABLE] = DEFAULT
 
 
 @contextmanager

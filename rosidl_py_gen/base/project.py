@@ -8,7 +8,6 @@ import os
 import stat
 import sys
 from contextlib import contextmanager
-from importlib.abc import MetaPathFinder
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,7 @@ _KEYS = ("path",)
 _MAX_BYTES = 1 << 20
 
 
-class GeneratedPackages(MetaPathFinder):
+class GeneratedPackages:
     """Finds the generated message packages of one folder, but no other modules.
 
     A folder on `sys.path` would also provide other modules, such as an optional dependency of a library, so a

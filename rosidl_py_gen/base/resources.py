@@ -36,6 +36,8 @@ _EXTRA_OF = {
     "PIL": "images",
     "matplotlib": "plot",
     "transforms3d": "transformations",
+    "osrf_pycommon": "launch",
+    "packaging": "launch",
 }
 """Modules that only extras install."""
 

@@ -12,8 +12,7 @@ from array import array
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES
 from rosidl_py_gen.errors import RosidlError
 
@@ -25,13 +24,21 @@ if TYPE_CHECKING:
     Array = NDArray[Any]
     Buffer = bytes | bytearray | memoryview
 
-DTYPES: dict[str, np.dtype[Any]] = {one.code: np.dtype(one.numpy) for one in PRIMITIVES.values()}
-"""Dtypes by struct code. On little-endian hosts, the only ones that `support` accepts, they are numpy's native
-singletons; therefore the tests with `is` below are correct."""
 BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
 
 
-EMPTY: dict[str, Array] = {code: np.frombuffer(b"", dtype) for code, dtype in DTYPES.items()}
+class _Dtypes(dict[str, "np.dtype[Any]"]):
+    """Dictionary that is filled when numpy is first needed."""
+
+    def __missing__(self, code: str) -> np.dtype[Any]:
+        found = {one.code: np.dtype(one.numpy) for one in PRIMITIVES.values()}
+        self.update(found)
+        return found[code]
+
+
+DTYPES = _Dtypes()
+"""Dtypes by struct code. On little-endian hosts, the only ones that `support` accepts, they are numpy's native
+singletons; therefore the tests with `is` below are correct."""
 
 
 class FieldValueError(RosidlError, ValueError):
@@ -152,28 +159,35 @@ def sequence_converter(code: str) -> Callable[[object], Any]:
     An array of the right dtype is returned unchanged. If it is not contiguous, joining raises TypeError and the slow
     path copies it, as a test here would cost more than all others.
     """
-    dtype = DTYPES[code]
-    ndarray = np.ndarray
+    dtype: np.dtype[Any] | None = None  # set by the first call, as this would import numpy
+    ndarray: type[Array] | None = None
     is_bytes = code == "B"
 
     def convert(value: object) -> Any:
+        nonlocal dtype, ndarray
         if type(value) is ndarray and value.dtype is dtype and value.ndim == 1:
             return value
         if is_bytes and type(value) is bytes:
             return value
-        return coerce(value, code)
+        converted = coerce(value, code)
+        if dtype is None:
+            dtype, ndarray = DTYPES[code], np.ndarray
+        return converted
 
     return convert
 
 
 def fixed_converter(code: str) -> Callable[[object, int], bytes]:
     """Return the function that generated code calls on an array field; its result has exactly `count` elements."""
-    dtype = DTYPES[code]
-    ndarray = np.ndarray
+    dtype: np.dtype[Any] | None = None
+    ndarray: type[Array] | None = None
 
     def convert(value: object, count: int) -> bytes:
+        nonlocal dtype, ndarray
         if type(value) is not ndarray or value.dtype is not dtype or value.ndim != 1:
             value = coerce(value, code)
+            if dtype is None:
+                dtype, ndarray = DTYPES[code], np.ndarray
         if len(value) != count:
             raise FieldValueError(f"expected exactly {count} elements, found {len(value)}")
         return value.tobytes()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.cdr.arrays import FieldValueError, short_repr
 from rosidl_py_gen.cdr.message import Message, is_of_type, require_message
 from rosidl_py_gen.cdr.structured_arrays import StructuredCodec, structured_codec

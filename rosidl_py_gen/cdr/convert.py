@@ -11,8 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import json_value

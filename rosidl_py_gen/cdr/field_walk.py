@@ -10,10 +10,9 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
-from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, FieldValueError, coerce, scalar_problem, short_repr, view_of_bools
+from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, coerce, scalar_problem, short_repr, view_of_bools
 from rosidl_py_gen.cdr.layout import (
     COUNT_BYTES,
     COUNT_CODE,
@@ -238,7 +237,7 @@ class _CdrReader:
     def numbers(self, code: str, count: int, path: str) -> Any:
         dtype = DTYPES[code]
         if count == 0:
-            return EMPTY[code]
+            return np.frombuffer(b"", dtype)
         start = self.take(count * dtype.itemsize, dtype.itemsize, path, f"{count} {dtype.name}")
         if code == "?":
             return view_of_bools(self.view, count, start)

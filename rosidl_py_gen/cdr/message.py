@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias, TypeVar
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType, parse_field_type
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.arrays import FieldValueError

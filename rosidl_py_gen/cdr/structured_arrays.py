@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, cast
 from rosidl_py_gen.cdr.layout import HEADER, HEADER_BYTES, align_offset, align_up
 from rosidl_py_gen.cdr.structured_layout import (
@@ -33,10 +32,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr.arrays import Array, Buffer
     from rosidl_py_gen.cdr.message import Message
     from rosidl_py_gen.cdr.structured_layout import CopySpan
-
-_UINT8 = np.dtype(np.uint8)
-_CODES = {dtype: code for code, dtype in DTYPES.items()}
-_frombuffer = np.frombuffer
 
 
 class StructuredCodec:
@@ -86,17 +81,17 @@ class StructuredCodec:
         if end > len(data):
             raise FieldValueError("the data end inside a sequence")
         if in_place and not self.bools:
-            return _frombuffer(data, self.dtype, count, begin), end
+            return np.frombuffer(data, self.dtype, count, begin), end
         return self.read_elements(data, begin, count, "<"), end
 
     def read_elements(self, data: Buffer, begin: int, count: int, order: Literal["<", ">"]) -> Array:
         """Return the elements at `begin`, within the data; big-endian ones are converted."""
         dtype = self.dtype if order == "<" else self.dtype.newbyteorder(order)
         if self._can_view(data, begin, count):
-            values = _frombuffer(data, dtype, count, begin)
+            values = np.frombuffer(data, dtype, count, begin)
         else:
             values = np.zeros(count, dtype)
-            memory = values.view(_UINT8).reshape(count, dtype.itemsize)
+            memory = values.view(DTYPES["B"]).reshape(count, dtype.itemsize)
             self._copy(data, begin, begin - HEADER_BYTES, memory, inward=True)
             values.flags.writeable = isinstance(data, bytearray)
         for path in self.bools:
@@ -126,7 +121,7 @@ class StructuredCodec:
         if phase not in self._spans:
             self._spans[phase] = copy_spans(self.cls, phase, self.dtype)
         for wire, inside, size in self._spans[phase]:
-            outside: Array = np.ndarray((len(memory), size), _UINT8, data, begin + wire, (stride, 1))
+            outside: Array = np.ndarray((len(memory), size), DTYPES["B"], data, begin + wire, (stride, 1))
             if inward:
                 memory[:, inside : inside + size] = outside
             else:
@@ -153,7 +148,7 @@ class StructuredCodec:
         return end
 
     def _rows(self, values: Array) -> Array:
-        return values.view(_UINT8).reshape(len(values), self.dtype.itemsize)
+        return values.view(DTYPES["B"]).reshape(len(values), self.dtype.itemsize)
 
     def to_wire_dtype(self, values: Array) -> Array:
         """Return an array of a user as a contiguous one of our dtype; raises `FieldValueError` if it does not fit."""
@@ -254,7 +249,7 @@ def _with_true_bools(values: Array, path: tuple[str, ...]) -> Array:
 def _bytes_of(values: Array, path: tuple[str, ...]) -> Array:
     for name in path:
         values = values[name]
-    return values.view(_UINT8)
+    return values.view(DTYPES["B"])
 
 
 def _assign(target: Array, source: Array, where: str) -> None:
@@ -282,6 +277,11 @@ def _assign(target: Array, source: Array, where: str) -> None:
         _assign(target[name], source[name], f"{where}.{name}" if where else name)
 
 
+def _code(dtype: np.dtype[Any]) -> str:
+    """Return the struct code of a dtype of numbers."""
+    return next(code for code, one in DTYPES.items() if one == dtype)
+
+
 def _field_list(names: Sequence[str]) -> str:
     text = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
     return f"the field {text}" if len(names) == 1 else f"the fields {text}" if names else "no fields"
@@ -289,7 +289,7 @@ def _field_list(names: Sequence[str]) -> str:
 
 def _assign_numbers(target: Array, source: Array, prefix: str) -> None:
     try:
-        target[...] = cast(source.ravel(), _CODES[target.dtype]).reshape(target.shape)
+        target[...] = cast(source.ravel(), _code(target.dtype)).reshape(target.shape)
     except FieldValueError as error:
         index = None if error.index is None else error.index // (target.size // len(target))
         raise FieldValueError(prefix + error.reason, index) from None

@@ -14,8 +14,7 @@ from __future__ import annotations
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar, cast
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError
 from rosidl_py_gen.cdr.layout import (

@@ -10,8 +10,7 @@ import sys
 from struct import Struct
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.cdr.arrays import (
     BOOL_BYTE,
     DTYPES,
@@ -65,8 +64,6 @@ T = TypeVar("T")
 FastPathError = Exception  # objects of the caller may raise any exception from __index__
 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too
-frombuffer = np.frombuffer
-ndarray = np.ndarray
 BOOL = BOOL_BYTE
 
 bools = sequence_converter("?")
@@ -93,22 +90,45 @@ fixed_uint64s = fixed_converter("Q")
 fixed_float32s = fixed_converter("f")
 fixed_float64s = fixed_converter("d")
 
-# dtypes for array views, typed for mypy
-INT8: np.dtype[np.int8] = DTYPES["b"]
-UINT8: np.dtype[np.uint8] = DTYPES["B"]
-INT16: np.dtype[np.int16] = DTYPES["h"]
-UINT16: np.dtype[np.uint16] = DTYPES["H"]
-INT32: np.dtype[np.int32] = DTYPES["i"]
-UINT32: np.dtype[np.uint32] = DTYPES["I"]
-INT64: np.dtype[np.int64] = DTYPES["q"]
-UINT64: np.dtype[np.uint64] = DTYPES["Q"]
-FLOAT32: np.dtype[np.float32] = DTYPES["f"]
-FLOAT64: np.dtype[np.float64] = DTYPES["d"]
+_DTYPE_CODES = {
+    "INT8": "b",
+    "UINT8": "B",
+    "INT16": "h",
+    "UINT16": "H",
+    "INT32": "i",
+    "UINT32": "I",
+    "INT64": "q",
+    "UINT64": "Q",
+    "FLOAT32": "f",
+    "FLOAT64": "d",
+}
+NUMPY_NAMES = ("frombuffer", "ndarray", *_DTYPE_CODES)
+"""Names of this module that import numpy when they are first used."""
 
 if TYPE_CHECKING:
+    frombuffer = np.frombuffer
+    ndarray = np.ndarray
+    INT8: np.dtype[np.int8]
+    UINT8: np.dtype[np.uint8]
+    INT16: np.dtype[np.int16]
+    UINT16: np.dtype[np.uint16]
+    INT32: np.dtype[np.int32]
+    UINT32: np.dtype[np.uint32]
+    INT64: np.dtype[np.int64]
+    UINT64: np.dtype[np.uint64]
+    FLOAT32: np.dtype[np.float32]
+    FLOAT64: np.dtype[np.float64]
 
     def new(cls: type[T]) -> T: ...
 else:
+
+    def __getattr__(name: str) -> Any:
+        if name not in NUMPY_NAMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        dtypes = {key: DTYPES[code] for key, code in _DTYPE_CODES.items()}
+        globals().update(dtypes, frombuffer=np.frombuffer, ndarray=np.ndarray)
+        return globals()[name]
+
     # Stores into slots after this are faster than a call of the dataclass's __init__ (figures in CONTRIBUTING.md).
     new = object.__new__
 
@@ -191,8 +211,8 @@ def coerce_message_list(value: object) -> None:
 
 def list_or_records(value: object) -> Any:
     """Return a list of fixed-size messages or a structured array; one of a subclass as a plain array."""
-    if isinstance(value, ndarray):
-        return value if type(value) is ndarray else value.view(ndarray)
+    if isinstance(value, np.ndarray):
+        return value if type(value) is np.ndarray else value.view(np.ndarray)
     coerce_message_list(value)
     return value
 

@@ -15,8 +15,7 @@ from dataclasses import MISSING, dataclass, field
 from struct import Struct
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
@@ -112,7 +111,7 @@ def _init(self: Any, *args: Any, **kwargs: Any) -> None:
 def _annotation(item: Field) -> Any:
     primitive = item.type.primitive
     if primitive is not None and item.type.arity is not Arity.SCALAR:
-        return np.ndarray
+        return support.ndarray
     base = _PYTHON[primitive.python] if primitive is not None else item.cls or str
     return base if item.type.arity is Arity.SCALAR else list[base]  # type: ignore[valid-type]
 

@@ -19,24 +19,23 @@ import sys
 import warnings
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import wraps
+from functools import cache, wraps
 from importlib import import_module
 from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
-from rosidl_py_gen.base.project import importable_current_folder
+from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import printable_line, printable_lines
 from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
-from rosidl_py_gen.ros_cli.groups import LazyGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
     from contextlib import AbstractContextManager
+
+    import click
 
 _COMMANDS = {
     "action": ("action", "Actions: list, info, send goals."),
@@ -46,13 +45,16 @@ _COMMANDS = {
     "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
     "graph": ("graph.command", "Nodes and topics as text, Mermaid or SVG."),
     "interface": ("interface", "Definitions of messages, services and actions."),
+    "launch": ("launch.command", "Run a launch file without building its workspace."),
     "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
     "log": ("log.follow", "Print the log messages of all nodes."),
     "node": ("node", "Nodes: list, info."),
     "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
+    "prefix": ("prefix.command", "Create an ament prefix of a workspace, without a build."),
     "run": ("program_runner.command", "Run a program written for rclpy without changes."),
     "security": ("security", "Keystores for secured networks (SROS2): keys, certificates, permissions, policies."),
     "service": ("service", "Services: list, type, call, info, echo."),
+    "test": ("program_runner.package_tests", "Run the pytest tests of a package."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find."),
     "zenoh-router": ("zenoh_router", "Run a Zenoh router for nodes on rmw_zenoh."),
@@ -69,28 +71,32 @@ class CommandError(RosidlError):
     """Raised if a command cannot do what the user requests; the text has the reason and the fix."""
 
 
-@click.group(
-    cls=LazyGroup,
-    package=__name__,
-    verbs=_COMMANDS,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
-)
-@click.version_option(__version__, prog_name="rosidl-py")
-def _cli() -> None:
-    """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
+_HELP = """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
 
-    \b
-    rosidl-py topic list -t
-    rosidl-py topic echo /chatter
-    rosidl-py service call /add_two_ints '{a: 1, b: 2}'
+\b
+rosidl-py topic list -t
+rosidl-py topic echo /chatter
+rosidl-py service call /add_two_ints '{a: 1, b: 2}'
 
-    ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discovery of each command replace them.
-    """
+ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discovery of each command replace them.
+"""
 
 
+@cache
 def root() -> click.Group:
-    """Return the group of all commands, for completion."""
-    return _cli
+    """Return the group of all commands."""
+    from rosidl_py_gen.ros_cli.groups import LazyGroup
+
+    settings = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
+    group = LazyGroup(package=__name__, verbs=_COMMANDS, context_settings=settings, help=_HELP)
+    return _click().version_option(__version__, prog_name="rosidl-py")(group)  # type: ignore[no-any-return]
+
+
+def _click() -> Any:
+    """Import click, which takes 10 ms; a program that `run` starts does not need it."""
+    import click
+
+    return click
 
 
 @dataclass(frozen=True)
@@ -127,7 +133,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = _BROKEN_PIPE
         if code:
-            raise click.exceptions.Exit(code)
+            raise _click().exceptions.Exit(code)
 
     return run
 
@@ -151,28 +157,37 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the console script; the module docstring lists its exit codes."""
     words = sys.argv[1:] if arguments is None else arguments
     is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
-    is_run = words[:1] == ["run"]
+    is_run = words[:1] in (["run"], ["launch"], ["test"])
     if is_completion:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     if not is_run:
         _configure_process(arguments is None)
+    elif arguments is None:
+        gc.disable()  # until the program starts; collections would take a tenth of the time to there
     default_showwarning = warnings.showwarning
     program = None
     is_command = not (is_run or is_completion)
     interrupts = command_interrupts.handling(is_command and arguments is None)
     with interrupts, exit_on_error(), importable_current_folder() if is_command else nullcontext():
         warnings.showwarning = _show_warning
-        result = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
+        if words[:1] == ["run"] and words[1:2] and not words[1].startswith("-"):
+            start = import_module(f"{__name__}.program_runner.run").start  # without the options, click is not needed
+            result = start(words[1:], with_project_path(()), False, False, False)
+        else:
+            result = root().main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(result, int) and result:
             sys.exit(result)
         program = result if callable(result) else None
     if program is not None:
         warnings.showwarning = default_showwarning
+        if arguments is None:
+            gc.freeze()  # collections of the program need not visit the objects of this package
+            gc.enable()
         program()
 
 
 def _configure_process(is_process: bool) -> None:
-    """Set up the process for our commands; not for programs that `run` starts."""
+    """Set up the process for our commands; not for programs that `run` and `test` start."""
     if is_process:
         # Garbage collection of imported modules, and at exit, takes a tenth of the time of a short command.
         gc.set_threshold(200_000)
@@ -189,12 +204,12 @@ def exit_on_error() -> Iterator[None]:
     """Print errors on standard error, and exit with the codes that the module docstring lists."""
     try:
         yield
-    except click.ClickException as error:
+    except _click().ClickException as error:
         text = io.StringIO()
         error.show(text)
-        click.echo(printable_lines(text.getvalue()), err=True, nl=False)
+        _click().echo(printable_lines(text.getvalue()), err=True, nl=False)
         sys.exit(error.exit_code)
-    except (click.Abort, KeyboardInterrupt):
+    except (_click().Abort, KeyboardInterrupt):
         sys.exit(130)
     except DefinitionError as error:
         for diagnostic in error.diagnostics:
@@ -216,7 +231,7 @@ def exit_on_error() -> Iterator[None]:
 
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
     """Print a warning without its location in the code."""
-    click.echo(f"warning: {printable(str(message))}", err=True)
+    _click().echo(f"warning: {printable(str(message))}", err=True)
 
 
 def report(text: str) -> None:
@@ -227,4 +242,4 @@ def report(text: str) -> None:
     head, *rest = text.split("\n    ")
     has_caret = len(rest) == 2 and rest[1].strip() == "^"
     lines = "\n    ".join(map(printable, (head, *rest))) if has_caret else printable_line(text)
-    click.secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)
+    _click().secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)

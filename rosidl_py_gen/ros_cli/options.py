@@ -359,7 +359,8 @@ def completion(what: str) -> _Completer:
 
     Args:
         what: ``topics``, ``services``, ``actions``, ``nodes`` or ``parameters`` of the live graph; ``types``,
-            ``service types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path.
+            ``service types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path; or
+            ``workspace packages``.
     """
     return _completer("complete_names", what)
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -142,7 +141,13 @@ def _columns_of(terminal: Any) -> int:
         columns = os.get_terminal_size(terminal.fileno()).columns
     except (OSError, ValueError):
         columns = 0
-    return columns or shutil.get_terminal_size().columns
+    return columns or _columns()
+
+
+def _columns() -> int:
+    from shutil import get_terminal_size  # slow to import
+
+    return get_terminal_size().columns
 
 
 def mermaid_label(text: str) -> str:
@@ -196,7 +201,7 @@ def table(rows: Iterable[Sequence[str]], *headings: str, has_names: bool = True)
         sys.stdout.writelines("\t".join(row) + "\n" for row in rows)
         sys.stdout.flush()
         return
-    columns = shutil.get_terminal_size().columns
+    columns = _columns()
     widths = _column_widths([headings, *rows], columns, may_wrap=has_names)
     if widths is None:
         _lines_of_cells(rows, headings, has_names)

@@ -403,7 +403,9 @@ def _from_definitions(name: RosName, path: tuple[str, ...], choice: Distribution
 
 
 def load_compiler() -> None:
-    """Import the compiler, to save time when the first class is compiled. Thread: any."""
+    """Import the compiler and numpy, to save time when the first class is compiled. Thread: any."""
+    import numpy  # noqa: F401
+
     from rosidl_py_gen.compiler.codegen import module_sources, render  # noqa: F401
     from rosidl_py_gen.compiler.frontend import (
         registry,  # noqa: F401

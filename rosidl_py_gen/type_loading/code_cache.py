@@ -18,6 +18,7 @@ from pathlib import Path
 from types import CodeType
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import templates_dir
 from rosidl_py_gen.type_loading.cache_files import cache_home, store_file
 
@@ -37,20 +38,23 @@ def digest(data: bytes) -> str:
 
 
 @lru_cache(maxsize=1)
-def _version() -> str:
-    """Return a digest of the generator, of the code that generated code calls, and of Python; takes 3 ms."""
+def version() -> str:
+    """Return a digest of the times of the generator, of the code that generated code calls, and of Python's version."""
     package = Path(__file__).parents[1]
-    folders = [package / "base", package / "cdr", package / "compiler", templates_dir()]
-    suffixes = (".py", ".lark", ".jinja")
-    files = sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in suffixes)
-    found = hashlib.sha256(importlib.util.MAGIC_NUMBER)
-    for path in files:
-        found.update(path.read_bytes())
-    return found.hexdigest()
+    rows: list[object] = [__version__, importlib.util.MAGIC_NUMBER]
+    folders = [str(folder) for folder in (package / "base", package / "cdr", package / "compiler", templates_dir())]
+    for folder in folders:  # grows inside the loop
+        with os.scandir(folder) as entries:
+            for entry in sorted(entries, key=lambda entry: entry.name):
+                if entry.name.endswith((".py", ".lark", ".jinja")):
+                    rows.append((entry.path, entry.stat().st_mtime_ns, entry.stat().st_size))
+                elif entry.is_dir():
+                    folders.append(entry.path)
+    return digest(repr(rows).encode(errors="surrogatepass"))
 
 
 def _name(interface: str, text_digest: str) -> str:
-    return digest(f"{_version()} {interface} {text_digest}".encode()) + _SUFFIX
+    return digest(f"{version()} {interface} {text_digest}".encode()) + _SUFFIX
 
 
 def load(interface: str, text_digest: str, digest_of: Callable[[str], str]) -> tuple[Parts, CodeType] | None:
@@ -61,14 +65,11 @@ def load(interface: str, text_digest: str, digest_of: Callable[[str], str]) -> t
         text_digest: digest of its text.
         digest_of: returns the digest of the text of another interface; empty if it does not exist.
     """
-    folder = _folder()
+    folder = own_folder()
     if folder is None:
         return None
     with suppress(OSError, ValueError, EOFError, TypeError):
-        data = _read(folder / _name(interface, text_digest))
-        if digest(data[64:]).encode() != data[:64]:  # damaged
-            return None
-        parts, code = marshal.loads(data[64:])
+        parts, code = marshal.loads(read_checked(folder / _name(interface, text_digest)))
         if isinstance(code, CodeType) and all(digest_of(name) == wanted for name, wanted in parts.items()):
             return parts, code
     return None
@@ -76,14 +77,19 @@ def load(interface: str, text_digest: str, digest_of: Callable[[str], str]) -> t
 
 def store(interface: str, text_digest: str, parts: Parts, code: CodeType) -> None:
     """Store a module, and remove the oldest modules if there are too many; does nothing without a usable folder."""
-    folder = _folder(create=True)
-    content = marshal.dumps((parts, code))
-    if folder is not None and len(content) <= _MAX_BYTES:
-        file = folder / _name(interface, text_digest)
-        store_file(file, digest(content).encode() + content, max_files=_MAX_FILES)
+    folder = own_folder()
+    if folder is not None:
+        store_checked(folder / _name(interface, text_digest), marshal.dumps((parts, code)), max_files=_MAX_FILES)
 
 
-def _folder(create: bool = False) -> Path | None:
+def store_checked(file: Path, content: bytes, *, max_files: int) -> None:
+    """Store a file with its digest, unless it is too large or its folder is not that of the user alone."""
+    if len(content) <= _MAX_BYTES and own_folder(create=True) is not None:
+        store_file(file, digest(content).encode() + content, max_files=max_files)
+
+
+def own_folder(create: bool = False) -> Path | None:
+    """Return the folder of the cache; None without one, or if others than the user can write into it."""
     home = cache_home()
     if home is None or not hasattr(os, "geteuid"):
         return None
@@ -92,6 +98,8 @@ def _folder(create: bool = False) -> Path | None:
         if create:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return folder if _is_own(os.lstat(folder), stat.S_ISDIR) else None
+    except FileNotFoundError:
+        return folder
     except (OSError, ValueError):
         return None
 
@@ -100,9 +108,13 @@ def _is_own(found: os.stat_result, is_kind: Callable[[int], bool]) -> bool:
     return is_kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
 
 
-def _read(path: Path) -> bytes:
+def read_checked(path: Path) -> bytes:
+    """Return the content of a file of `store_checked`; raises ValueError if it is damaged or of another user."""
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     with os.fdopen(handle, "rb") as file:
         if not _is_own(os.fstat(handle), stat.S_ISREG):
             raise ValueError("a file of another user")
-        return file.read(_MAX_BYTES + 65)
+        data = file.read(_MAX_BYTES + 65)
+    if digest(data[64:]).encode() != data[:64]:
+        raise ValueError("the file is damaged")
+    return data[64:]

@@ -12,8 +12,6 @@ import threading
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import spec_from_file_location
 from pathlib import Path
@@ -22,16 +20,20 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.base.distributions import DistributionChoice, selected
 from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, RosName
 from rosidl_py_gen.base.registration import Registration
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from importlib.abc import Loader
 
-    from rosidl_py_gen.compiler.frontend.workspace import Workspace
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
     from rosidl_py_gen.type_loading.interface_modules import Interfaces
+
+else:
+    Loader = object  # takes 5 ms to import
 
 _PARSER = ("rosidl_parser", "rosidl_parser.definition")
 """Modules of the `SLOT_TYPES` of rclpy's messages; replaced if they are not installed."""
@@ -170,27 +172,41 @@ def _is_compat_package(spec: ModuleSpec) -> bool:
     return spec.origin is not None and Path(spec.origin).is_relative_to(RCLPY_COMPAT_DIR)
 
 
-class _FallbackFinder(MetaPathFinder):
-    """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace."""
+class _FallbackFinder:
+    """Last finder of `sys.meta_path`: finds the Python packages of `path` and of the workspace.
 
-    def __init__(self, workspaces: Sequence[Workspace]) -> None:
-        self._workspaces = workspaces
+    For the import of a well-known message package that no finder has, it raises the error that names its repository.
+    """
 
-    @cached_property
-    def packages(self) -> dict[str, Path]:
-        return {name: folder for one in reversed(self._workspaces) for name, folder in one.packages.items()}
+    def __init__(self, packages: dict[str, Path], distro: str) -> None:
+        self.packages = packages
+        self._distro = distro
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if path is not None or fullname not in self.packages:
+        if path is not None:
+            return None
+        if fullname not in self.packages:
+            # An import, and not `find_spec`, which returns None.
+            if "_" in fullname and sys._getframe(2).f_code.co_name == "_find_and_load_unlocked":
+                return self._spec_of_later_finder(fullname)
             return None
         folder = self.packages[fullname]
         found = PathFinder.find_spec(fullname, [str(folder), str(folder / "src")])
         return found if found is not None and found.origin is not None else None
 
+    def _spec_of_later_finder(self, name: str) -> ModuleSpec | None:
+        note = download_note(name, self._distro)
+        for finder in sys.meta_path[sys.meta_path.index(self) + 1 :] if note and self in sys.meta_path else ():
+            if (found := finder.find_spec(name, None)) is not None:
+                return found
+        if note:
+            raise ModuleNotFoundError(f"No module named {name!r}. {note}", name=name)
+        return None
 
-class _Finder(MetaPathFinder, Loader):
+
+class _Finder(Loader):
     """A finder and loader of `sys.meta_path`."""
 
     def __init__(
@@ -201,32 +217,31 @@ class _Finder(MetaPathFinder, Loader):
         override_installed: bool,
         choice: DistributionChoice,
     ) -> None:
-        from rosidl_py_gen.compiler.frontend.search_path import holds_packages, scan_search_path
         from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
         from rosidl_py_gen.type_loading.interface_modules import Interfaces
+        from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 
         self.settings = (message_api, tuple(path), workspace_of, override_installed, choice)
         self._is_rclpy, self._override = message_api == "rclpy", override_installed
         workspaces = [Workspace(Path(entry).resolve()) for entry in path]
-        folders = [
-            one for one, of in zip(path, workspaces, strict=True) if holds_packages(Path(one)) or not of.packages
-        ]
         self._sources = [Path(entry).resolve() for entry in path]
         if workspace_of is not None and not os.path.exists(workspace_of):
             raise _wrong("workspace_of", "a script or a folder", workspace_of)
         workspace = None if workspace_of is None else workspace_around(Path(workspace_of).resolve())
         if workspace is not None:
-            given = [*self._sources]
             self._sources.append(workspace.folder)
-            roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
-            folders += [str(place) for place in roots if holds_packages(place)]
             workspaces.append(workspace)
-        self._fallback = _FallbackFinder(workspaces)
-        self.last = [self._fallback] if workspaces else []
+        packages: dict[str, Path] = {}
+        for one in reversed(workspaces):
+            packages |= workspace_packages(one)
+        self._fallback = _FallbackFinder(packages, choice.name)
+        self.last = [self._fallback]
         self._compat = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
-        distro = choice.name if choice.is_explicit else None
-        self._interfaces: Interfaces = Interfaces(scan_search_path(folders, distro=distro), folders, distro)
+        folders, found = search(path, workspace, choice)
+        self._interfaces: Interfaces = Interfaces(found, folders, choice.name if choice.is_explicit else None)
         self._other_origins: dict[str, str] = {}
+        self._own: set[tuple[str, str]] = set()
+        """Packages and kinds of which no others are importable."""
         self._search_state = threading.local()
 
     # --- finding ------------------------------------------------------------------------------------------------------
@@ -235,7 +250,7 @@ class _Finder(MetaPathFinder, Loader):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         package, _, rest = fullname.partition(".")
-        if self.last and not rest and fullname in self._fallback.packages and self._is_plain_folder(fullname):
+        if not rest and fullname in self._fallback.packages and self._is_plain_folder(fullname):
             return self._fallback.find_spec(fullname)
         if fullname in _PARSER and self._is_rclpy:
             return None if self._other_spec(fullname, path) else self._parser(fullname)
@@ -355,10 +370,13 @@ class _Finder(MetaPathFinder, Loader):
         code = self._interfaces.code(names[0]) if self._is_rclpy else None
         for package in sorted({part.partition("/")[0] for part in code[0]} if code else ()):
             for kind in sorted(self._interfaces.kinds(package)):
+                if (package, kind) in self._own:
+                    continue
                 if self._uses_other(package, kind, None):
                     origin = self._other_origins[package]
                     text = f"{names[0]} needs {package}, and {origin} has others; override_installed=True hides them"
                     raise ImportError(text, name=module.__name__)
+                self._own.add((package, kind))
         self._interfaces.fill(module, names[0], code[1] if code else None)
 
     def _export_lazily(self, module: ModuleType, package: str, kind: str) -> None:

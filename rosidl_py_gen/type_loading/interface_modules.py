@@ -43,6 +43,7 @@ class Interfaces:
         self.search = search
         self._folders = folders
         self._distro = distro
+        self._modules: dict[tuple[str, str], dict[str, list[RosName]]] = {}
         self._lock = threading.RLock()
         self._digests: dict[str, str] = {}
         self._registry: InterfaceRegistry | None = None
@@ -55,11 +56,13 @@ class Interfaces:
 
     def modules(self, package: str, kind: str) -> dict[str, list[RosName]]:
         """Return the modules of a package with their interfaces: one each, unless two names give the same module."""
-        found: dict[str, list[RosName]] = {}
-        for name in self.search.packages[package].files:
-            if name.kind == kind:
-                found.setdefault("_" + snake_case(name.name), []).append(name)
-        return found
+        if (package, kind) not in self._modules:
+            found: dict[str, list[RosName]] = {}
+            for name in self.search.packages[package].files:
+                if name.kind == kind:
+                    found.setdefault("_" + snake_case(name.name), []).append(name)
+            self._modules[package, kind] = found
+        return self._modules[package, kind]
 
     def classes(self, package: str, kind: str) -> dict[str, str]:
         """Return the classes of a package with the modules that define them."""

@@ -1,7 +1,7 @@
 """Arguments of `setup` in a setup.py, read from its syntax tree without running it.
 
-Values are strings, lists and dicts, made of literals, variables, formatting, `os.path.join` and `glob`. Another
-expression has the value None.
+Values are strings, lists and dicts, made of literals, variables, formatting, `os.path.join`, `glob` and
+`find_packages`. Another expression has the value None.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import ast
 import glob
 import os
 import re
+from fnmatch import fnmatchcase
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from rosidl_py_gen.errors import RosidlError
 _MAX_FILES = 10_000
 """Maximum files that one `glob` returns; more than a package installs."""
 _PATH_NAMES = ("join", "glob")
+_FIND_NAMES = ("find_packages", "find_namespace_packages")
 
 
 class SetupSyntaxError(RosidlError):
@@ -39,6 +42,11 @@ def setup_calls(text: str, folder: Path) -> list[dict[str, object]]:
         return _Reader(folder).calls(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise SetupSyntaxError(str(error)) from error
+
+
+def is_below(path: str) -> bool:
+    """Return True for a relative path that does not lead out of its folder."""
+    return not os.path.isabs(path) and not os.path.normpath(path).startswith(os.pardir) and "\0" not in path
 
 
 class _Reader:
@@ -111,7 +119,29 @@ class _Reader:
                 return self._value(part)
             case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name), args=parts) if name in _PATH_NAMES:
                 return self._path(name, self._list(parts), node)
+            case ast.ListComp(
+                elt=ast.Name(id=name), generators=[ast.comprehension(target=ast.Name(id=same), iter=part)]
+            ):
+                return self._value(part) if name == same else None
+            case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name)) if name in _FIND_NAMES:
+                return self._packages(node)
         return None
+
+    def _packages(self, node: ast.Call) -> object:
+        """Return the result of `find_packages` without inner packages."""
+        given = dict(zip(("where", "exclude", "include"), map(self._value, node.args), strict=False))
+        given |= {word.arg: self._value(word.value) for word in node.keywords if word.arg is not None}
+        where, excluded, included = given.get("where", "."), given.get("exclude", []), given.get("include", ["*"])
+        if not (isinstance(where, str) and isinstance(excluded, list) and isinstance(included, list)):
+            return None
+        folder = self._folder / where
+        found = islice(sorted(folder.glob("*/__init__.py")), _MAX_FILES) if is_below(where) else ()
+        return [
+            name
+            for name in (file.parent.name for file in found)
+            if any(map(partial(fnmatchcase, name), map(str, included)))
+            and not any(map(partial(fnmatchcase, name), map(str, excluded)))
+        ]
 
     def _list(self, parts: list[ast.expr]) -> list[object]:
         found: list[object] = []
@@ -131,7 +161,7 @@ class _Reader:
         if name == "join":
             return os.path.join(*texts)
         pattern = os.path.normpath(texts[0])
-        if len(texts) > 1 or os.path.isabs(pattern) or pattern.startswith(os.pardir):
+        if len(texts) > 1 or not is_below(pattern):
             return None
         is_deep = any(word.arg == "recursive" for word in node.keywords)
         return sorted(islice(glob.iglob(pattern, root_dir=self._folder, recursive=is_deep), _MAX_FILES))

@@ -48,6 +48,8 @@ class Install:
         paths: files and folders, relative to `folder`; a folder that ends with ``/`` is installed without its name.
         destination: relative to the prefix.
         rename: the new name of a file, or empty.
+        filters: of a DIRECTORY: patterns of file names, and True for those that are excluded.
+        only_matching: files of a DIRECTORY that match no pattern are not installed.
     """
 
     folder: Path
@@ -55,6 +57,8 @@ class Install:
     paths: tuple[str, ...]
     destination: str
     rename: str = ""
+    filters: tuple[tuple[str, bool], ...] = ()
+    only_matching: bool = False
 
     def files(self) -> Iterator[tuple[str, str]]:
         """Yield the path below `destination`, and the path below `folder`, of each file and folder that exists."""
@@ -76,15 +80,31 @@ def cmake_installs(folder: Path) -> list[Install]:
     Raises:
         UnreadableError: the file cannot be read, or lists more than a package can have.
     """
+    return installs_of(CMakeScript(folder, read_text(folder, "CMakeLists.txt")), folder)
+
+
+def installs_of(script: CMakeScript, folder: Path) -> list[Install]:
+    """Return what a CMakeLists.txt installs. Regular expressions are not evaluated: they match all files."""
     found = []
-    for name, words in CMakeScript(folder, read_text(folder, "CMakeLists.txt")).calls:
+    for name, words in script.calls:
         texts = [word.text for word in words]
         if name != "install" or texts[:1] not in (["FILES"], ["PROGRAMS"], ["DIRECTORY"]):
             continue
         paths = tuple(takewhile(lambda text: text not in (*_LIST_ENDS, *_MORE_LIST_ENDS), texts[1:]))
         options = dict(pairwise(texts))
         destination = options.get("DESTINATION", UNKNOWN)
-        found.append(Install(folder, texts[0], paths, posixpath.normpath(destination), options.get("RENAME", "")))
+        filters = tuple(
+            (text, texts[index + 2 : index + 3] == ["EXCLUDE"])
+            for index, (word, text) in enumerate(pairwise(texts))
+            if word == "PATTERN"
+        )
+        only_matching = "FILES_MATCHING" in texts and "REGEX" not in texts
+        found.append(
+            Install(
+                *(folder, texts[0], paths, posixpath.normpath(destination), options.get("RENAME", "")),
+                *(filters, only_matching),
+            )
+        )
     return found
 
 
@@ -105,7 +125,7 @@ def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | N
     if is_same:
         return folder
     places = "\n".join(map(str, (folder, *(interfaces or {}).values())))
-    made = (cache_home() or _temporary_home()) / "share" / hashlib.sha256(os.fsencode(places)).hexdigest()[:24] / name
+    made = (cache_home() or temporary_home()) / "share" / hashlib.sha256(os.fsencode(places)).hexdigest()[:24] / name
     try:
         made.mkdir(mode=0o700, parents=True, exist_ok=True)
         _link(tree, made, [_MAX_ENTRIES])
@@ -115,7 +135,7 @@ def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | N
 
 
 @lru_cache(maxsize=1)
-def _temporary_home() -> Path:
+def temporary_home() -> Path:
     """Return a folder for links if caches are disabled; it is removed when the process ends."""
     home = tempfile.mkdtemp(prefix="rosidl-py-gen-")
     atexit.register(shutil.rmtree, home, ignore_errors=True)

@@ -27,6 +27,7 @@ PAGE_OF = {
     "foxglove": "howto/live-view.md",
     "graph": "commands/diagnose.md",
     "interface": "commands/diagnose.md",
+    "launch": "start/from-rclpy.md",
     "lifecycle": "commands/node-param-lifecycle.md",
     "log": "commands/diagnose.md",
     "node": "commands/node-param-lifecycle.md",

@@ -25,7 +25,7 @@ QUESTIONS = [
     ("Does it work on Windows, on a Mac?", "windows mac", "start/install"),
     ("cyclonedds does not build on a Raspberry Pi", "raspberry pi", "start/install"),
     ("No module named 'rclpy._rclpy' in conda or a venv", "rclpy conda", "start/from-rclpy"),
-    ("How do I read one message?", "wait for message", "howto/read-one-message"),
+    ("How do I read one message?", "wait for message", "howto/publish-subscribe"),
     ("I subscribe, nothing comes, no error", "no messages", "howto/no-messages"),
     ("How do I read a best-effort sensor?", "best effort sensor", "howto/qos"),
     ("My late subscriber does not get the map (latched)", "transient local", "howto/qos"),

@@ -16,7 +16,9 @@ import pytest
 from click.shell_completion import get_completion_class
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from support.interface_packages import write
 from support.node_fixtures import until
+from support.program_processes import PACKAGE_XML
 
 from rosidl_py_gen import get_action, get_message, ros_cli
 from rosidl_py_gen.bags import BagWriter
@@ -104,6 +106,16 @@ async def test_groups_options_choices_and_types_need_no_network(tool: Tool) -> N
     assert groups == sorted(groups) and {"doctor", "graph", "interface", "topic"} <= set(groups)
     assert (options, choices) == (["--format"], ["text", "mermaid", "svg", "json"])
     assert (types, packages) == (["geometry_msgs/msg/PoseStamped"], ["geometry_msgs"])
+
+
+async def test_packages_and_launch_files_of_a_workspace_are_completed(tool: Tool, tmp_path: Path) -> None:
+    write(
+        tmp_path, {"robot/package.xml": PACKAGE_XML.format("robot"), "robot/launch/up.launch.py": "", "robot/x.py": ""}
+    )
+    offers = ["", "robo", "robot ", "robot up.launch.py ", "nobody "]
+    found = [await complete(tool, f"rosidl-py launch --path {tmp_path} {words}") for words in offers]
+    assert "robot" in found[0]
+    assert found[1:] == [["robot", ""], ["up.launch.py"], [], []]
 
 
 async def test_values_and_fields_of_known_types_need_no_network(tool: Tool) -> None:

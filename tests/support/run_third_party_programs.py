@@ -28,12 +28,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
 
-from rosidl_py_gen.ros_cli.program_runner.executables import of_sources
+from rosidl_py_gen.ros_cli.prefix.executables import of_sources
 from rosidl_py_gen.runtime import Context, Node
 from support.program_observer import Seen, watch
 
 LIST = Path(__file__).parent / "third_party_programs.txt"
-_DOMAINS = 6
+DOMAINS = 6
 """Domains that a worker uses in turn, so that the graph forgets killed programs."""
 _MINE = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
 _ENDS = (
@@ -128,7 +128,7 @@ class Result:
 
 async def _try(program: Program, checkouts: Path, python: str | None, domains: Iterator[int]) -> Result:
     domain = next(domains)
-    cwd, base = checkouts / program.repository, _environment(domain)
+    cwd, base = checkouts / program.repository, environment(domain)
     paths = _interfaces(checkouts, (program.repository, *program.paths))
     told = await _check(program.mine(checkouts, "--check"), cwd, base)
     async with contextlib.AsyncExitStack() as stack:
@@ -141,7 +141,7 @@ async def _try(program: Program, checkouts: Path, python: str | None, domains: I
         place = checkouts / program.repository / program.place
         there = place.parent if place.is_file() else next(iter(of_sources(place).values())).folder
         domain = next(domains)
-        settings = {**_environment(domain), "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "PYTHONPATH": str(there)}
+        settings = {**environment(domain), "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "PYTHONPATH": str(there)}
         real = await watch(program.real(checkouts, python), cwd, settings, domain, paths)
         if "ModuleNotFoundError" not in real.last and "ImportError" not in real.last:
             result.real = real
@@ -182,7 +182,7 @@ def _interfaces(checkouts: Path, repositories: tuple[str, ...]) -> list[str]:
     return sorted(str(file.parent) for file in files if any((file.parent / kind).is_dir() for kind in kinds))
 
 
-def _environment(domain: int) -> dict[str, str]:
+def environment(domain: int) -> dict[str, str]:
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RCUTILS_", "PYTHON"))}
     ours = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "MPLBACKEND": "agg"}
     robot = {"TURTLEBOT3_MODEL": "burger", "LDS_MODEL": "LDS-01", "ROS_DISTRO": "jazzy"}
@@ -239,7 +239,7 @@ async def _all(programs: list[Program], given: argparse.Namespace) -> list[Resul
     waiting, results = list(enumerate(programs)), {}
 
     async def work(first: int) -> None:
-        domains = itertools.cycle(range(first, first + _DOMAINS))
+        domains = itertools.cycle(range(first, first + DOMAINS))
         while waiting:
             number, program = waiting.pop(0)
             results[number] = result = await _try(program, given.checkouts.resolve(), given.real, domains)
@@ -251,7 +251,7 @@ async def _all(programs: list[Program], given: argparse.Namespace) -> list[Resul
             if bool(result.told) != ("No module" in result.mine.errors or "cannot import" in result.mine.errors):
                 print(f"    --check: {(result.told or 'nothing')[:600]}")
 
-    await asyncio.gather(*(work(given.domain + number * _DOMAINS) for number in range(given.jobs)))
+    await asyncio.gather(*(work(given.domain + number * DOMAINS) for number in range(given.jobs)))
     return [results[number] for number in sorted(results)]
 
 
@@ -265,8 +265,8 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1, help="so many programs at once, each in a domain of its own")
     parser.add_argument("--domain", type=int, default=1, help="the first of 6 domains for each job")
     given = parser.parse_args()
-    if given.domain + given.jobs * _DOMAINS > 232:
-        parser.error(f"{given.jobs} jobs need {given.jobs * _DOMAINS} domains up to 232")
+    if given.domain + given.jobs * DOMAINS > 232:
+        parser.error(f"{given.jobs} jobs need {given.jobs * DOMAINS} domains up to 232")
     programs = listed(given.list.read_text())
     if given.only:
         programs = [one for one in programs if any(text in f"{one.group} {one.name}" for text in given.only)]

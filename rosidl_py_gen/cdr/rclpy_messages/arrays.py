@@ -6,9 +6,8 @@ from array import array
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, sequence_converter, short_repr
+from rosidl_py_gen.base import lazy_numpy as np
+from rosidl_py_gen.cdr.arrays import BOOL_BYTE, DTYPES, FieldValueError, sequence_converter, short_repr
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,6 +53,17 @@ array_of_int64s = _reader("q")
 array_of_uint64s = _reader("Q")
 array_of_float32s = _reader("f")
 array_of_float64s = _reader("d")
+
+_bools = sequence_converter("?")
+
+
+def buffer_of_bools(value: object) -> Any:
+    """Return a list of bools as bytes, or another value as `cdr.support.bools`."""
+    try:
+        return bytes([BOOL_BYTE[item] for item in value]) if type(value) is list else _bools(value)
+    except Exception:  # also of a `__hash__` of the caller
+        return _bools(value)  # raises the error that names the wrong element
+
 
 buffer_of_int8s = _buffer("b")
 buffer_of_uint8s = _buffer("B")
@@ -112,7 +122,9 @@ def as_list(value: Any) -> Any:
 
 def to_array(value: Any, code: str) -> array[Any]:
     """Return ``array.array(code, value)``, as rclpy's setters do; a numpy array of that dtype is copied as a whole."""
-    if type(value) is np.ndarray and value.ndim == 1 and value.dtype is DTYPES[code]:
+    kind = type(value)
+    is_array = kind is not list and kind is not tuple and kind is np.ndarray
+    if is_array and value.ndim == 1 and value.dtype is DTYPES[code]:
         values = array(code)
         values.frombytes(np.ascontiguousarray(value).data.cast("B") if value.size else b"")
         return values

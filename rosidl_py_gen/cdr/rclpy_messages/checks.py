@@ -11,8 +11,7 @@ from collections import UserList, UserString
 from collections.abc import Sequence, Set
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
 from rosidl_py_gen.cdr.arrays import DTYPES
 

@@ -6,8 +6,7 @@ import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, short_repr
 from rosidl_py_gen.cdr.rclpy_messages.arrays import BYTES, as_list, joined_bytes, to_array
@@ -62,8 +61,8 @@ def _default(field: Field, default: Any, convert: Callable[[Any], Any] | None) -
             value = b"\0" if kind.base == "byte" else _ZERO[kind.primitive.python] if kind.primitive else ""
         return lambda: value
     if convert is not None and kind.arity is Arity.ARRAY and default is None:
-        dtype = DTYPES[kind.primitive.code] if kind.primitive is not None else None
-        return lambda: np.zeros(kind.capacity, dtype)
+        count, code = kind.capacity, kind.primitive.code if kind.primitive is not None else ""
+        return lambda: np.zeros(count, DTYPES[code])
     if convert is not None:
         return lambda: convert(default or ())
     if default is not None:

@@ -8,8 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service

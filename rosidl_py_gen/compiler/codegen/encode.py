@@ -300,12 +300,11 @@ class _EncoderEmitter:
         if not step.fixed:
             self.messages(step, value, needed, out)
             return
-        ndarray = self.api.support("ndarray")
         arguments = f"{self.classes[step.type.base]}, {value}, append, {self.known_pos(step, needed)}"
         write = f"{self.api.support('write_records')}({arguments})"
         messages: list[str] = []
         self.messages(step, value, needed, messages)
-        out += block(f"if type({value}) is {ndarray}", [f"pos = {write}" if needed else write])
+        out += block(f"if {self.api.is_array(value)}", [f"pos = {write}" if needed else write])
         out += block("else", messages)
 
     def known_pos(self, step: ir.Loop, needed: bool) -> str:

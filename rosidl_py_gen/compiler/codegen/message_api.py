@@ -48,6 +48,10 @@ class MessageApi:
             return f"{self.support('view_of_bools')}(view, {count}, {at})"
         return f"{self.support('frombuffer')}(view, {self.support(NUMPY_DTYPE[code])}, {count}, {at})"
 
+    def is_array(self, value: str) -> str:
+        """Return the test whether messages are a structured array."""
+        return f"type({value}) is {self.support('ndarray')}"
+
 
 class RclpyMessageApi(MessageApi):
     """Expressions for classes of rclpy's API."""
@@ -64,7 +68,7 @@ class RclpyMessageApi(MessageApi):
     def sequence(self, code: str, *, is_array: bool) -> str:
         if code == "c":
             return self.array_function("joined_bytes")
-        if code == "?" or is_array:
+        if is_array:
             return super().sequence(code, is_array=is_array)
         return self.array_function(f"buffer_of_{NUMPY_FIXED[code].removeprefix('fixed_')}")
 
@@ -77,4 +81,8 @@ class RclpyMessageApi(MessageApi):
         if not is_array:
             return f"{self.array_function('array_of_' + NUMPY_FIXED[code].removeprefix('fixed_'))}(view, {count}, {at})"
         end = plus(at, calcsize(f"<{code}") * int(count))
-        return f"{self.support('ndarray')}({count}, {self.support(NUMPY_DTYPE[code])}, bytearray(view[{at}:{end}]))"
+        support = self.support("support", "rosidl_py_gen.cdr")  # an attribute imports numpy when it is first used
+        return f"{support}.ndarray({count}, {support}.{NUMPY_DTYPE[code]}, bytearray(view[{at}:{end}]))"
+
+    def is_array(self, value: str) -> str:
+        return f"type({value}) is not list and type({value}) is {self.support('support', 'rosidl_py_gen.cdr')}.ndarray"

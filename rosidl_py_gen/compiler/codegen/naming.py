@@ -20,6 +20,7 @@ _METHOD_NAMES = {
     *("append", "arrays", "cls", "copy", "data", "dataclass", "end", "error", "field", "head", "message", "np"),
     *("parts", "pos", "raw", "self", "view", "decode_slow", "encode_slow"),
     *(name for name in vars(support) if not name.startswith("_")),
+    *support.NUMPY_NAMES,
     *(name for name in vars(rclpy_arrays) if "_" in name.strip("_")),
 }
 """Globals, parameters and fixed variables of method bodies, which other local variables must not hide."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import posixpath
 import re
+import sys
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from itertools import takewhile
@@ -34,6 +35,22 @@ _HARMLESS = re.compile(  # prefixes of commands that change no list
     "message|set |unset|find_|return|if|else|end|target_|ament_|link_|rosidl_|rclcpp_|catkin_|include_|set_[pt]"
     "|add_(lib|exec|comp|def|dep|custom|test|link)|list (sort|reverse|remove_d)"
 )
+_RECORDED = frozenset(
+    (
+        *(GENERATE, "install", "add_executable", "add_launch_test", "add_library", "ament_add_pytest_test"),
+        *("ament_auto_add_executable", "ament_auto_add_library", "ament_auto_package", "ament_index_register_resource"),
+        *("ament_python_install_module", "ament_python_install_package", "pluginlib_export_plugin_description_file"),
+    )
+)
+_INSTALL_FOLDERS = {
+    "CMAKE_INSTALL_PREFIX": ".",
+    "CMAKE_INSTALL_BINDIR": "bin",
+    "CMAKE_INSTALL_LIBDIR": "lib",
+    "CMAKE_INSTALL_DATADIR": "share",
+    "CMAKE_INSTALL_DATAROOTDIR": "share",
+    "PYTHON_INSTALL_DIR": f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages",
+}
+"""Variables of CMake, GNUInstallDirs and ament_cmake_python with folders of a prefix; `set` may add other values."""
 _FOLDERS = "CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR"
 _GLOB_WORDS = ("RELATIVE", "LIST_DIRECTORIES", "CONFIGURE_DEPENDS", "FOLLOW_SYMLINKS")
 _MAX_STARS = 4
@@ -74,7 +91,10 @@ def parse_commands(text: str) -> Iterator[tuple[str, list[CMakeArgument]]]:
 
 
 class CMakeScript:
-    """A CMakeLists.txt with its `calls` of `rosidl_generate_interfaces` and `install`, as name and arguments."""
+    """A CMakeLists.txt with its `calls` of commands that define interfaces, installed files, targets and tests.
+
+    A call is a name and arguments. A call of `add_subdirectory` is listed if that folder has install rules.
+    """
 
     def __init__(self, folder: Path, text: str) -> None:
         """Read a script; raises `UnreadableError` if it lists more than a package can have."""
@@ -85,15 +105,18 @@ class CMakeScript:
         self._is_lost = False  # any variable may have been set
         self.creates_files = False  # the build may add files to the package folder
         self._fixed = dict.fromkeys(_FOLDERS, ".")
-        self._values: dict[str, dict[str, CMakeArgument] | None] = {}
+        self._values: dict[str, dict[str, CMakeArgument] | None] = {
+            name: {text: CMakeArgument(text)} for name, text in _INSTALL_FOLDERS.items()
+        }
         self.calls: list[tuple[str, list[CMakeArgument]]] = []
         for name, words in parse_commands(text):
             self._depth = max(0, self._depth + (name in _BLOCKS) - (name[:3] == "end" and name[3:] in _BLOCKS))
             self._read(name, words, words[0].text.upper() if words else "")
 
     def _read(self, name: str, words: list[CMakeArgument], first: str) -> None:
-        if name in (GENERATE, "install"):
+        if name in _RECORDED:
             self.calls.append((name, self._expand(*words)))
+        if name in (GENERATE, "install"):
             self._spend(_ACCESS_COST // 5 * len(self.calls[-1][1]))
         elif name == "project" and words:
             self._fixed |= {"PROJECT_NAME": words[0].text, f"{words[0].text}_SOURCE_DIR": "."}
@@ -126,6 +149,8 @@ class CMakeScript:
         self._spend(_ACCESS_COST + len(text))
         if GENERATE in text.lower() and "SKIP_INSTALL" not in text:  # SKIP_INSTALL: for tests
             self.calls.append((GENERATE, [target, CMakeArgument(UNKNOWN, target.offset)]))
+        if not is_include and "install" in text.lower():
+            self.calls.append(("add_subdirectory", [target]))
         if path is None:  # a file of another package, unless this script sets the name
             self._is_lost |= not self._values.keys().isdisjoint(_REFERENCE.findall(target.text))
         elif is_include or "PARENT_SCOPE" in text or "CACHE" in text:

@@ -7,11 +7,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
 from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS
-from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces, package_name
+from rosidl_py_gen.compiler.frontend.search_path import BUNDLED, Package, holds_interfaces, package_name
 from rosidl_py_gen.errors import DefinitionError, display_path
 
 if TYPE_CHECKING:
@@ -61,7 +63,15 @@ def missing_package(search: SearchPath, package: str, subject: str, type_name: s
         return f"{subject}: the importable package {display_path(module)} has no {type_name}; generate it again {where}"
     if module is not None:
         return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
+    if note := download_note(package, _distribution(search)):
+        return f"{subject} {where}. {note}"
     return f"{subject}{did_you_mean(package, search.packages)} {where}"
+
+
+def _distribution(search: SearchPath) -> str:
+    """Return the distribution whose bundled packages were searched, else the selected one."""
+    named = (name for name in DISTRIBUTIONS if f"{BUNDLED} ({name})" in search.searched)
+    return next(named, DEFAULT if BUNDLED in search.searched else selected().name)
 
 
 def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:

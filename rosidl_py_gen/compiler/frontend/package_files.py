@@ -7,6 +7,7 @@ import re
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import KINDS, RosName
+from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class UnreadableError(RosidlError):
 def mentions_interfaces(folder: Path) -> bool:
     """Return True if there is a CMakeLists.txt, and it or package.xml mentions the generation of interfaces."""
     for name in ("CMakeLists.txt", "package.xml"):
+        note(folder / name)
         try:
             with open(folder / name, "rb") as file:
                 if _MENTIONED.search(file.read(MAX_BYTES + 1)):
@@ -74,6 +76,7 @@ def files_below(folder: Path) -> list[str]:
     folders = [""]
     count = 0
     for place in folders:  # grows inside the loop
+        note(folder / place)
         try:
             with os.scandir(folder / place) as scan:
                 entries = list(scan)
@@ -99,6 +102,7 @@ def files_below(folder: Path) -> list[str]:
 
 def read_text(folder: Path, name: str) -> str:
     """Return the text of a file of the package. Raises `UnreadableError`."""
+    note(folder / name)
     try:
         if not _is_inside(folder, name):
             raise UnreadableError("the file lies outside the package folder")

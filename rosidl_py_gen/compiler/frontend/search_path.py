@@ -24,6 +24,7 @@ from rosidl_py_gen.base.distributions import DEFAULT, selected
 from rosidl_py_gen.base.installed_classes import ROS_PACKAGE_INDEX, has_installed_ros_packages
 from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS, mentions_interfaces
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
@@ -182,6 +183,7 @@ def _installed() -> Iterator[Package]:
     for package in _installed_by_entry_points():
         names.add(package.name)
         yield package
+    note(os.path.join(sys.prefix, ROS_PACKAGE_INDEX))
     if has_installed_ros_packages():
         for entry in _entries(Path(sys.prefix, ROS_PACKAGE_INDEX)):
             folder = Path(sys.prefix, "share", entry.name)
@@ -223,6 +225,7 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
     Raises:
         DefinitionError: the folder cannot be read; if it were ignored, definitions would be lost.
     """
+    note(folder)
     try:
         with os.scandir(folder) as entries:
             return sorted(entries, key=lambda entry: entry.name)
@@ -239,6 +242,7 @@ def holds_interfaces(folder: Path) -> bool:
 
 
 def _is_for_interfaces(folder: Path) -> bool:
+    note(folder)
     try:
         with os.scandir(folder) as entries:
             names = [entry.name for entry in entries]
@@ -251,6 +255,8 @@ def _is_for_interfaces(folder: Path) -> bool:
 
 def _groups_packages(folder: Path) -> bool:
     inside = [Path(entry.path) for kind in KINDS for entry in _entries(folder / kind)]
+    for path in inside:
+        note(path / "package.xml")
     return any(os.path.isfile(path / "package.xml") for path in inside)
 
 
@@ -267,6 +273,7 @@ def _packages_below(root: Path, refused: dict[str, Diagnostic]) -> list[Package]
 def _descend(
     folder: Path, origin: str, refused: dict[str, Diagnostic], visited: set[str], depth: int = 0
 ) -> Iterator[Package]:
+    note(folder)
     real = os.path.realpath(folder)  # links may form loops
     if real in visited or depth > MAX_DEPTH or any(os.path.exists(folder / mark) for mark in IGNORE_MARKS):
         return
@@ -289,13 +296,16 @@ def _descend(
                 refused[name] = Diagnostic(place, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_RULE}')
         return
     for entry in _entries(folder):
-        # Not entry.is_dir(): that raises for a link to itself.
-        if os.path.isdir(entry.path) and not entry.name.startswith(".") and os.access(entry.path, os.R_OK | os.X_OK):
+        is_folder = os.path.isdir(entry.path)  # entry.is_dir() raises for a link to itself
+        if is_folder and not entry.name.startswith(".") and os.access(entry.path, os.R_OK | os.X_OK):
             yield from _descend(Path(entry.path), origin, refused, visited, depth + 1)
+        elif not entry.name.startswith(".") and (is_folder or entry.is_symlink()):
+            note(entry.path)
 
 
 def package_name(manifest: Path, folder: Path) -> str:
     """Return the name of a package in its package.xml, else the name of its folder."""
+    note(manifest)
     try:
         with manifest.open("rb") as file:
             text = file.read(_MAX_XML_BYTES).decode(errors="replace")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS
 from rosidl_py_gen.compiler.frontend.search_path import MAX_DEPTH, package_name
 
@@ -36,7 +37,15 @@ class Workspace:
     @cached_property
     def packages(self) -> dict[str, Path]:
         """Folders of the packages by name; of two with one name, the one of least depth."""
-        found = {} if self.own is None else {package_name(self.own / MANIFEST, self.own): self.own}
+        found: dict[str, Path] = {}
+        for name, folder in self.all_packages:
+            found.setdefault(name, folder)
+        return found
+
+    @cached_property
+    def all_packages(self) -> list[tuple[str, Path]]:
+        """Names and folders of all packages; several may have one name."""
+        found = [] if self.own is None else [(package_name(self.own / MANIFEST, self.own), self.own)]
         visited: set[str] = set()
         waiting = [(self.folder, 0)]
         while waiting:
@@ -48,10 +57,14 @@ class Workspace:
                 continue
             visited.add(real)
             if MANIFEST in names:
-                found.setdefault(package_name(folder / MANIFEST, folder), folder)
+                found.append((package_name(folder / MANIFEST, folder), folder))
             elif depth < self.depth:
-                inside = (folder / name for name in sorted(names) if not name.startswith("."))
-                waiting += [(path, depth + 1) for path in inside if os.path.isdir(path)]
+                inside = [folder / name for name in sorted(names) if not name.startswith(".")]
+                for path in inside:
+                    if os.path.isdir(path):
+                        waiting.append((path, depth + 1))
+                    elif os.path.islink(path):
+                        note(path)
         return found
 
     @property
@@ -87,6 +100,7 @@ def workspace_around(place: Path) -> Workspace | None:
 
 
 def _names(folder: Path) -> set[str]:
+    note(folder)
     with suppress(OSError):  # an unreadable folder is not part of the workspace
         return set(os.listdir(folder))
     return set()

@@ -12,17 +12,16 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE, assume_default, selected
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
+from rosidl_py_gen.type_loading.scan_cache import workspace_packages
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.program_runner.executables import Executable
+    from rosidl_py_gen.ros_cli.prefix.executables import Executable
 
 _ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 """Environment variables that a setup script of ROS sets, and programs read."""
@@ -35,13 +34,20 @@ def start(
     if listed:
         return _list(words, paths, as_json)
     if as_json and not check:
-        raise click.UsageError("--json requires --check or --list; options of the program follow the program")
+        raise _usage_error("--json requires --check or --list; options of the program follow the program")
     program = _program(words, paths)
-    _make_importable(program.place, paths)
+    make_importable(program.place, paths)
     if check:
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
         return check_program(program, as_json)
+    set_environment()
+    _note_misplaced_option(program)
+    return program.start
+
+
+def set_environment() -> None:
+    """Set the environment variables of ROS that programs read."""
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     choice = selected()
@@ -49,8 +55,12 @@ def start(
         os.environ[ENVIRONMENT_VARIABLE] = choice.name
     elif ENVIRONMENT_VARIABLE not in os.environ:
         assume_default()
-    _note_misplaced_option(program)
-    return program.start
+
+
+def _usage_error(text: str) -> Exception:
+    import click
+
+    return click.UsageError(text)
 
 
 def _note_misplaced_option(program: Program) -> None:
@@ -64,7 +74,7 @@ def _note_misplaced_option(program: Program) -> None:
     terminal_output.note(f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM")
 
 
-def _make_importable(place: Path, paths: Sequence[str]) -> None:
+def make_importable(place: Path, paths: Sequence[str]) -> None:
     """Install the import hook; print a warning if it replaces an installed rclpy."""
     real = PathFinder.find_spec("rclpy")
     if real is not None and real.origin is not None:
@@ -88,17 +98,17 @@ def _workspace_folder(place: Path) -> Path:
     if any(folder.name == "src" for folder in package.parents) or here not in package.parents:
         return place
     around = workspace_around(here)
-    return here if around is not None and package in around.packages.values() else place
+    return here if around is not None and package in workspace_packages(around).values() else place
 
 
 def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
     if not words:
-        raise click.UsageError("expected a file, -m and a module, or a package and an executable")
+        raise _usage_error("expected a file, -m and a module, or a package and an executable")
     first, *rest = words
     here = Path.cwd()
     if first == "-m":
         if not rest:
-            raise click.UsageError("expected a module after -m")
+            raise _usage_error("expected a module after -m")
         return Program("-m", tuple(rest[1:]), str(here), here, module=rest[0])
     path = Path(first)
     if path.is_file():
@@ -128,22 +138,23 @@ def _has_relative_imports(file: Path) -> bool:
     return any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree))
 
 
-def _workspaces(paths: Sequence[str]) -> list[Workspace]:
+def workspaces(paths: Sequence[str]) -> list[Workspace]:
+    """Return the workspaces of ``--path``, then that of the current folder."""
     around = workspace_around(Path.cwd())
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 
 
 def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executable], list[str]]:
     """Return the executables of a package from its sources, pip or a prefix, and their location."""
-    from rosidl_py_gen.ros_cli.program_runner import executables
+    from rosidl_py_gen.ros_cli.prefix import executables
 
     places: list[str] = []
-    for workspace in _workspaces(paths):
-        if folder := workspace.packages.get(package):
+    for workspace in workspaces(paths):
+        if folder := workspace_packages(workspace).get(package):
             places.append(str(folder))
             if by_name := executables.of_sources(folder):
                 return by_name, places
-    for find in (executables.of_distribution, executables.of_prefixes):
+    for find in (executables.of_distribution, executables.of_bundled, executables.of_prefixes):
         if by_name := find(package):
             return by_name, [str(next(iter(by_name.values())).source)]
     return {}, places
@@ -152,8 +163,8 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
 def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
     by_name, places = _executables(package, paths)
     if not by_name and not places:
-        searched = ", ".join(str(one.folder) for one in _workspaces(paths))
-        known = {name for workspace in _workspaces(paths) for name in workspace.packages}
+        searched = ", ".join(str(one.folder) for one in workspaces(paths))
+        known = {name for workspace in workspaces(paths) for name in workspace_packages(workspace)}
         text = f'no file and no package "{package}"{did_you_mean(package, known)}'
         raise CommandError(f"{text}; searched {searched}, the packages of pip, and AMENT_PREFIX_PATH")
     names = ", ".join(sorted(by_name)) or "none in Python"
@@ -185,8 +196,8 @@ def _is_python(file: Path) -> bool:
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
-        raise click.UsageError("expected at most a package")
-    packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace.packages})
+        raise _usage_error("expected at most a package")
+    packages = words or sorted({name for workspace in workspaces(paths) for name in workspace_packages(workspace)})
     rows = []
     for package in packages:
         by_name, places = _executables(package, paths)

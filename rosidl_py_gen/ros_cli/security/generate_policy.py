@@ -13,7 +13,7 @@ from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.runtime import Node, NodeInfo
 
 
@@ -30,12 +30,12 @@ async def generate_policy(network: options.NetworkOptions, policy_file: str, as_
     \b
     rosidl-py security generate_policy policy.xml
     """
+    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import is_hidden_node
     from rosidl_py_gen.ros_cli.security import key_files
     from rosidl_py_gen.ros_cli.security.policy import VERSION, read_policy
     from rosidl_py_gen.ros_cli.security.policy_text import policy_text
-    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 
     path = os.path.realpath(policy_file)
     if os.path.lexists(path):
@@ -115,8 +115,8 @@ def _profile(root: XmlElement, node: NodeInfo) -> XmlElement:
 
 
 def _add_rule(profile: XmlElement, kind: str, attribute: str, names: Iterable[str]) -> None:
+    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.ros_cli.security.policy import ALLOW, RULES
-    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 
     rule = _child(profile, kind, {attribute: ALLOW})
     tag, _ = RULES[kind]
@@ -128,7 +128,7 @@ def _child(parent: XmlElement, tag: str, attributes: dict[str, str] | None) -> X
 
     A rule with more attributes is not used: names added to it would be allowed for more than a node does.
     """
-    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+    from rosidl_py_gen.base.xml_reader import XmlElement
 
     for child in parent.elements:
         names = {name: value for name, value in child.attributes.items() if not name.startswith("{")}

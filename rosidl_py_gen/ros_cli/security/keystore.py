@@ -21,12 +21,12 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.xml_reader import read_xml
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.security import key_files
 from rosidl_py_gen.ros_cli.security.names import check_enclave_name
 from rosidl_py_gen.ros_cli.security.permissions import governance_xml, permissions_xml
-from rosidl_py_gen.ros_cli.security.xml_reader import read_xml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from cryptography.x509 import Certificate
 
+    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.ros_cli.security.policy import PolicyEnclave
-    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 
 _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
 _NOT_RULES = re.compile(r"<(validity|domains)>.*?</\1>", re.DOTALL)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.xml_reader import escape
 from rosidl_py_gen.ros_cli.security.policy import ALLOW, DENY
-from rosidl_py_gen.ros_cli.security.xml_reader import escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

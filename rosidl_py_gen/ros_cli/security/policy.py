@@ -10,10 +10,10 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
 from rosidl_py_gen.ros_cli.security.names import check_enclave_name
 from rosidl_py_gen.ros_cli.security.policy_includes import read_policy_tree
-from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

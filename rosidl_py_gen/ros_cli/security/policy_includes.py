@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
+from rosidl_py_gen.base.xml_reader import XmlElement, read_xml
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement, read_xml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.xml_reader import COMMENT, escape
 from rosidl_py_gen.ros_cli.security.policy import RULES
-from rosidl_py_gen.ros_cli.security.xml_reader import COMMENT, escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
+    from rosidl_py_gen.base.xml_reader import XmlElement
 
 _NAMES = frozenset(tag for tag, _ in RULES.values())
 _CLARK_NAME = re.compile(r"\{([^}]*)\}(.*)", re.DOTALL)

@@ -7,10 +7,11 @@ A type is given as a generated class, or as text such as ``"std_msgs/msg/String"
 from __future__ import annotations
 
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.cdr import Message, Service
 from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.cdr.type_queries import referenced_classes
@@ -36,7 +37,7 @@ _BUFFER_BASES = ("uint8", "char")
 _classes: weakref.WeakValueDictionary[tuple[str, str], type[Any]] = weakref.WeakValueDictionary()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class MessageType(Generic[T]):
     """Message type as entities use it.
 
@@ -53,7 +54,7 @@ class MessageType(Generic[T]):
     decode: Callable[[Payload], T]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class ServiceType(Generic[RequestT, ResponseT]):
     """Service type as entities use it; `type_hash` is that of the service, not of a message."""
 

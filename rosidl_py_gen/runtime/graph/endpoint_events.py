@@ -7,9 +7,10 @@ some events. Endpoints without callbacks cost nothing.
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
@@ -29,7 +30,7 @@ class UnsupportedEventError(RosidlError, ValueError):
     """The transport does not report the requested event."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class MatchedStatus:
     """Change of the matched endpoints.
 
@@ -46,7 +47,7 @@ class MatchedStatus:
     current_count_change: int
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class IncompatibleStatus:
     """Endpoints that do not match because of type or QoS.
 
@@ -63,7 +64,7 @@ class IncompatibleStatus:
     last_policy_kind: QoSPolicyKind = QoSPolicyKind.INVALID
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class CountStatus:
     """Missed deadlines, lost messages, or expired liveliness leases.
 
@@ -76,7 +77,7 @@ class CountStatus:
     total_count_change: int
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class LivelinessStatus:
     """Change of the liveliness of matched publishers.
 
@@ -93,7 +94,7 @@ class LivelinessStatus:
     not_alive_count_change: int
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class SubscriptionEventCallbacks:
     """Callbacks, plain or async, for the events of a subscription.
 
@@ -114,7 +115,7 @@ class SubscriptionEventCallbacks:
     matched: Callable[[MatchedStatus], object] | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class PublisherEventCallbacks:
     """Callbacks, plain or async, for the events of a publisher.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal
 
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
@@ -44,7 +45,7 @@ class EndpointType(IntEnum):
     SUBSCRIPTION = 2
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class NodeInfo:
     """Node as its participant announces it."""
 
@@ -58,7 +59,7 @@ class NodeInfo:
         return fully_qualified_node_name(self.name, self.namespace)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class TopicEndpointInfo:
     """Publisher or subscription, as in `ros2 topic info --verbose`, or the writer of a client or server.
 
@@ -92,7 +93,7 @@ class TopicEndpointInfo:
         return "(DDS program without node)" if self.node_name == BARE_DDS_NODE[1] else "(unknown node)"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class Mismatch:
     """Incompatible publisher and subscription of a topic, or client and server of a service.
 
@@ -109,7 +110,7 @@ class Mismatch:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class ParticipantInfo:
     """Member of the domain, usually a process.
 

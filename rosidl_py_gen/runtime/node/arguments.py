@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
@@ -32,7 +33,7 @@ class RosArgumentError(RosidlError, ValueError):
     """A ROS argument cannot be parsed; the text contains it."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class RosArguments:
     """Parsed command line.
 

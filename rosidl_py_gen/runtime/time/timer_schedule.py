@@ -6,12 +6,11 @@ Source: docs/internals/protocol.md 9.6.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.runtime.time.values import TimeRangeError, timeout_to_ns
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class TimerCall:
     """Call of a timer.
 

@@ -10,10 +10,10 @@ thread, also while the loop still waits; a sink pops what it needs from the queu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import ExtraMissingError, RosidlError
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -48,7 +48,7 @@ class DiscoveryRange(Enum):
     SYSTEM_DEFAULT = "system_default"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class SecurityEnclave:
     """Enclave of a secured context, with all files.
 
@@ -63,7 +63,7 @@ class SecurityEnclave:
     is_enforced: bool
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class DomainSettings:
     """Settings of a context that its participant is created with.
 
@@ -165,7 +165,7 @@ class Reader(_Endpoint, Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class EndpointSpec:
     """Reader or writer to be created.
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -12,7 +13,7 @@ GUID_PREFIX_BYTES = 12
 """Length of the part of a GUID that all endpoints of a DDS participant share."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class ParticipantDiscovered:
     """A participant was discovered (own ones included).
 
@@ -24,7 +25,7 @@ class ParticipantDiscovered:
     enclave: str | None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class NodeEntities:
     """Node of a participant, and the GIDs of its endpoints."""
 
@@ -34,7 +35,7 @@ class NodeEntities:
     writer_gids: frozenset[bytes]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class NodesAnnounced:
     """The participant with that GUID announced all its nodes.
 
@@ -59,7 +60,7 @@ class TopicKey(NamedTuple):
     name: str
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class DiscoveredEndpoint:
     """A reader or writer was discovered (own ones included), or its data changed.
 
@@ -94,7 +95,7 @@ class DiscoveredEndpoint:
         return name if section in ("Request", "Response") and "/" in name else None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class EntityLost:
     """A participant or an endpoint disappeared."""
 

@@ -8,9 +8,10 @@ Source: docs/internals/protocol.md 7.1, 7.3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
 
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 
@@ -110,7 +111,7 @@ def _duration_ns(subject: str, seconds: float) -> int:
     return round(seconds * NS_PER_S)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class QoSProfile:
     """Quality of service of an endpoint; every builder method returns a changed copy.
 

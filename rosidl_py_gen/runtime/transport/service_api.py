@@ -6,9 +6,9 @@ transport. Thread: loop, except for `send`, which may be called from any thread.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class ServiceSpec:
     """Service as its clients and servers announce it.
 
@@ -64,7 +64,7 @@ class IncompatiblePeer(NamedTuple):
     has_topics: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class ServerAvailability:
     """Servers of a client.
 

@@ -11,9 +11,9 @@ from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.ros_cli.security.permissions import permissions_xml
 from rosidl_py_gen.ros_cli.security.policy import ALLOW, PolicyEnclave, PolicyRule, read_policy
-from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 from rosidl_py_gen.runtime import Context
 from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities
 

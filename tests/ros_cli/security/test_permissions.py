@@ -139,9 +139,9 @@ def test_denials_are_complete_and_come_first(blocks: list[Any]) -> None:
     from datetime import datetime
     from xml.etree import ElementTree
 
+    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.ros_cli.security.permissions import permissions_xml
     from rosidl_py_gen.ros_cli.security.policy import PolicyEnclave, PolicyRule
-    from rosidl_py_gen.ros_cli.security.xml_reader import XmlElement
 
     rules = []
     expected: dict[tuple[str, str], set[str]] = {}

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.ros_cli.security.policy import read_policy
-from rosidl_py_gen.ros_cli.security.xml_reader import MAX_FILE_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

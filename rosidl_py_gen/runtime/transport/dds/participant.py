@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import itertools
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer, ServiceWriter
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 
-@dataclass(frozen=True, slots=True)
+@frozen_dataclass
 class DdsEndpoint:
     """Reader or writer to be created, with names of DDS.
 

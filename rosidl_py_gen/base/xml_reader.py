@@ -6,6 +6,7 @@ Document types, and so entities, are refused; the size of a file and the depth o
 from __future__ import annotations
 
 import os
+import re
 import stat
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -21,7 +22,10 @@ COMMENT = "!comment"
 MAX_FILE_BYTES = 1 << 20
 """Maximum size of one file. The largest policies in public repositories have some 100 kB."""
 _MAX_DEPTH = 32
-"""Maximum depth of elements; policies have 6, and metadata of any depth."""
+"""Maximum depth of elements; policies have 6, robot descriptions 12, and metadata of any depth."""
+_MAX_ELEMENTS = 100_000
+"""Maximum number of elements and comments of one file, which limits the memory that small elements take."""
+_DECLARATION = re.compile(r"\A\s*<\?xml\b[^>]*\?>")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +83,30 @@ def read_xml(path: str) -> XmlElement:
         DefinitionError: the file cannot be read, is too large or nested too deeply, has a document type, or is not XML.
     """
     source = XmlSource(display_path(path))
-    data = _read_regular_file(path, source)
+    data = read_file(path)
     text = data.decode("utf-8", "replace")
     return _TreeBuilder(XmlSource(source.path, tuple(text.split("\n")))).parse(data)
 
 
-def _read_regular_file(path: str, source: XmlSource) -> bytes:
+def parse_fragment(text: str, path: str) -> XmlElement:
+    """Return an element without name whose children are the elements and comments of a text, which may be several.
+
+    Names keep their prefixes. An encoding that the text declares is ignored, and white space before the declaration
+    allowed. `path` is for errors.
+
+    Raises:
+        DefinitionError: the text is nested too deeply, has a document type, or is not XML.
+    """
+    # Everything stays in its line and column: the declaration becomes spaces, and the first line of the parser is ours.
+    content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
+    data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
+    builder = _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), first_line=2, namespaces=False)
+    return builder.parse(data)
+
+
+def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+    """Return the content of a regular file; raises `DefinitionError`."""
+    source = XmlSource(display_path(path))
     try:
         # A FIFO without a writer would block without O_NONBLOCK.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -92,26 +114,29 @@ def _read_regular_file(path: str, source: XmlSource) -> bytes:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise DefinitionError(source.diagnostic(0, 0, "not a regular file; expected an XML file"))
             with os.fdopen(descriptor, "rb", closefd=False) as file:
-                data = file.read(MAX_FILE_BYTES + 1)
+                data = file.read(max_bytes + 1)
         finally:
             os.close(descriptor)
     except OSError as error:
         raise DefinitionError(source.diagnostic(0, 0, f"cannot be read: {error.strerror}")) from None
     except ValueError:  # a null character
         raise DefinitionError(source.diagnostic(0, 0, "not a path of a file")) from None
-    if len(data) > MAX_FILE_BYTES:
-        raise DefinitionError(source.diagnostic(0, 0, f"more than {MAX_FILE_BYTES} bytes; split the file by includes"))
+    if len(data) > max_bytes:
+        raise DefinitionError(source.diagnostic(0, 0, f"more than {max_bytes} bytes; split the file by includes"))
     return data
 
 
 class _TreeBuilder:
     """Handlers of an expat parser that build the tree of one file."""
 
-    def __init__(self, source: XmlSource) -> None:
+    def __init__(self, source: XmlSource, *, first_line: int = 1, namespaces: bool = True) -> None:
         self._source = source
+        self._skipped_lines = first_line - 1
         self._open: list[XmlElement] = []
+        self._texts: list[list[str]] = []
+        self._count = 0
         self._root: XmlElement | None = None
-        self._parser = parser = expat.ParserCreate(namespace_separator="}")
+        self._parser = parser = expat.ParserCreate(namespace_separator="}" if namespaces else None)
         parser.buffer_text = True
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
@@ -134,19 +159,20 @@ class _TreeBuilder:
 
     def _error(self, text: str, line: int | None = None, column: int | None = None) -> DefinitionError:
         parser = self._parser
-        line = parser.CurrentLineNumber if line is None else line
+        line = (parser.CurrentLineNumber if line is None else line) - self._skipped_lines
         column = parser.CurrentColumnNumber + 1 if column is None else column
         return DefinitionError(self._source.diagnostic(line, column, text))
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if len(self._open) >= _MAX_DEPTH:
             raise self._error(f"elements are nested more than {_MAX_DEPTH} deep")
+        self._count_element()
         parser = self._parser
         element = XmlElement(
             _clark_name(name),
             {_clark_name(key): value for key, value in attributes.items()},
             source=self._source,
-            line=parser.CurrentLineNumber,
+            line=parser.CurrentLineNumber - self._skipped_lines,
             column=parser.CurrentColumnNumber + 1,
         )
         if self._open:
@@ -154,14 +180,21 @@ class _TreeBuilder:
         else:
             self._root = element
         self._open.append(element)
+        self._texts.append([])
 
     def _end(self, name: str) -> None:
-        self._open.pop()
+        self._open.pop().text = "".join(self._texts.pop())
 
     def _text(self, text: str) -> None:
-        self._open[-1].text += text
+        self._texts[-1].append(text)
+
+    def _count_element(self) -> None:
+        self._count += 1
+        if self._count > _MAX_ELEMENTS:
+            raise self._error(f"more than {_MAX_ELEMENTS} elements and comments")
 
     def _comment(self, text: str) -> None:
+        self._count_element()
         if self._open:
             self._open[-1].children.append(XmlElement(COMMENT, text=text, source=self._source))
 

@@ -1,0 +1,195 @@
+"""Node that publishes a position for every movable joint of a robot on ``joint_states``.
+
+Topics, parameters and rules are those of joint_state_publisher, docs/internals/protocol.md 13.3.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import set_stamp
+from rosidl_py_gen.errors import DefinitionError
+from rosidl_py_gen.robot.node_program import WARNING_INTERVAL_S, ProgramError, serve
+from rosidl_py_gen.robot.robot_state_publisher import LATCHED
+from rosidl_py_gen.robot.urdf import Mimic, parse_urdf, read_description, resolve_mimics
+from rosidl_py_gen.runtime import Node
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.robot.urdf import Joint
+    from rosidl_py_gen.runtime import Context
+
+NAME = "joint_state_publisher"
+_KINDS = ("position", "velocity", "effort")
+_MAX_RATE_HZ = 10_000
+
+
+@dataclass(slots=True)
+class _FreeJoint:
+    """Joint that does not depend on another one; `values` has those of `_KINDS` that are known."""
+
+    lower: float
+    upper: float
+    is_continuous: bool
+    values: dict[str, float] = field(default_factory=dict)
+    is_rising: bool = True
+
+    def move(self, delta: float) -> None:
+        """Move between the limits, or around."""
+        position = self.values.get("position")
+        if position is None:
+            return
+        position += delta if self.is_rising else -delta
+        if position > self.upper and self.is_continuous:
+            position = self.lower
+        elif not self.lower <= position <= self.upper:
+            self.is_rising = position < self.lower
+            position = self.lower if self.is_rising else self.upper
+        self.values["position"] = position
+
+
+class JointStatePublisher:
+    """Node ``joint_state_publisher``; the first argument of `context` that is not of ROS may be the file of a URDF.
+
+    Raises:
+        DefinitionError: the robot description is invalid.
+        ProgramError: a parameter or argument is invalid.
+    """
+
+    def __init__(self, *, context: Context | None = None) -> None:
+        self.node = node = Node(NAME, context=context, automatically_declare_parameters_from_overrides=True)
+        plurals = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
+        self._kinds = [
+            kind for kind in _KINDS if self._parameter(f"publish_default_{plurals[kind]}", kind == "position", bool)
+        ]
+        self._use_mimic = self._parameter("use_mimic_tags", True, bool)
+        self._use_soft_limits = self._parameter("use_smallest_joint_limits", True, bool)
+        self._delta = self._parameter("delta", 0.0, int, float)
+        rate = self._parameter("rate", 10, int, float)
+        if not 0 < rate <= _MAX_RATE_HZ:
+            raise ProgramError(f"parameter rate: got {rate:g}; expected more than 0 and at most {_MAX_RATE_HZ} Hz")
+        topics = [_checked("source_list", topic, str) for topic in self._parameter("source_list", [""], tuple) if topic]
+        zeros = node.get_parameters_by_prefix("zeros")
+        self._zeros = {name: self._parameter(f"zeros.{name}", 0.0, int, float) for name in zeros}
+        self._dependent = self._dependent_joints()
+        self._joints: list[str] = []
+        self._free: dict[str, _FreeJoint] = {}
+        self._mimics: dict[str, Mimic] = {}
+        self._mimic_order: list[str] = []
+        self._message: Any = get_message("sensor_msgs/msg/JointState")
+        description = self._parameter("robot_description", "", str)
+        arguments = node.context.arguments[1:]
+        if arguments:
+            self._use_description(read_description(arguments[0]), arguments[0])
+        elif description:
+            self._use_description(description)
+        else:
+            node.logger.info(f"waiting for a robot description on {node.resolve_topic_name('robot_description')}")
+        string: Any = get_message("std_msgs/msg/String")
+        node.create_subscription(string, "robot_description", self._on_description, LATCHED)
+        for topic in topics:
+            node.create_subscription(self._message, topic, self._on_source, 10)
+        self._publisher = node.create_publisher(self._message, "joint_states", 10)
+        node.create_timer(1 / rate, self._publish)
+
+    def _parameter(self, name: str, default: Any, *kinds: type) -> Any:
+        if not self.node.has_parameter(name):
+            self.node.declare_parameter(name, default)
+        return _checked(name, self.node.get_parameter(name), *kinds)
+
+    def _dependent_joints(self) -> dict[str, Mimic]:
+        """Return the dependences of the parameters ``dependent_joints.<joint>.parent``, ``.factor`` and ``.offset``."""
+        found: dict[str, Mimic] = {}
+        for name in self.node.get_parameters_by_prefix("dependent_joints"):
+            joint, _, key = name.rpartition(".")
+            prefix = f"dependent_joints.{joint}"
+            if not self.node.has_parameter(f"{prefix}.parent") or key not in ("parent", "factor", "offset"):
+                expected = "dependent_joints.<joint>.parent, and if needed .factor and .offset"
+                raise ProgramError(f"parameter dependent_joints.{name}: expected {expected}")
+            factor, offset = (
+                float(self._parameter(f"{prefix}.{key}", default, int, float))
+                for key, default in (("factor", 1.0), ("offset", 0.0))
+            )
+            found[joint] = Mimic(self._parameter(f"{prefix}.parent", "", str), factor, offset)
+        return found
+
+    def _on_description(self, message: Any) -> None:
+        try:
+            self._use_description(message.data)
+        except (DefinitionError, ProgramError) as error:
+            self.node.logger.error(f"robot description ignored: {error}")
+
+    def _use_description(self, text: str, path: str = "<robot_description>") -> None:
+        """Use the movable joints of a URDF; raises `DefinitionError` or `ProgramError` and changes nothing."""
+        movable = {name: joint for name, joint in parse_urdf(text, path).items() if joint.is_movable}
+        mimics = {name: mimic for name, mimic in self._dependent.items() if name in movable}
+        if self._use_mimic:
+            mimics |= {name: joint.mimic for name, joint in movable.items() if joint.mimic is not None}
+        order, problems = resolve_mimics(mimics, movable)
+        if problems:
+            raise ProgramError("; ".join(problems))
+        free = {name: self._free_joint(joint) for name, joint in movable.items() if name not in mimics}
+        self._joints, self._free, self._mimics, self._mimic_order = list(movable), free, mimics, order
+
+    def _free_joint(self, joint: Joint) -> _FreeJoint:
+        lower, upper = (-math.pi, math.pi) if joint.limits is None or joint.type == "continuous" else joint.limits
+        if self._use_soft_limits:
+            lower, upper = max(lower, joint.soft_limits[0]), min(upper, joint.soft_limits[1])
+        zero = self._zeros.get(joint.name, 0.0 if lower <= 0 <= upper else (lower + upper) / 2)
+        values = dict.fromkeys(self._kinds, 0.0)
+        if "position" in values:
+            values["position"] = zero
+        return _FreeJoint(lower, upper, joint.type == "continuous", values)
+
+    def _on_source(self, message: Any) -> None:
+        names = message.name
+        for kind in _KINDS:
+            values = getattr(message, kind).tolist()
+            if values and len(values) != len(names):
+                self.node.logger.warning(
+                    f"message of a source: {kind} ignored, which has {len(values)} values for {len(names)} names",
+                    throttle_s=WARNING_INTERVAL_S,
+                )
+                continue
+            for name, value in zip(names, values, strict=False):
+                if name in self._free and math.isfinite(value):
+                    self._free[name].values[kind] = value
+
+    def _publish(self) -> None:
+        if not self._joints:
+            return
+        states: dict[str, dict[str, float]] = {}
+        for name, joint in self._free.items():
+            if self._delta > 0:
+                joint.move(self._delta)
+            states[name] = joint.values
+        for name in self._mimic_order:
+            mimic = self._mimics[name]
+            state = dict(states[mimic.joint])
+            if "position" in state:
+                state["position"] = state["position"] * mimic.multiplier + mimic.offset
+            if "velocity" in state:
+                state["velocity"] *= mimic.multiplier
+            states[name] = state
+        message = self._message(name=self._joints)
+        set_stamp(message.header.stamp, self.node.clock.now().nanoseconds)
+        for kind in _KINDS:
+            if any(kind in state for state in states.values()):
+                setattr(message, kind, [states[name].get(kind, 0.0) for name in self._joints])
+        self._publisher.publish(message)
+
+
+def _checked(name: str, value: Any, *kinds: type) -> Any:
+    """Return the value of a parameter; raises `ProgramError` if it is of none of some kinds, or not finite."""
+    if type(value) not in kinds or (isinstance(value, float) and not math.isfinite(value)):
+        raise ProgramError(
+            f"parameter {name}: got {value!r:.60}; expected {' or '.join(one.__name__ for one in kinds)}"
+        )
+    return value
+
+
+def main() -> int:
+    """Run the node; return the exit code."""
+    return serve(NAME, JointStatePublisher)

@@ -1,0 +1,255 @@
+"""Kinematic tree of a URDF: links and joints with origins, axes, limits and mimic tags.
+
+Meshes, inertia and all else are ignored. The rules are those of urdfdom, docs/internals/protocol.md 13.1; where it
+builds half a tree, an error is raised.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
+from rosidl_py_gen.errors import DefinitionError, display_path
+from rosidl_py_gen.runtime import get_logger
+from rosidl_py_gen.tf.quaternion_math import ORIGIN, normalized, product
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from rosidl_py_gen.tf.quaternion_math import Quaternion, Vector
+
+MAX_BYTES = 8 * MAX_FILE_BYTES
+"""Maximum size of a description. Those of humanoids with all their meshes have some 500 kB."""
+MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
+JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+"""What urdfdom reads as a number: no infinity, NaN, hexadecimal digits or decimal comma."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """Dependence of a joint: its position is that of `joint` times `multiplier` plus `offset`."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Joint between two links.
+
+    Attributes:
+        type: one of `JOINT_TYPES`.
+        translation: origin of the joint in the frame of the link `parent`, in metres.
+        rotation: orientation of the joint in that frame.
+        axis: unit vector in the frame of the joint, or zero.
+        limits: lower and upper position, or None.
+        soft_limits: those of the safety controller, infinite by default.
+        element: the element, for errors.
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    translation: Vector
+    rotation: Quaternion
+    axis: Vector
+    limits: tuple[float, float] | None
+    soft_limits: tuple[float, float]
+    mimic: Mimic | None
+    element: XmlElement = field(compare=False, repr=False)
+
+    @property
+    def is_movable(self) -> bool:
+        """True for a joint with one position."""
+        return self.type in MOVABLE_TYPES
+
+
+def read_description(path: str) -> str:
+    """Return the text of a file; raises `DefinitionError`."""
+    try:
+        return read_file(path, MAX_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        source = XmlSource(display_path(path))
+        raise DefinitionError(source.diagnostic(0, 0, f"not UTF-8 at byte {error.start}; save as UTF-8")) from None
+
+
+def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]:
+    """Return the joints of a URDF by name, in the order of the text; `path` is for errors.
+
+    Raises:
+        DefinitionError: the text is too large, not URDF, or its joints do not form a tree.
+    """
+    text = text.lstrip("\ufeff")
+    if len(text) > MAX_BYTES or not text.lstrip().startswith("<"):
+        found = f"more than {MAX_BYTES} characters" if len(text) > MAX_BYTES else f"found {text.strip()[:60]!r}"
+        raise DefinitionError(XmlSource(path).diagnostic(0, 0, f"{found}; expected the text of a URDF, not its path"))
+    document = parse_fragment(text, path)
+    roots = [element for element in document.elements if element.tag == "robot"] or [*document.elements, document]
+    root = roots[0]  # as urdfdom does; scripts that fill in names put others before it
+    if root.tag != "robot" or root.attributes.get("version", "1.0") not in ("1.0", "1"):
+        raise root.error(f"found <{root.tag}>; expected a URDF of version 1.0, whose root is <robot>")
+    _attribute(root, "name", "robot")
+    links: dict[str, XmlElement] = {}
+    joints: dict[str, Joint] = {}
+    if xacro := next((element for element in root.elements if element.tag.startswith("xacro:")), None):
+        _warn(xacro, f"<{xacro.tag}> ignored; expected the output of xacro, not its input")
+    for element in root.elements:
+        if element.tag in ("link", "joint"):
+            name = _attribute(element, "name", element.tag)
+            if name in (links if element.tag == "link" else joints):
+                raise element.error(f'second {element.tag} "{name}"; expected different names')
+            if element.tag == "link":
+                links[name] = element
+            else:
+                joints[name] = _joint(name, element)
+    _check_tree(root, links, joints)
+    return joints
+
+
+def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[list[str], list[str]]:
+    """Return the names of `mimics`, each after the joint that it follows, and the problems.
+
+    Args:
+        mimics: dependences by name of the dependent joint; those in a loop are not returned.
+        joints: names of all joints.
+    """
+    sorter = TopologicalSorter({name: (mimic.joint,) for name, mimic in mimics.items()})
+    problems: list[str] = []
+    try:
+        sorter.prepare()
+    except CycleError as error:
+        problems.append(f"joints mimic themselves: {' -> '.join(error.args[1][:5])}; one of them must not mimic")
+    order: list[str] = []
+    while ready := sorter.get_ready():
+        order += ready
+        sorter.done(*ready)
+    if missing := next((name for name in order if name not in joints), None):
+        name = next(name for name, mimic in mimics.items() if mimic.joint == missing)
+        problems.append(f'joint "{name}" mimics joint "{missing}", not a moving joint{did_you_mean(missing, joints)}')
+    return [name for name in order if name in mimics], problems
+
+
+def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str, Joint]) -> None:
+    """Raise `DefinitionError` unless all links hang from one."""
+    parents: dict[str, Joint] = {}
+    children: dict[str, list[str]] = {}
+    for joint in joints.values():
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                hint = did_you_mean(link, links) or f'; add <link name="{link}"/> or remove the joint'
+                raise joint.element.error(f'joint "{joint.name}": link "{link}" does not exist{hint}')
+        other = parents.setdefault(joint.child, joint)
+        if other is not joint:
+            both = f'joint "{other.name}" and of joint "{joint.name}"'
+            raise joint.element.error(f'link "{joint.child}" is the child of {both}; expected one parent')
+        children.setdefault(joint.parent, []).append(joint.child)
+    tops = [link for link in links if link not in parents]
+    if len(tops) > 1:
+        raise links[tops[1]].error(
+            f'links without a parent: "{tops[0]}", "{tops[1]}"; a joint must connect all but one'
+        )
+    waiting, reached = list(tops), set(tops)
+    while waiting:
+        new = children.get(waiting.pop(), [])
+        reached.update(new)
+        waiting.extend(new)
+    if loop := next((link for link in links if link not in reached), None):
+        raise parents[loop].element.error(f'link "{loop}" is in a loop of joints, or below one; expected a tree')
+    if not links:
+        raise root.error("no links; expected at least one <link> directly below <robot>")
+
+
+def _joint(name: str, element: XmlElement) -> Joint:
+    where = f'joint "{name}"'
+    kind = _attribute(element, "type", where)
+    if kind not in JOINT_TYPES:
+        raise element.error(f"{where}: found type {kind!r}; expected {', '.join(JOINT_TYPES)}")
+    children: dict[str, XmlElement] = {}
+    for child in element.elements:
+        children.setdefault(child.tag, child)
+    for tag in ("parent", "child"):
+        if tag not in children:
+            raise element.error(f'{where}: no <{tag}>; expected <{tag} link="..."/>')
+    nothing = XmlElement("")
+    origin = children.get("origin", nothing)
+    rotation = quaternion_from_rpy(*_vector(origin, "rpy", where))
+    axis: Vector = (1.0, 0.0, 0.0)
+    if kind in MOVABLE_TYPES and "axis" in children:
+        axis = _vector(children["axis"], "xyz", where)
+        length = math.hypot(*axis)
+        if not length < math.inf:
+            raise children["axis"].error(f"{where}: the axis is too long; expected a direction such as 0 0 1")
+        if length < 1e-300:
+            _warn(children["axis"], f"{where} is not published: its axis has no length; expected one such as 0 0 1")
+        axis = (axis[0] / length, axis[1] / length, axis[2] / length) if length >= 1e-300 else ORIGIN
+    limits = None
+    if (limit := children.get("limit")) is not None:
+        lower, upper = (_number(limit, key, where, 0.0) for key in ("lower", "upper"))
+        limits = (lower, upper)
+        for key in ("effort", "velocity"):
+            _attribute(limit, key, where)
+            _number(limit, key, where)
+    elif kind in ("revolute", "prismatic"):
+        raise element.error(f"{where}: a {kind} joint must have a <limit>; a continuous joint turns without one")
+    safety = children.get("safety_controller", nothing)
+    soft_limits = (
+        _number(safety, "soft_lower_limit", where, -math.inf),
+        _number(safety, "soft_upper_limit", where, math.inf),
+    )
+    mimic = None
+    if (found := children.get("mimic")) is not None:
+        factor, offset = _number(found, "multiplier", where, 1.0), _number(found, "offset", where, 0.0)
+        mimic = Mimic(_attribute(found, "joint", where), factor, offset)
+    parent, child_link = (_attribute(children[tag], "link", where) for tag in ("parent", "child"))
+    translation = _vector(origin, "xyz", where)
+    return Joint(name, kind, parent, child_link, translation, rotation, axis, limits, soft_limits, mimic, element)
+
+
+def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Return the rotation by `roll` about x, then by `pitch` about y, then by `yaw` about z, all fixed axes."""
+    x = (math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2))
+    y = (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
+    z = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    return normalized(product(z, product(y, x)))
+
+
+def parse_number(text: str) -> float | None:
+    """Return a finite number, or None."""
+    text = text.strip()
+    value = float(text) if len(text) < 1000 and _NUMBER.fullmatch(text) else math.inf
+    return value if math.isfinite(value) else None
+
+
+def _warn(element: XmlElement, text: str) -> None:
+    get_logger("robot_description").warning(str(element.diagnostic(text)))
+
+
+def _attribute(element: XmlElement, key: str, where: str) -> str:
+    value = element.attributes.get(key)
+    if not value:
+        raise element.error(f'{where}: <{element.tag}> has no {key}; expected {key}="..."')
+    return value
+
+
+def _number(element: XmlElement, key: str, where: str, default: float = 0.0) -> float:
+    text = element.attributes.get(key)
+    value = default if text is None else parse_number(text)
+    if value is None:
+        raise element.error(f"{where}: <{element.tag}> has {key}={text!r:.60}; expected a number such as 1.5")
+    return value
+
+
+def _vector(element: XmlElement, key: str, where: str) -> Vector:
+    text = element.attributes.get(key, "0 0 0")
+    values = [value for word in text.split(None, 3) if (value := parse_number(word)) is not None]
+    if len(values) != 3 or len(text.split(None, 3)) != 3:
+        raise element.error(f"{where}: <{element.tag}> has {key}={text!r:.60}; expected three numbers such as 0 0 1.5")
+    return (values[0], values[1], values[2])

@@ -1,0 +1,56 @@
+"""``rosidl-py prefix``."""
+
+from __future__ import annotations
+
+import click
+
+from rosidl_py_gen.generator_cli.distro_option import distro
+from rosidl_py_gen.ros_cli import options, terminal_output, verb
+
+
+@click.command("prefix")
+@click.argument("sources", nargs=-1, metavar="[SRC]...", type=click.Path())
+@click.option(
+    "--out", metavar="DIR", type=click.Path(file_okay=False), default=".ros", show_default=True, help="Prefix."
+)
+@distro
+@options.as_json
+@verb
+def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
+    """Create or update an ament prefix of a workspace, without a build.
+
+    SRC is a workspace, a folder of packages, or a package; by default the workspace of the current folder. The prefix
+    has links to the sources: new contents need no second call, new files do.
+
+    \b
+    rosidl-py prefix ~/ws/src --out ~/ws/.ros
+    source ~/ws/.ros/setup.bash
+    python -c 'import my_package'
+    """
+    from pathlib import Path
+
+    from rosidl_py_gen.errors import display_path
+    from rosidl_py_gen.ros_cli.prefix import build_prefix, current_sources
+
+    made = build_prefix(map(Path, sources) if sources else current_sources(), Path(out))
+    if as_json:
+        skipped = [{"name": one.name, "executables": one.missing, "text": one.text} for one in made.skipped]
+        terminal_output.document(
+            {
+                "folder": str(made.folder),
+                "packages": {name: str(folder) for name, folder in made.packages.items()},
+                "skipped": skipped,
+                "problems": [*made.problems],
+                "created": made.created,
+                "removed": made.removed,
+            }
+        )
+    else:
+        for problem in made.problems:
+            terminal_output.note(f"warning: {problem}")
+        is_changed = made.created or made.removed
+        changes = f"{made.created} files written, {made.removed} removed" if is_changed else "up to date"
+        terminal_output.line(f"{display_path(made.folder)}: {len(made.packages)} packages, {changes}")
+        if is_changed and made.skipped:
+            terminal_output.lines(("C++ code is not built:", *(f"  {one.text}" for one in made.skipped)))
+    return int(bool(made.problems))

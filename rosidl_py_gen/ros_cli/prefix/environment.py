@@ -1,0 +1,87 @@
+"""Environment of a prefix: variables for child processes, setup scripts of shells, and the module for Python."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
+
+from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, DISTRIBUTIONS, ENVIRONMENT_VARIABLE, selected
+from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
+from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, SITE_PACKAGES, PrefixFile
+
+_FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
+_TEMPLATE = Path(__file__).with_name("sitecustomize_template.py")
+
+
+def variables(prefix: Path) -> dict[str, str]:
+    """Return the environment variables of a process that uses a prefix; lists continue with their current values."""
+    found = {name: os.environ.get(name, value) for name, value in (_FIXED | _distribution()).items()}
+    for name, folder in _folders(prefix).items():
+        folders = (str(folder), *filter(None, os.environ.get(name, "").split(os.pathsep)))
+        found[name] = os.pathsep.join(dict.fromkeys(folders))
+    return found
+
+
+def files(prefix: Path, interface_packages: Iterable[str]) -> dict[str, PrefixFile]:
+    """Return the files at the top of a prefix, and the module ``sitecustomize``, by their paths."""
+    if os.pathsep in str(prefix):
+        raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
+    texts = {
+        "COLCON_IGNORE": "",
+        "setup.sh": _posix_script(prefix),
+        "setup.bash": f". {shlex.quote(str(prefix / 'setup.sh'))}\n",
+        "setup.zsh": f". {shlex.quote(str(prefix / 'setup.sh'))}\n",
+        "setup.fish": _fish_script(prefix),
+        f"{SITE_PACKAGES}/sitecustomize.py": _python_module(interface_packages),
+    }
+    return {place: PrefixFile(content=os.fsencode(text)) for place, text in texts.items()}
+
+
+def _distribution() -> dict[str, str]:
+    choice = selected()
+    if choice.is_explicit:
+        return {ENVIRONMENT_VARIABLE: choice.name}
+    is_default = os.environ.get(ENVIRONMENT_VARIABLE) in (None, "", os.environ.get(ASSUMED_VARIABLE))
+    return {ASSUMED_VARIABLE: DEFAULT, ENVIRONMENT_VARIABLE: DEFAULT} if is_default else {}
+
+
+def _folders(prefix: Path) -> dict[str, Path]:
+    return {"AMENT_PREFIX_PATH": prefix, "PYTHONPATH": prefix / SITE_PACKAGES, "PATH": prefix / "bin"}
+
+
+def _posix_script(prefix: Path) -> str:
+    lines = [f"export {name}={value}" for name, value in _FIXED.items()]
+    given = _distribution()
+    if ASSUMED_VARIABLE in given:
+        lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {ASSUMED_VARIABLE}={DEFAULT}')
+    lines += [
+        f'[ -n "${{{name}:-}}" ] || export {name}={value}' for name, value in given.items() if name != ASSUMED_VARIABLE
+    ]
+    for name, folder in _folders(prefix).items():
+        quoted = shlex.quote(str(folder))
+        lines.append(f'case ":${{{name}:-}}:" in')
+        lines.append(f"  *:{quoted}:*) ;;")
+        lines.append(f'  *) export {name}={quoted}"${{{name}:+:${{{name}}}}}" ;;')
+        lines.append("esac")
+    return "\n".join(lines) + "\n"
+
+
+def _fish_script(prefix: Path) -> str:
+    lines = [f"set -gx {name} {value}" for name, value in _FIXED.items()]
+    for name, value in _distribution().items():
+        lines.append(f'test -n "${ENVIRONMENT_VARIABLE}"; or set -gx {name} {value}')
+    for name, folder in _folders(prefix).items():
+        quoted = "'" + str(folder).replace("\\", "\\\\").replace("'", "\\'") + "'"
+        value = f"{quoted} $PATH" if name == "PATH" else f"(string join : -- {quoted} ${name})"
+        lines.append(f'contains -- {quoted} (string split : -- "${name}"); or set -gx {name} {value}')
+    return "\n".join(lines) + "\n"
+
+
+def _python_module(interface_packages: Iterable[str]) -> str:
+    names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
+    text = _TEMPLATE.read_text(encoding="utf-8")
+    listed = ", ".join(map(repr, sorted({*names, *interface_packages, *COMPANIONS, "rosidl_parser"})))
+    return text.replace("frozenset(())", f"frozenset(({listed}))")

@@ -1,0 +1,44 @@
+"""Makes rclpy, its companions and message packages importable in every Python process that uses a prefix.
+
+Written by rosidl-py prefix. Python imports this module when it starts; the import hook is installed by the first import
+of such a package. Another module of this name is imported, too.
+"""
+
+import os
+import sys
+from importlib.machinery import PathFinder
+from importlib.util import module_from_spec
+
+_NAMES: frozenset[str] = frozenset(())
+_HOOK = "rosidl_py_gen.type_loading.import_hook"
+
+
+class _Finder:
+    """Finder that installs the import hook, and passes on what the hook finds."""
+
+    def find_spec(self, fullname, path=None, target=None):  # type: ignore[no-untyped-def]
+        if fullname.partition(".")[0] not in _NAMES or any(type(one).__module__ == _HOOK for one in sys.meta_path):
+            return None
+        try:
+            from rosidl_py_gen import install_import_hook
+        except ModuleNotFoundError as error:
+            if error.name != "rosidl_py_gen":
+                raise
+            text = f"{sys.executable} has no rosidl-py-gen, which provides {fullname}; use the Python that has it"
+            raise ModuleNotFoundError(text, name=fullname) from None
+        if self in sys.meta_path:
+            sys.meta_path.remove(self)
+        install_import_hook(message_api="rclpy", override_installed=True)
+        return sys.meta_path[0].find_spec(fullname, path, target)
+
+
+def _import_next() -> None:
+    """Run the module `sitecustomize` that this one hides, such as that of the operating system."""
+    here = os.path.dirname(os.path.abspath(__file__))
+    spec = PathFinder.find_spec("sitecustomize", [folder for folder in sys.path if os.path.abspath(folder) != here])
+    if spec is not None and spec.loader is not None:
+        spec.loader.exec_module(module_from_spec(spec))
+
+
+sys.meta_path.insert(0, _Finder())
+_import_next()

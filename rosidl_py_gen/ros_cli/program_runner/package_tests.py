@@ -1,0 +1,74 @@
+"""``rosidl-py test``: pytest in the folder of a package, with the prefix of its workspace."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+
+from rosidl_py_gen.ros_cli import CommandError, options
+
+_PLUGIN = "rosidl_py_gen.ros_cli.program_runner.missing_test_tools"
+_TEST_COMMANDS = {"ament_add_pytest_test": 1, "add_launch_test": 0}
+"""Commands of CMakeLists.txt that declare a Python test, with the position of its file."""
+
+
+@click.command("test", no_args_is_help=True, context_settings={"allow_interspersed_args": False})
+@options.paths
+@click.argument("package", metavar="PACKAGE", shell_complete=options.completion("workspace packages"))
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[PYTEST ARGS]...")
+def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Callable[[], None]:
+    """Run the pytest tests of a package of the workspace, which needs no build.
+
+    pytest runs in the folder of the package, and all packages of the workspace can be imported and launched. Tests that
+    need linters of ament or launch_testing are skipped if these are not installed.
+
+    \b
+    rosidl-py test my_package
+    rosidl-py test my_package -k talker -x
+    """
+    from rosidl_py_gen.base.names import did_you_mean
+    from rosidl_py_gen.ros_cli.prefix import build_prefix
+    from rosidl_py_gen.ros_cli.program_runner.run import workspaces
+
+    if find_spec("pytest") is None:
+        raise CommandError("pytest is not installed: pip install pytest")
+    found = workspaces(paths)
+    folders = {name: folder for one in reversed(found) for name, folder in one.packages.items()}
+    if package not in folders:
+        searched = ", ".join(str(one.folder) for one in found)
+        raise CommandError(f'no package "{package}"{did_you_mean(package, folders)}; searched {searched}')
+    folder = folders[package]
+    prefix = build_prefix(root for one in found for root in one.roots)
+    for problem in prefix.problems:
+        click.echo(f"warning: {problem}", err=True)
+    words = ["-m", "pytest", "-p", _PLUGIN, "-rs", "-o", f"cache_dir={prefix.folder / '.pytest_cache'}", *arguments]
+    if not any((folder / word.partition("::")[0]).exists() for word in arguments if not word.startswith("-")):
+        words += _declared_tests(folder)
+
+    def start() -> None:
+        os.chdir(folder)
+        os.execve(sys.executable, [sys.executable, *words], {**os.environ, **prefix.environment()})
+
+    return start
+
+
+def _declared_tests(folder: Path) -> list[str]:
+    """Return the Python tests of CMakeLists.txt; none if it is missing, or one of them is not known."""
+    from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript, inside
+    from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+
+    try:
+        calls = CMakeScript(folder, read_text(folder, "CMakeLists.txt")).calls
+    except UnreadableError:
+        return []
+    declared = [
+        inside(words[_TEST_COMMANDS[name]].text) or ""
+        for name, words in calls
+        if name in _TEST_COMMANDS and len(words) > _TEST_COMMANDS[name]
+    ]
+    return declared if all(path and (folder / path).exists() for path in declared) else []

@@ -1,0 +1,109 @@
+"""Cached results of the searches for packages: those of a workspace, and those with interfaces.
+
+A result is used as long as no file or folder that the search has read has changed, appeared or disappeared. The names
+of interface files are not cached, nor their contents.
+"""
+
+from __future__ import annotations
+
+import marshal
+import os
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from time import time_ns
+from typing import Any
+
+from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.base.scanned_paths import note, recorded, stamp
+from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath, holds_packages, scan_search_path
+from rosidl_py_gen.compiler.frontend.workspace import Workspace
+from rosidl_py_gen.errors import Diagnostic
+from rosidl_py_gen.type_loading import code_cache
+
+_SUFFIX = ".scan"
+_MAX_FILES = 200
+_MIN_AGE_NS = 2_000_000_000
+"""Minimum time since the last change of a path. Of two changes in shorter succession, the second may get the time of
+the first, as file systems have times in steps of up to 2 s."""
+
+
+def workspace_packages(workspace: Workspace) -> dict[str, Path]:
+    """Return `Workspace.packages`."""
+    settings = ("workspace", str(workspace.folder), workspace.depth, str(workspace.own))
+    found = _cached(settings, lambda: {name: str(path) for name, path in workspace.packages.items()})
+    return {name: Path(path) for name, path in found.items()}
+
+
+def search(
+    path: Sequence[str], workspace: Workspace | None, choice: DistributionChoice
+) -> tuple[list[str], SearchPath]:
+    """Return the folders with interfaces of `path` and of a workspace, and what `scan_search_path` finds with them."""
+    found: SearchPath | None = None
+
+    def scan() -> Any:
+        nonlocal found
+        # Names of files are cached for other distributions than the default only.
+        bundled = [interfaces_dir()] if choice.name == DEFAULT else [place for place, *_ in os.walk(interfaces_dir())]
+        for place in (*sys.path, *bundled):
+            note(place)
+        folders = _folders(path, workspace)
+        found = scan_search_path(folders, distro=choice.name if choice.is_explicit else None)
+        rows = [[_row(package) for package in packages] for packages in (found.packages.values(), found.hidden)]
+        refused = {name: (one.path, one.line, one.column, one.text) for name, one in found.refused.items()}
+        return folders, *rows, found.searched, refused
+
+    finders = [getattr(finder, "__name__", type(finder).__qualname__) for finder in sys.meta_path]
+    environment = (os.environ.get("AMENT_PREFIX_PATH"), sys.path, sys.prefix, finders)
+    folders, packages, hidden, searched, refused = _cached(("search", path, workspace, choice, environment), scan)
+    if found is None:
+        by_name = {row[0]: _package(*row) for row in packages}
+        problems = {name: Diagnostic(*values) for name, values in refused.items()}
+        found = SearchPath(by_name, [_package(*row) for row in hidden], searched, problems)
+    return folders, found
+
+
+def _folders(path: Sequence[str], workspace: Workspace | None) -> list[str]:
+    folders = [one for one in path if holds_packages(Path(one)) or not Workspace(Path(one).resolve()).packages]
+    if workspace is not None:
+        given = [Path(one).resolve() for one in path]
+        roots = (place for place in workspace.roots if not any(map(place.is_relative_to, given)))
+        folders += [str(place) for place in roots if holds_packages(place)]
+    return folders
+
+
+def _row(package: Package) -> tuple[Any, ...]:
+    files = package.known_files
+    known = None if files is None else [(name.kind, name.name, str(path)) for name, path in files.items()]
+    return package.name, str(package.folder), package.origin, package.from_source, known
+
+
+def _package(name: str, folder: str, origin: str, from_source: bool, known: list[Any] | None) -> Package:
+    files = None if known is None else {RosName(name, kind, stem): Path(path) for kind, stem, path in known}
+    return Package(name, Path(folder), origin, from_source, files)
+
+
+def _cached(settings: object, scan: Callable[[], Any]) -> Any:
+    """Return the result of a scan, which consists of types that `marshal` supports."""
+    try:
+        place = os.getcwd()
+    except OSError:  # it was deleted
+        place = ""
+    folder = code_cache.own_folder()
+    if folder is None or not place:
+        return scan()
+    name = code_cache.digest(f"{code_cache.version()} {place} {settings!r}".encode(errors="surrogatepass"))
+    file = folder / (name + _SUFFIX)
+    with suppress(OSError, ValueError, EOFError, TypeError):
+        stamps, result = marshal.loads(code_cache.read_checked(file))
+        if all(stamp(path) == old for path, old in stamps.items()):
+            return result
+    with recorded() as stamps:
+        result = scan()
+    newest = max((max(one[:2]) for one in stamps.values() if one is not None), default=0)
+    if newest < time_ns() - _MIN_AGE_NS:
+        code_cache.store_checked(file, marshal.dumps((stamps, result)), max_files=_MAX_FILES)
+    return result

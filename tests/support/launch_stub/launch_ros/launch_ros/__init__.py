@@ -1,0 +1,1 @@
+"""Stub of launch_ros; see README of the folder above."""
