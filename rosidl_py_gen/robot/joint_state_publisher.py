@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Context
 
 NAME = "joint_state_publisher"
-_KINDS = ("position", "velocity", "effort")
+_KINDS = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
 _MAX_RATE_HZ = 10_000
 
 
@@ -51,18 +51,14 @@ class _FreeJoint:
 
 
 class JointStatePublisher:
-    """Node ``joint_state_publisher``; the first argument of `context` that is not of ROS may be the file of a URDF.
-
-    Raises:
-        DefinitionError: the robot description is invalid.
-        ProgramError: a parameter or argument is invalid.
-    """
+    """Node of a context whose first argument may be the file of a URDF; raises errors of this package."""
 
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context, automatically_declare_parameters_from_overrides=True)
-        plurals = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
         self._kinds = [
-            kind for kind in _KINDS if self._parameter(f"publish_default_{plurals[kind]}", kind == "position", bool)
+            kind
+            for kind, plural in _KINDS.items()
+            if self._parameter(f"publish_default_{plural}", kind == "position", bool)
         ]
         self._use_mimic = self._parameter("use_mimic_tags", True, bool)
         self._use_soft_limits = self._parameter("use_smallest_joint_limits", True, bool)
@@ -137,10 +133,9 @@ class JointStatePublisher:
         lower, upper = (-math.pi, math.pi) if joint.limits is None or joint.type == "continuous" else joint.limits
         if self._use_soft_limits:
             lower, upper = max(lower, joint.soft_limits[0]), min(upper, joint.soft_limits[1])
-        zero = self._zeros.get(joint.name, 0.0 if lower <= 0 <= upper else (lower + upper) / 2)
         values = dict.fromkeys(self._kinds, 0.0)
         if "position" in values:
-            values["position"] = zero
+            values["position"] = self._zeros.get(joint.name, 0.0 if lower <= 0 <= upper else (lower + upper) / 2)
         return _FreeJoint(lower, upper, joint.type == "continuous", values)
 
     def _on_source(self, message: Any) -> None:
@@ -148,13 +143,11 @@ class JointStatePublisher:
         for kind in _KINDS:
             values = getattr(message, kind).tolist()
             if values and len(values) != len(names):
-                self.node.logger.warning(
-                    f"message of a source: {kind} ignored, which has {len(values)} values for {len(names)} names",
-                    throttle_s=WARNING_INTERVAL_S,
-                )
+                text = f"message of a source: {kind} ignored, which has {len(values)} values for {len(names)} names"
+                self.node.logger.warning(text, throttle_s=WARNING_INTERVAL_S)
                 continue
             for name, value in zip(names, values, strict=False):
-                if name in self._free and math.isfinite(value):
+                if name in self._free:
                     self._free[name].values[kind] = value
 
     def _publish(self) -> None:
@@ -184,9 +177,8 @@ class JointStatePublisher:
 def _checked(name: str, value: Any, *kinds: type) -> Any:
     """Return the value of a parameter; raises `ProgramError` if it is of none of some kinds, or not finite."""
     if type(value) not in kinds or (isinstance(value, float) and not math.isfinite(value)):
-        raise ProgramError(
-            f"parameter {name}: got {value!r:.60}; expected {' or '.join(one.__name__ for one in kinds)}"
-        )
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise ProgramError(f"parameter {name}: got {value!r:.60}; expected {expected}")
     return value
 
 

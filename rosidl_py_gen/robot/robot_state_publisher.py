@@ -55,13 +55,7 @@ class _MovingTransform:
 
 
 class RobotStatePublisher:
-    """Node ``robot_state_publisher``; the first argument of `context` that is not of ROS may be the file of a URDF.
-
-    Raises:
-        DefinitionError: the robot description is invalid.
-        ProgramError: there is no description, or a parameter is out of range.
-        ParameterError: a parameter has the wrong type.
-    """
+    """Node of a context whose first argument may be the file of a URDF; raises errors of this package."""
 
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context)
@@ -74,10 +68,8 @@ class RobotStatePublisher:
         self._interval_ns = _interval_ns(frequency)
         arguments = node.context.arguments[1:]
         if not text and not arguments:
-            raise ProgramError(
-                "parameter robot_description: not set; expected the text of a URDF, "
-                "such as {'robot_description': Command(['xacro ', path])} in a launch file"
-            )
+            expected = "the text of a URDF, such as Command(['xacro ', path]) in a launch file"
+            raise ProgramError(f"parameter robot_description: not set; expected {expected}")
         if not text:
             node.logger.warning("robot_description is not set; the file of a URDF as argument is deprecated")
             text = read_description(arguments[0])

@@ -28,7 +28,7 @@ MAX_BYTES = 8 * MAX_FILE_BYTES
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-"""What urdfdom reads as a number: no infinity, NaN, hexadecimal digits or decimal comma."""
+"""Pattern of the numbers that urdfdom reads: no infinity, NaN, hexadecimal digits or decimal comma."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +115,7 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
 
 
 def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[list[str], list[str]]:
-    """Return the names of `mimics`, each after the joint that it follows, and the problems.
-
-    Args:
-        mimics: dependences by name of the dependent joint; those in a loop are not returned.
-        joints: names of all joints.
-    """
+    """Return the names of `mimics` that are in no loop, each after the joint that it follows, and the problems."""
     sorter = TopologicalSorter({name: (mimic.joint,) for name, mimic in mimics.items()})
     problems: list[str] = []
     try:
@@ -200,17 +195,14 @@ def _joint(name: str, element: XmlElement) -> Joint:
     elif kind in ("revolute", "prismatic"):
         raise element.error(f"{where}: a {kind} joint must have a <limit>; a continuous joint turns without one")
     safety = children.get("safety_controller", nothing)
-    soft_limits = (
-        _number(safety, "soft_lower_limit", where, -math.inf),
-        _number(safety, "soft_upper_limit", where, math.inf),
-    )
+    soft = (_number(safety, "soft_lower_limit", where, -math.inf), _number(safety, "soft_upper_limit", where, math.inf))
     mimic = None
     if (found := children.get("mimic")) is not None:
         factor, offset = _number(found, "multiplier", where, 1.0), _number(found, "offset", where, 0.0)
         mimic = Mimic(_attribute(found, "joint", where), factor, offset)
     parent, child_link = (_attribute(children[tag], "link", where) for tag in ("parent", "child"))
     translation = _vector(origin, "xyz", where)
-    return Joint(name, kind, parent, child_link, translation, rotation, axis, limits, soft_limits, mimic, element)
+    return Joint(name, kind, parent, child_link, translation, rotation, axis, limits, soft, mimic, element)
 
 
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
