@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.announced_types import humble_node, without_hash
 from support.changed_definitions import changed_worlds
 from support.example_counts import examples
 from support.node_fixtures import World, until, wait_until, zenoh_environment
@@ -22,7 +23,6 @@ from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, EncodeError
 from rosidl_py_gen.msgs.distribution_hashes import HASHES
 from rosidl_py_gen.runtime import CallTimeoutError, QoSProfile, WaitTimeoutError, qos
-from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.type_loading import peer_definitions
 from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, converter_from
 
@@ -51,12 +51,6 @@ def two(kind: str, text: str) -> tuple[Any, Any]:
     """Return the classes of a type that uses Range, of Jazzy and of Humble."""
     name = f"sonar_msgs/{kind}/Sonar{next(_numbers)}"
     return compile_definition(name, text), compile_definition(name, text + HUMBLE_RANGE_TEXT)
-
-
-def without_hash(cls: Any) -> Any:
-    """Return a class that a publisher of Humble would have: it announces no hash."""
-    info = cls._TYPE
-    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info.__class__(info.name, "", info.fields)})
 
 
 def lyrical_event() -> Any:
@@ -249,15 +243,10 @@ async def test_a_range_of_humble_without_hash_is_known_by_its_size(world: World)
 
 
 async def test_a_participant_of_humble_is_known_by_its_graph_messages(
-    dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    dds: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    spec = discovery_info._spec
-    with monkeypatch.context() as patch:
-        patch.setenv("ROS_DISTRO", "humble")
-        patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
-        alice = dds.node("alice")
+    alice = humble_node(dds, "alice")
     bob, carol = dds.node("bob"), dds.node("carol", type_hash_check="error")
-    assert spec is discovery_info._spec
     # Its bytes have the size of both definitions.
     publisher = alice.create_publisher(without_hash(Event), "t")
     subscription, strict = bob.create_subscription(LyricalEvent, "t"), carol.create_subscription(LyricalEvent, "t")
@@ -268,6 +257,22 @@ async def test_a_participant_of_humble_is_known_by_its_graph_messages(
     assert (await strict.receive(5)).stamp.nanosec == 123, "as before"
     assert bob.context.participants()
     await until(lambda: caplog.text.count("a node of ROS 2 Humble is in this domain") == 2)  # bob's and carol's
+
+
+async def test_a_writer_of_humble_with_the_definition_of_the_reader_is_examined_once(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publisher = humble_node(dds, "alice").create_publisher(without_hash(Event), "t")
+    bob = dds.node("bob")
+    subscription = bob.create_subscription(Event, "t")
+    assert await publisher.wait_for_subscribers(5)
+    await bob.wait_for_node("alice", 10)
+    publisher.publish_raw(Event(timestamp=1).encode())
+    assert (await subscription.receive(5)).timestamp == 1
+    monkeypatch.setattr(type(bob._scope.graph), "is_humble", lambda *_: pytest.fail("examined again"))
+    publisher.publish_raw(Event(timestamp=2).encode())
+    assert (await subscription.receive(5)).timestamp == 2
+    assert not subscription.converted
 
 
 # --- services and actions ---------------------------------------------------------------------------------------------
