@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support.keystores import Authority, Keystore
+from support.keystores import Authority, Keystore, governance
 from support.node_fixtures import domain_id
 
 from rosidl_py_gen.bags import BagReader
@@ -217,6 +217,47 @@ with Context(enclave="/two", args=["x"]) as context:  # all others are closed
     assert "Use one enclave, or two processes" in first and second == "/two"
 
 
+def test_a_domain_of_a_process_is_secured_or_not(keystore: Keystore) -> None:
+    """Cyclone would end the process; after a context that failed or was closed, the domain may be used otherwise."""
+    keystore.enclave("/expired", days=(-10, -1))
+    keystore.enclave("/foreign")
+    keystore.enclave("/good")
+    governance_file = keystore.folder / "enclaves/foreign/governance.p7s"
+    governance_file.unlink()
+    governance_file.write_bytes(keystore.authority.sign(governance(domain_id() + 1)))
+    program = """
+import os
+from rosidl_py_gen.runtime import Context, SecurityError
+
+def attempt(enclave):
+    os.environ["ROS_SECURITY_ENABLE"] = "true" if enclave else "false"
+    try:
+        return Context(enclave=enclave or "/", args=["x"])
+    except SecurityError as error:
+        print(error)
+
+plain = attempt("")
+attempt("/good")
+plain.close()
+attempt("/expired")
+attempt("/foreign")
+good = attempt("/good")
+attempt("")
+good.close()
+attempt("").close()
+print("end")
+"""
+    environ = {**os.environ, **keystore.environment()}
+    run = subprocess.run([sys.executable, "-c", program], env=environ, capture_output=True, text=True, timeout=60)
+    second, expired, foreign, unsecured, end = run.stdout.splitlines() or [run.stderr]
+    folder = f"{keystore.folder}/enclaves/good"
+    assert "with no security, and Cyclone DDS permits one enclave" in second
+    assert f"got the enclave in {folder}. Use one enclave, or two processes" in second
+    assert "expired/cert.pem" in expired and "has no rule for domain" in foreign
+    assert f"with the enclave in {folder}, and Cyclone DDS permits" in unsecured and "got no security" in unsecured
+    assert (end, run.returncode) == ("end", 0)
+
+
 def test_a_rejected_peer_is_logged_once(keystore: Keystore) -> None:
     keystore.enclave("/talker")
     stranger = keystore.enclave("/stranger", authority=Authority())
@@ -378,6 +419,7 @@ import asyncio, sys
 from rosidl_py_gen import get_message, get_service
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 String, Add = get_message("std_msgs/msg/String"), get_service("example_interfaces/srv/AddTwoInts")
 
 async def main(enclave, *services):
@@ -403,6 +445,7 @@ async def main(enclave, *services):
             print(f"{type(error).__name__}: {error}", flush=True)
 
 asyncio.run(main(*sys.argv[1:]))
+assert not has_secured_fast_dds(), "peers of a closed context"
 """
 
 
@@ -425,6 +468,7 @@ def ours(keystore: Keystore, *arguments: str) -> Iterator[subprocess.Popen[str]]
 def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
     with ours(keystore, *arguments) as process:
         out, log = process.communicate(timeout=60)
+    assert process.returncode == 0, log
     return out.splitlines(), log
 
 
