@@ -462,6 +462,21 @@ def test_a_random_change_of_a_random_definition_is_delivered_right_or_refused(
             assert repr(received[field.ros_name]) == repr(sent[field.ros_name])
 
 
+async def test_a_conversion_is_logged_at_the_latest_when_the_context_closes(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    reader, peer = memory.node("reader", context=memory.context()), memory.node("peer", context=memory.context())
+    subscription, publisher = reader.create_subscription(Range, "t"), peer.create_publisher(HumbleRange, "t")
+    assert await publisher.wait_for_subscribers(5)
+    for participant in reader._scope.graph._participants.values():
+        participant.nodes = []  # their names may arrive seconds later
+    publisher.publish(HumbleRange(range=1.0))
+    assert (await subscription.receive(5)).range == 1.0
+    assert "are converted" not in caplog.text
+    reader.context.close()
+    assert "messages on /t from an unknown node are converted" in caplog.text
+
+
 # -------------------------------------------------------------------------------------------- writers that have left
 
 
@@ -507,3 +522,33 @@ async def test_bytes_of_the_new_definition_from_a_node_of_humble_keep_their_valu
     publisher.publish(hashless(range=1.0, variance=9.0))
     message = await subscription.receive(timeout_s=10)
     assert (message.range, message.variance) == (1.0, 9.0)
+
+
+async def test_a_sample_on_the_key_of_another_definition_is_converted_without_its_writer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On Zenoh a token may disappear before the last samples of its writer are taken, and the key tells the hash."""
+    for key, value in zenoh_environment().items():
+        monkeypatch.setenv(key, value)
+    world = World("zenoh")
+    try:
+        alice, bob = world.pair()
+        subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(HumbleRange, "t")
+        same = alice.create_publisher(Range, "t")
+        await reach(subscription, publisher, HumbleRange())
+        reader, received = subscription._reader, list[Any]()
+        for sender, message in ((publisher, HumbleRange(range=1.0)), (same, Range(range=2.0, variance=3.0))):
+            sender.publish(message)
+            await until(lambda: bool(subscription._items))
+            received.append(subscription._items[-1])
+            subscription._items.clear()
+        hashes = [reader.type_hash_of(sample[2]) for sample in received]
+        assert hashes == [type_hash(HumbleRange), ""]
+        type_filter = subscription._type_hash_filter
+        monkeypatch.setattr(type_filter, "_guid_of", lambda writer: bytes(16))
+        type_filter._by_writer.clear()
+        type_filter.accepted_writers.clear()
+        subscription._items.extend(received)
+        assert [subscription.take(), subscription.take()] == [Range(range=1.0), Range(range=2.0, variance=3.0)]
+    finally:
+        world.close()

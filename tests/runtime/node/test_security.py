@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.keystores import Authority, Keystore
 
-from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime import Context, MemoryTransport, RosArgumentError, SecurityError, find_security
+from rosidl_py_gen.errors import ClosedError, InvalidNameError
+from rosidl_py_gen.runtime import Context, MemoryTransport, QoSProfile, RosArgumentError, SecurityError, find_security
+from rosidl_py_gen.runtime.node import context_core
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+REASON = "permissions deny the topic of the graph"
 FILES = (
     *("identity_ca.cert.pem", "cert.pem", "key.pem"),
     *("permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"),
@@ -154,3 +157,23 @@ def test_transports_without_security(
     if transport == "memory":
         Context(transport=kind, args=["x"]).close()
         assert "this transport has no security; this process communicates unencrypted" in caplog.text
+
+
+@pytest.mark.parametrize("failing", ["LoopBinding", "Discovery", "InitialValues"])
+def test_a_context_that_cannot_be_made_leaves_no_participant(failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Any] = []
+
+    class Recorded(MemoryTransport):
+        def open(self, *arguments: Any, **options: Any) -> Any:
+            opened.append(super().open(*arguments, **options))
+            return opened[-1]
+
+    def fail(*_: object) -> None:
+        raise SecurityError(REASON)
+
+    monkeypatch.setattr(context_core, failing, fail)
+    with pytest.raises(SecurityError, match=REASON):
+        Context(args=["x"], transport=Recorded())
+    (participant,) = opened
+    with pytest.raises(ClosedError):
+        participant.create_reader(EndpointSpec("/t", "std_msgs/msg/Bool", QoSProfile(), ""))
