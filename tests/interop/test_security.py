@@ -396,24 +396,6 @@ def test_a_library_without_security_says_what_to_install(keystore: Keystore) -> 
 # ------------------------------------------------------------------------------------------------------- other programs
 
 
-@contextmanager
-def secured_peer(program: Path, *arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """Run a program in C or C++ with the files of an enclave."""
-    uri = _BOUND.replace("<Domain>", f"<Domain Id='{domain_id()}'>")
-    process = subprocess.Popen(
-        [str(program), *arguments],
-        env={**os.environ, "CYCLONEDDS_URI": uri, "SECURE_ENCLAVE": str(folder)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None and process.stdout.readline() == "READY\n"
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
 ECHO = """
 import asyncio, sys
 from rosidl_py_gen import get_message, get_service
@@ -472,10 +454,10 @@ def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
     return out.splitlines(), log
 
 
-def test_a_program_on_cyclone(keystore: Keystore, cyclone_peer: Path) -> None:
+def test_a_program_on_cyclone(keystore: Keystore, run_peer: Callable[..., Any], cyclone_peer: Path) -> None:
     keystore.enclave("/ours")
     folder = keystore.enclave("/peer").folder
-    with secured_peer(cyclone_peer, folder=folder):
+    with run_peer(cyclone_peer, enclave=folder):
         lines, log = outcome(keystore, "/ours", "topics", "/c_add")
     assert lines == ["5", "70000", "42"], log
 
@@ -491,42 +473,48 @@ def test_a_program_on_cyclone(keystore: Keystore, cyclone_peer: Path) -> None:
     ],
     ids=["as sros2", "plain data", "signed", "packets only"],
 )
-def test_services_with_fast_dds(tmp_path: Path, fastdds_service_peer: Path, kinds: dict[str, str]) -> None:
+def test_services_with_fast_dds(
+    tmp_path: Path, run_peer: Callable[..., Any], fastdds_service_peer: Path, kinds: dict[str, str]
+) -> None:
     keystore, domain = Keystore(tmp_path / "keystore", domain_id(), kinds), str(domain_id())
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with secured_peer(fastdds_service_peer, "serve", domain, "f_add", folder=folder):
+    with run_peer(fastdds_service_peer, "serve", domain, "f_add", enclave=folder):
         lines, log = outcome(keystore, "/talker", "calls", "/f_add")
     assert lines == ["42"], log
     with ours(keystore, "/talker", "serve") as server:
         assert server.stdout is not None and server.stdout.readline() == "READY\n"
-        with secured_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", folder=folder) as peer:
+        with run_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", enclave=folder) as peer:
             assert peer.stdout is not None
             assert [peer.stdout.readline() for _ in range(2)] == ["SUM 3\n", "SUM 7\n"]
 
 
-def test_topics_with_fast_dds(keystore: Keystore, fastdds_peer: Path) -> None:
+def test_topics_with_fast_dds(keystore: Keystore, run_peer: Callable[..., Any], fastdds_peer: Path) -> None:
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with secured_peer(fastdds_peer, "echo", str(domain_id()), folder=folder):
+    with run_peer(fastdds_peer, "echo", str(domain_id()), enclave=folder):
         lines, log = outcome(keystore, "/talker", "topics")
     assert lines == ["5", "70000"], log
 
 
-def test_fast_dds_that_begins_the_handshake_is_reported(keystore: Keystore, fastdds_service_peer: Path) -> None:
+def test_fast_dds_that_begins_the_handshake_is_reported(
+    keystore: Keystore, run_peer: Callable[..., Any], fastdds_service_peer: Path
+) -> None:
     folder = keystore.enclave("/talker").folder
     keystore.enclave("/listener")
-    with secured_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", folder=folder):
+    with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
         lines, log = outcome(keystore, "/listener", "calls", "/f_add")
     assert lines[0].startswith("WaitTimeoutError"), lines
     assert log.count("they authenticate each other only if Cyclone DDS begins the handshake") == 1, log
 
 
-def test_services_that_governance_makes_impossible_are_refused(tmp_path: Path, fastdds_service_peer: Path) -> None:
+def test_services_that_governance_makes_impossible_are_refused(
+    tmp_path: Path, run_peer: Callable[..., Any], fastdds_service_peer: Path
+) -> None:
     keystore = Keystore(tmp_path / "keystore", domain_id(), {"metadata": "NONE"})
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with secured_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", folder=folder):
+    with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
         lines, log = outcome(keystore, "/talker", "calls", "/f_add")
     assert lines[0].startswith("IncompatibleServiceError") and "protects data but not metadata" in lines[0], lines
     assert log.count("a peer on Fast DDS was found, and the governance rule '*' protects data") == 1, log
