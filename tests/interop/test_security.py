@@ -518,3 +518,80 @@ def test_services_that_governance_makes_impossible_are_refused(
         lines, log = outcome(keystore, "/talker", "calls", "/f_add")
     assert lines[0].startswith("IncompatibleServiceError") and "protects data but not metadata" in lines[0], lines
     assert log.count("a peer on Fast DDS was found, and the governance rule '*' protects data") == 1, log
+
+
+# ----------------------------------------------------------------------------------------------------- rclpy programs
+
+
+RCLPY_TALKER = """
+import rclpy
+from example_interfaces.srv import AddTwoInts
+from rclpy.node import Node
+from std_msgs.msg import String
+
+def add(request, response):
+    response.sum = request.a + request.b
+    return response
+
+rclpy.init()
+node = Node("talk")
+publisher = node.create_publisher(String, "chatter", 10)
+node.create_timer(0.2, lambda: publisher.publish(String(data="secret")))
+node.create_service(AddTwoInts, "add", add)
+print('{"ready": true}', flush=True)
+rclpy.spin(node)
+"""
+RCLPY_LISTENER = """
+import sys, rclpy
+from example_interfaces.srv import AddTwoInts
+from rclpy.node import Node
+from std_msgs.msg import String
+
+rclpy.init(args=sys.argv)
+node, received = Node("listen"), []
+node.create_subscription(String, "chatter", lambda message: received.append(message.data), 10)
+client = node.create_client(AddTwoInts, "add")
+if client.wait_for_service(timeout_sec=float(sys.argv[1])):
+    call = client.call_async(AddTwoInts.Request(a=2, b=3))
+    rclpy.spin_until_future_complete(node, call, timeout_sec=20)
+    while not received:
+        rclpy.spin_once(node)
+    print(call.result().sum, received[0])
+print(sorted(node.get_node_names_and_namespaces_with_enclaves()))
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+def test_programs_for_rclpy_are_secured(keystore: Keystore, tmp_path: Path) -> None:
+    for name in ("/talker", "/listener"):
+        keystore.enclave(name)
+    (tmp_path / "talker.py").write_text(RCLPY_TALKER)
+    (tmp_path / "listener.py").write_text(RCLPY_LISTENER)
+
+    def listener(timeout_s: int, *arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
+        return command(
+            *("run", str(tmp_path / "listener.py"), str(timeout_s), *arguments),
+            environ={**keystore.environment(), **more},
+        )
+
+    talker = subprocess.Popen(
+        [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "talker.py", "--ros-args", "--enclave", "/talker"],
+        env={**os.environ, "CYCLONEDDS_URI": _BOUND, **keystore.environment()},
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert talker.stdout is not None and talker.stdout.readline() == '{"ready": true}\n'
+        secured, plain, missing = side_by_side(
+            lambda: listener(20, "--ros-args", "--enclave", "/listener"),
+            lambda: listener(2, ROS_SECURITY_ENABLE="false"),
+            lambda: listener(2, "--ros-args", "--enclave", "/nowhere"),
+        )
+    finally:
+        talker.kill()
+        talker.communicate()
+    assert secured.stdout == "5 secret\n[('listen', '/', '/listener'), ('talk', '/', '/talker')]\n", secured
+    assert plain.stdout == "[('listen', '/', '/')]\n", plain
+    assert "RCLError: failed to initialize rcl: ROS_SECURITY_STRATEGY=Enforce requires a secured" in missing.stderr

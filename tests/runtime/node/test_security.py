@@ -25,7 +25,7 @@ FILES = (
 @pytest.fixture(scope="module")
 def keystore(tmp_path_factory: pytest.TempPathFactory) -> Keystore:
     made = Keystore(tmp_path_factory.mktemp("security") / "keystore", 0)
-    for name in ("/", "/a", "/a/b"):
+    for name in ("/", "/a", "/a/b", "/only/below"):
         made.enclave(name)
     return made
 
@@ -75,7 +75,8 @@ def test_values_are_compared_as_in_rcl(keystore: Keystore, enable: str, strategy
     [
         ({"ROS_SECURITY_KEYSTORE": ""}, "/", "ROS_SECURITY_KEYSTORE is not set; expected the folder of a keystore"),
         ({"ROS_SECURITY_KEYSTORE": "/no"}, "/", "ROS_SECURITY_KEYSTORE='/no' is not a keystore, as it has no folder"),
-        ({}, "/c", "enclaves/c (enclave /c); the keystore has the enclaves /, /a, /a/b"),
+        ({}, "/c", "enclaves/c (enclave /c); the keystore has the enclaves /, /a, /a/b, /only/below; select one with"),
+        ({}, "/only", "there is no enclave in "),
         (
             {"ROS_SECURITY_ENCLAVE_OVERRIDE": "bad"},
             "/",
