@@ -118,7 +118,7 @@ class TypeHashFilter(Generic[W]):
 
     __slots__ = (
         *("_by_guid", "_by_writer", "_guid_of", "_hash_of", "_mode", "_on_converted", "_peers", "_reported", "_scope"),
-        *("_topic", "_type_hash", "_unknown_samples"),
+        *("_is_late", "_topic", "_type_hash", "_unknown_samples"),
         *("accepted_writers", "converted", "incompatible_dropped", "service_hash"),
     )
 
@@ -143,6 +143,8 @@ class TypeHashFilter(Generic[W]):
         self._topic = topic
         self.service_hash = service_hash
         self._on_converted = on_converted
+        self._is_late = False
+        """True if the definition was set later: the reader announces none, so nothing else warns about drops."""
         self._by_writer: dict[W, SampleConverter] = {}
         self._by_guid: dict[bytes, tuple[DiscoveredEndpoint, SampleConverter | None]] = {}
         """Discovered writers with another definition, which may have left when their samples are taken.
@@ -184,10 +186,12 @@ class TypeHashFilter(Generic[W]):
                     return None
             elif not self.is_compatible(endpoint):
                 self.incompatible_dropped += 1
+                if self._is_late:
+                    self._report_drop(endpoint)
                 return None
             elif type_hashes_differ(endpoint, self._type_hash, self.service_hash):
                 converter = self._peers.get(endpoint.type_hash)
-            elif self._needs_guess(endpoint):
+            elif self._needs_guess(endpoint) and not self._is_own_humble(endpoint, data):
                 return self._guessed_payload(endpoint, data)
             if endpoint is not None and converter is not None:
                 self._report(endpoint, converter)
@@ -200,6 +204,15 @@ class TypeHashFilter(Generic[W]):
             self.accepted_writers.clear()
         self.accepted_writers.add(writer)
         return data
+
+    def set_definition(self, message_type: MessageType[Any]) -> None:
+        """Convert samples to another definition from now on: that of raw data whose definition was not known before."""
+        self._is_late = True
+        self._type_hash = message_type.type_hash
+        self._peers = MessageConverters(self._scope, message_type)
+        self.accepted_writers.clear()
+        self._by_writer.clear()
+        self._by_guid.clear()
 
     def _left_writer(self, guid: bytes | None) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
         return None if guid is None else self._by_guid.get(guid)
@@ -255,6 +268,16 @@ class TypeHashFilter(Generic[W]):
             and bool(self._peers.definitions())
         )
 
+    def _is_own_humble(self, endpoint: DiscoveredEndpoint, data: Payload) -> bool:
+        """Return True if a writer of Humble sends the definition of Humble, and the reader has the same."""
+        from rosidl_py_gen.type_loading.peer_definitions import fits_exactly
+
+        return (
+            self._scope.graph.is_humble(endpoint.participant_guid) is True
+            and not any(_HUMBLE in one.distros for one in self._peers.definitions().values())
+            and fits_exactly(self._peers.cls, data)
+        )
+
     def _guessed_payload(self, endpoint: DiscoveredEndpoint, data: Payload) -> Payload:
         """Return a sample of a writer without hash, in the definition of the reader."""
         from rosidl_py_gen.type_loading.peer_definitions import fits_exactly
@@ -284,17 +307,25 @@ class TypeHashFilter(Generic[W]):
     def _report(self, endpoint: DiscoveredEndpoint, converter: SampleConverter) -> None:
         """Log once for each definition that samples are converted."""
         type_hash = converter.old._TYPE.hash
-        if type_hash in self._reported:
+        if type_hash not in self._reported:
+            distros = self._peers.definitions()[type_hash].distros
+            self._warn_once(endpoint, type_hash, f"are converted: {conversion_text(converter, distros)}")
+
+    def _report_drop(self, endpoint: DiscoveredEndpoint) -> None:
+        """Log once for each definition that samples are dropped."""
+        type_hash = endpoint.type_hash or endpoint.service_hash
+        if type_hash not in self._reported:
+            text = f"are dropped: its definition is {type_hash}; here it is {self._type_hash}"
+            self._warn_once(endpoint, type_hash, text)
+
+    def _warn_once(self, endpoint: DiscoveredEndpoint, type_hash: str, text: str) -> None:
+        if len(self._reported) >= _MAX_ACCEPTED_WRITERS:
             return
         self._reported.add(type_hash)
-        distros = self._peers.definitions()[type_hash].distros
         discovery, logger = self._scope.discovery, self._scope.logger
 
         def log() -> None:
-            node = discovery.graph.describe_node(endpoint)
-            logger.warning(
-                f"messages on {self._topic} from {node} are converted: {conversion_text(converter, distros)}"
-            )
+            logger.warning(f"messages on {self._topic} from {discovery.graph.describe_node(endpoint)} {text}")
 
         discovery.call_when_named(endpoint, log)
 

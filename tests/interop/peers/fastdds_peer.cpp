@@ -1,8 +1,9 @@
 // A foreign peer on Fast DDS 2.9, close to the 2.14 of ROS 2 Jazzy.
 //
-// "echo": echoes every sample of rt/ask_<type> on rt/answer_<type>, reliable or best effort, and keeps a transient-local
-// sample on rt/latched. The reader of rt/ask_filtered has a content filter, as feedback readers of ROS 2 Lyrical: only
-// texts with the letter of its parameter pass. Prints READY when everything exists. Loopback only; domain from argv.
+// "echo DOMAIN": echoes every sample of rt/ask_<type> on rt/answer_<type>, reliable or best effort, and keeps a
+// transient-local sample on rt/latched. The reader of rt/ask_filtered has a content filter, as feedback readers of ROS 2
+// Lyrical: only texts with the letter of its parameter pass. Prints READY when everything exists. Loopback only.
+// "talk DOMAIN TOPIC" writes a std_msgs/String ten times a second; "listen DOMAIN TOPIC" prints GOT and the first one.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -61,10 +62,34 @@ static TopicDescription *filtered(Topic *all) {
   return participant->create_contentfilteredtopic("filtered", all, "letter", {"k"}, "LETTER");
 }
 
+static void ready() {
+  std::printf("READY\n");
+  std::fflush(stdout);
+}
+
+[[noreturn]] static void talk(const std::string &name) {
+  DataWriter *writer = publisher->create_datawriter(topic(name, new std_msgs::msg::dds_::String_PubSubType()), writer_qos(false));
+  std_msgs::msg::dds_::String_ sample;
+  sample.data("secret");
+  for (ready();; std::this_thread::sleep_for(std::chrono::milliseconds(100))) writer->write(&sample);
+}
+
+[[noreturn]] static void listen(const std::string &name) {
+  DataReader *reader = subscriber->create_datareader(topic(name, new std_msgs::msg::dds_::String_PubSubType()), reader_qos(false));
+  std_msgs::msg::dds_::String_ sample;
+  SampleInfo info;
+  for (ready(); reader->take_next_sample(&sample, &info) != ReturnCode_t::RETCODE_OK || !info.valid_data;)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  std::printf("GOT %s\n", sample.data().c_str());
+  std::fflush(stdout);
+  std::_Exit(0);  // the destructors of a secured participant crash in Fast DDS 2.9.1
+}
+
 int main(int argc, char **argv) {
   if (argc < 3) return 2;
   open_participant(std::atoi(argv[2]));
   const std::string mode = argv[1];
+  if (argc > 3) mode == "talk" ? talk(argv[3]) : listen(argv[3]);
   using namespace std_msgs::msg::dds_;
   Echo<String_PubSubType, String_> string("string", false);
   Echo<String_PubSubType, String_> sensor("sensor", true);
@@ -77,7 +102,6 @@ int main(int argc, char **argv) {
   String_ kept;
   kept.data("kept");
   latched->write(&kept);
-  std::printf("READY\n");
-  std::fflush(stdout);
+  ready();
   for (;;) std::this_thread::sleep_for(std::chrono::seconds(1));
 }

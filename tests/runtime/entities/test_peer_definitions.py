@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.announced_types import humble_node, without_hash
 from support.changed_definitions import changed_worlds
 from support.example_counts import examples
 from support.node_fixtures import World, until, wait_until, zenoh_environment
@@ -22,7 +23,6 @@ from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, EncodeError
 from rosidl_py_gen.msgs.distribution_hashes import HASHES
 from rosidl_py_gen.runtime import CallTimeoutError, QoSProfile, SubscriptionEventCallbacks, WaitTimeoutError, qos
-from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.type_loading import peer_definitions
 from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, converter_from
 
@@ -51,12 +51,6 @@ def two(kind: str, text: str) -> tuple[Any, Any]:
     """Return the classes of a type that uses Range, of Jazzy and of Humble."""
     name = f"sonar_msgs/{kind}/Sonar{next(_numbers)}"
     return compile_definition(name, text), compile_definition(name, text + HUMBLE_RANGE_TEXT)
-
-
-def without_hash(cls: Any) -> Any:
-    """Return a class that a publisher of Humble would have: it announces no hash."""
-    info = cls._TYPE
-    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info.__class__(info.name, "", info.fields)})
 
 
 def lyrical_event() -> Any:
@@ -266,15 +260,10 @@ async def test_a_range_of_humble_without_hash_is_known_by_its_size(world: World)
 
 
 async def test_a_participant_of_humble_is_known_by_its_graph_messages(
-    dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    dds: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    spec = discovery_info._spec
-    with monkeypatch.context() as patch:
-        patch.setenv("ROS_DISTRO", "humble")
-        patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
-        alice = dds.node("alice")
+    alice = humble_node(dds, "alice")
     bob, carol = dds.node("bob"), dds.node("carol", type_hash_check="error")
-    assert spec is discovery_info._spec
     # Its bytes have the size of both definitions.
     publisher = alice.create_publisher(without_hash(Event), "t")
     subscription, strict = bob.create_subscription(LyricalEvent, "t"), carol.create_subscription(LyricalEvent, "t")
@@ -285,6 +274,22 @@ async def test_a_participant_of_humble_is_known_by_its_graph_messages(
     assert (await strict.receive(5)).stamp.nanosec == 123, "as before"
     assert bob.context.participants()
     await until(lambda: caplog.text.count("a node of ROS 2 Humble is in this domain") == 2)  # bob's and carol's
+
+
+async def test_a_writer_of_humble_with_the_definition_of_the_reader_is_examined_once(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publisher = humble_node(dds, "alice").create_publisher(without_hash(Event), "t")
+    bob = dds.node("bob")
+    subscription = bob.create_subscription(Event, "t")
+    assert await publisher.wait_for_subscribers(5)
+    await bob.wait_for_node("alice", 10)
+    publisher.publish_raw(Event(timestamp=1).encode())
+    assert (await subscription.receive(5)).timestamp == 1
+    monkeypatch.setattr(type(bob._scope.graph), "is_humble", lambda *_: pytest.fail("examined again"))
+    publisher.publish_raw(Event(timestamp=2).encode())
+    assert (await subscription.receive(5)).timestamp == 2
+    assert not subscription.converted
 
 
 # --- services and actions ---------------------------------------------------------------------------------------------
@@ -486,6 +491,21 @@ def test_a_random_change_of_a_random_definition_is_delivered_right_or_refused(
             assert repr(received[field.ros_name]) == repr(sent[field.ros_name])
 
 
+async def test_a_conversion_is_logged_at_the_latest_when_the_context_closes(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    reader, peer = memory.node("reader", context=memory.context()), memory.node("peer", context=memory.context())
+    subscription, publisher = reader.create_subscription(Range, "t"), peer.create_publisher(HumbleRange, "t")
+    assert await publisher.wait_for_subscribers(5)
+    for participant in reader._scope.graph._participants.values():
+        participant.nodes = []  # their names may arrive seconds later
+    publisher.publish(HumbleRange(range=1.0))
+    assert (await subscription.receive(5)).range == 1.0
+    assert "are converted" not in caplog.text
+    reader.context.close()
+    assert "messages on /t from an unknown node are converted" in caplog.text
+
+
 # -------------------------------------------------------------------------------------------- writers that have left
 
 
@@ -531,3 +551,33 @@ async def test_bytes_of_the_new_definition_from_a_node_of_humble_keep_their_valu
     publisher.publish(hashless(range=1.0, variance=9.0))
     message = await subscription.receive(timeout_s=10)
     assert (message.range, message.variance) == (1.0, 9.0)
+
+
+async def test_a_sample_on_the_key_of_another_definition_is_converted_without_its_writer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On Zenoh a token may disappear before the last samples of its writer are taken, and the key tells the hash."""
+    for key, value in zenoh_environment().items():
+        monkeypatch.setenv(key, value)
+    world = World("zenoh")
+    try:
+        alice, bob = world.pair()
+        subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(HumbleRange, "t")
+        same = alice.create_publisher(Range, "t")
+        await reach(subscription, publisher, HumbleRange())
+        reader, received = subscription._reader, list[Any]()
+        for sender, message in ((publisher, HumbleRange(range=1.0)), (same, Range(range=2.0, variance=3.0))):
+            sender.publish(message)
+            await until(lambda: bool(subscription._items))
+            received.append(subscription._items[-1])
+            subscription._items.clear()
+        hashes = [reader.type_hash_of(sample[2]) for sample in received]
+        assert hashes == [type_hash(HumbleRange), ""]
+        type_filter = subscription._type_hash_filter
+        monkeypatch.setattr(type_filter, "_guid_of", lambda writer: bytes(16))
+        type_filter._by_writer.clear()
+        type_filter.accepted_writers.clear()
+        subscription._items.extend(received)
+        assert [subscription.take(), subscription.take()] == [Range(range=1.0), Range(range=2.0, variance=3.0)]
+    finally:
+        world.close()

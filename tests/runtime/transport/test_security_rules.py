@@ -209,7 +209,12 @@ def test_guids_of_secured_participants_on_fast_dds() -> None:
     hashed, cyclone, fast = (bytes.fromhex(head).ljust(16, b"\1") for head in ("93eb4bd1", "0110", "010f"))
     assert [*map(correlation.has_hashed_guid, (hashed, cyclone, fast))] == [True, False, False]
     assert [*map(correlation.uses_sample_identity, (hashed, cyclone, fast))] == [False, False, True]
-    correlation.add_secured_fast_dds(hashed)
+    for reader in (1, 2, 3):
+        correlation.add_secured_fast_dds(hashed, reader)
     assert correlation.uses_sample_identity(hashed[:12] + b"\0\0\1\4") and correlation.has_secured_fast_dds()
-    correlation.discard_secured_fast_dds(hashed)
+    correlation.discard_secured_fast_dds(1, hashed)  # lost
+    correlation.discard_secured_fast_dds(2)  # the context is closed
+    assert correlation.uses_sample_identity(hashed)
+    correlation.discard_secured_fast_dds(3)
+    correlation.discard_secured_fast_dds(3, hashed)
     assert not correlation.uses_sample_identity(hashed) and not correlation.has_secured_fast_dds()

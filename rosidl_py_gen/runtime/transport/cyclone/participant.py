@@ -156,7 +156,7 @@ class CycloneParticipant(DdsParticipant):
         with ExitStack() as undo:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
-            self.domain = Domain.join(_api, _fast_dds, domain_id, xml)
+            self.domain = Domain.join(_api, _fast_dds, domain_id, xml, "" if security is None else security.folder)
             undo.callback(self.domain.leave)
             self._listener: int = _api.create_listener(None)
             undo.callback(_api.delete_listener, self._listener)
@@ -164,7 +164,6 @@ class CycloneParticipant(DdsParticipant):
             self._early = EarlySampleReaders(_api, _fast_dds, self._listener)
             undo.callback(self._early.close)
             if security is not None:
-                self.domain.require_enclave(security.folder)
                 _security_log().open(self._report_soon)
                 undo.callback(_security_log().close, self._report_soon)
             self.entity = self._create_participant(user_data)

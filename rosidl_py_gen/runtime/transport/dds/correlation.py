@@ -13,6 +13,7 @@ Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 from __future__ import annotations
 
 import struct
+import threading
 from typing import TYPE_CHECKING, TypeAlias
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
@@ -36,8 +37,10 @@ FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 _HASHED_BIT = 0x80
 """First bit of a secured participant's GUID, a hash of the subject of its certificate (docs/internals/dds.md 12)."""
-_secured_fast_dds: set[bytes] = set()
-"""GUID prefixes of secured participants on Fast DDS, which properties of the participants tell."""
+_secured_fast_dds: dict[bytes, set[int]] = {}
+"""Builtin readers that have reported a secured participant on Fast DDS, by GUID prefix (docs/internals/dds.md 12)."""
+_secured_lock = threading.Lock()
+"""Guards changes of `_secured_fast_dds`."""
 SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
 _READER_BIT = 0x04
@@ -65,9 +68,10 @@ def has_hashed_guid(guid: bytes) -> bool:
     return bool(guid[0] & _HASHED_BIT)
 
 
-def add_secured_fast_dds(guid: bytes) -> None:
-    """Record that a participant with a hashed GUID is on Fast DDS."""
-    _secured_fast_dds.add(guid[:GUID_PREFIX_BYTES])
+def add_secured_fast_dds(guid: bytes, reader: int) -> None:
+    """Record that a participant with a hashed GUID is on Fast DDS, as a builtin reader has reported."""
+    with _secured_lock:
+        _secured_fast_dds.setdefault(guid[:GUID_PREFIX_BYTES], set()).add(reader)
 
 
 def has_secured_fast_dds() -> bool:
@@ -75,9 +79,14 @@ def has_secured_fast_dds() -> bool:
     return bool(_secured_fast_dds)
 
 
-def discard_secured_fast_dds(guid: bytes) -> None:
-    """Forget a lost participant."""
-    _secured_fast_dds.discard(guid[:GUID_PREFIX_BYTES])
+def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
+    """Forget a participant that a builtin reader has lost, or all of a reader that was deleted."""
+    with _secured_lock:
+        for prefix in [guid[:GUID_PREFIX_BYTES]] if guid else [*_secured_fast_dds]:
+            readers = _secured_fast_dds.get(prefix, set())
+            readers.discard(reader)
+            if not readers:
+                _secured_fast_dds.pop(prefix, None)
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
