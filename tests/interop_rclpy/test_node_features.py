@@ -78,6 +78,7 @@ async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
     assert await repeated(lambda: publisher.publish(stamp), arrived) == MINUTE_NS
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> None:
     node, kind = dds.node("tester"), "test_msgs/msg/MultiNested"
     await shared_peer.do("publisher", topic=fresh("described"), type=kind)
@@ -89,6 +90,7 @@ async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> No
         await node.get_type_description(f"/{shared_peer.name}", kind, f"RIHS01_{'0' * 64}", timeout_s=WAIT_S)
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_our_node_describes_its_types_as_theirs_would(
     dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,6 +111,7 @@ async def test_our_node_describes_its_types_as_theirs_would(
     assert described[0]["successful"] and described[0] == described[1]
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     await shared_peer.do("add_node", name=name, enable_logger_service=True)
@@ -124,6 +127,7 @@ async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     assert plain(answer) == {"levels": levels}
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     node = Node(name, context=dds.context(), logger_services=True)
@@ -173,6 +177,7 @@ async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer:
     assert gid in [reply.guid for reply in readers if not reply.is_writer]
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, shared_peer: Peer, state: str) -> None:
     node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
@@ -187,6 +192,7 @@ async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, sh
     await check_events(node, shared_peer, name, state, call)
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 async def test_introspection_of_both_ends_tells_of_a_call_of_ours(dds: Any, shared_peer: Peer, state: str) -> None:
     node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)

@@ -107,7 +107,7 @@ class Result:
 
 
 def listed(text: str) -> list[LaunchFile]:
-    """``[group owner/name commit path...]`` begins a repository; lines are ``PLACE [ARGUMENTS] > EXPECTED [# reason]``."""
+    """``[group owner/name commit path...]`` begins a repository; ``PLACE [ARGUMENTS] > EXPECTED [# reason]`` is a file."""
     found = []
     for line in filter(None, map(str.strip, text.splitlines())):
         if line.startswith("#"):

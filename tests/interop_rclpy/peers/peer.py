@@ -19,6 +19,7 @@ from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 
+import humble  # isort: skip  # noqa: F401 - completes rclpy
 import actions  # isort: skip
 import nodes  # isort: skip
 import services  # isort: skip
