@@ -46,7 +46,9 @@ def face() -> str:
             lines += _entry(name, _target(package[name]), settings, public)
     lines += ["", f"# {PACKAGE}.{FIXTURES}", *_fixtures(package[FIXTURES])]
     for program, module in PROGRAMS.items():
-        lines += ["", f"# {program} --help", *_commands(program, import_module(module)._cli)]
+        commands = import_module(module)
+        group = commands.root() if hasattr(commands, "root") else commands._cli
+        lines += ["", f"# {program} --help", *_commands(program, group)]
     return "\n".join(lines[1:]) + "\n"
 
 
