@@ -1,7 +1,7 @@
 """Files of a prefix that one source package installs, read from its setup.py or CMakeLists.txt, which are not run.
 
-Folders are real, and files are links: tools of ROS do not follow links to folders below ``share``. Python packages are
-links to their source folders. If install rules cannot be read, the files of the source folder are linked instead.
+Folders are real, and files are links (docs/internals/protocol.md 15.1). Python packages are links to their source
+folders. If install rules cannot be read, the files of the source folder are linked instead.
 """
 
 from __future__ import annotations

@@ -6,14 +6,12 @@ of such a package. Another module of this name is imported, too.
 
 import os
 import sys
-from importlib.machinery import PathFinder
-from importlib.util import module_from_spec
 
 _NAMES: frozenset[str] = frozenset(())
 _HOOK = "rosidl_py_gen.type_loading.import_hook"
 
 
-class _Finder:
+class _HookInstaller:
     """Finder that installs the import hook, and passes on what the hook finds."""
 
     def find_spec(self, fullname, path=None, target=None):  # type: ignore[no-untyped-def]
@@ -32,13 +30,19 @@ class _Finder:
         return sys.meta_path[0].find_spec(fullname, path, target)
 
 
-def _import_next() -> None:
+def _run_next() -> None:
     """Run the module `sitecustomize` that this one hides, such as that of the operating system."""
     here = os.path.dirname(os.path.abspath(__file__))
-    spec = PathFinder.find_spec("sitecustomize", [folder for folder in sys.path if os.path.abspath(folder) != here])
-    if spec is not None and spec.loader is not None:
-        spec.loader.exec_module(module_from_spec(spec))
+    for folder in sys.path:
+        file = os.path.join(folder, "sitecustomize.py")
+        if os.path.abspath(folder) != here and os.path.isfile(file):
+            from importlib.util import module_from_spec, spec_from_file_location  # slow to import
+
+            spec = spec_from_file_location("sitecustomize", file)
+            if spec is not None and spec.loader is not None:
+                spec.loader.exec_module(module_from_spec(spec))
+            return
 
 
-sys.meta_path.insert(0, _Finder())
-_import_next()
+sys.meta_path.insert(0, _HookInstaller())
+_run_next()
