@@ -454,6 +454,15 @@ def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
     return out.splitlines(), log
 
 
+def until_found(run: Callable[[], tuple[list[str], str]]) -> tuple[list[str], str]:
+    """Start a peer on Fast DDS and a node until they find each other: docs/internals/dds.md 12."""
+    for _ in range(4):
+        lines, log = run()
+        if lines and not lines[0].startswith("WaitTimeoutError"):
+            break
+    return lines, log
+
+
 def test_a_program_on_cyclone(keystore: Keystore, run_peer: Callable[..., Any], cyclone_peer: Path) -> None:
     keystore.enclave("/ours")
     folder = keystore.enclave("/peer").folder
@@ -479,21 +488,31 @@ def test_services_with_fast_dds(
     keystore, domain = Keystore(tmp_path / "keystore", domain_id(), kinds), str(domain_id())
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with run_peer(fastdds_service_peer, "serve", domain, "f_add", enclave=folder):
-        lines, log = outcome(keystore, "/talker", "calls", "/f_add")
+
+    def call() -> tuple[list[str], str]:
+        with run_peer(fastdds_service_peer, "serve", domain, "f_add", enclave=folder):
+            return outcome(keystore, "/talker", "calls", "/f_add")
+
+    def serve() -> tuple[list[str], str]:
+        with ours(keystore, "/talker", "serve") as server:
+            assert server.stdout is not None and server.stdout.readline() == "READY\n"
+            with run_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", enclave=folder) as peer:
+                return [line.strip() for line in peer.stdout], ""
+
+    lines, log = until_found(call)
     assert lines == ["42"], log
-    with ours(keystore, "/talker", "serve") as server:
-        assert server.stdout is not None and server.stdout.readline() == "READY\n"
-        with run_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", enclave=folder) as peer:
-            assert peer.stdout is not None
-            assert [peer.stdout.readline() for _ in range(2)] == ["SUM 3\n", "SUM 7\n"]
+    assert until_found(serve)[0] == ["SUM 3", "SUM 7"]
 
 
 def test_topics_with_fast_dds(keystore: Keystore, run_peer: Callable[..., Any], fastdds_peer: Path) -> None:
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with run_peer(fastdds_peer, "echo", str(domain_id()), enclave=folder):
-        lines, log = outcome(keystore, "/talker", "topics")
+
+    def echo() -> tuple[list[str], str]:
+        with run_peer(fastdds_peer, "echo", str(domain_id()), enclave=folder):
+            return outcome(keystore, "/talker", "topics")
+
+    lines, log = until_found(echo)
     assert lines == ["5", "70000"], log
 
 
@@ -514,8 +533,12 @@ def test_services_that_governance_makes_impossible_are_refused(
     keystore = Keystore(tmp_path / "keystore", domain_id(), {"metadata": "NONE"})
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
-        lines, log = outcome(keystore, "/talker", "calls", "/f_add")
+
+    def call() -> tuple[list[str], str]:
+        with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
+            return outcome(keystore, "/talker", "calls", "/f_add")
+
+    lines, log = until_found(call)
     assert lines[0].startswith("IncompatibleServiceError") and "protects data but not metadata" in lines[0], lines
     assert log.count("a peer on Fast DDS was found, and the governance rule '*' protects data") == 1, log
 
