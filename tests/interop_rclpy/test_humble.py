@@ -1,4 +1,4 @@
-"""What is special about Humble: its definitions, and the format of its graph messages (docs/internals/protocol.md 6.5)."""
+"""Humble: its definitions, and the format of its graph messages (docs/internals/protocol.md 6.5)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from peer_helpers import digest, fresh, random_bytes
-from support.node_fixtures import until
 
 from rosidl_py_gen import get_message
 
