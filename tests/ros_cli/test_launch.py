@@ -93,6 +93,8 @@ FILES = {
         "Node(package='cpp', executable='planner')",
         "ComposableNodeContainer(package='rclcpp_components', executable='component_container', name='box')",
         "LoadComposableNodes('box')",
+        "Node(package='rclcpp_components', executable='component_container_isolated', name='nav')",
+        "LoadComposableNodes('nav')",
         "IncludeLaunchDescription(PythonLaunchDescriptionSource(os.path.join(folder, 'launch', 'world.launch.py')))",
         "ExecuteProcess(cmd=['gzserver', 'x'])",
         "ExecuteProcess(cmd=['echo', 'echo runs'])",
@@ -181,6 +183,8 @@ def test_missing_parts_are_skipped_and_reported_once(workspace: Path) -> None:
         "missing, skipped: executable component_container of rclcpp_components: no such package "
         "(ComposableNodeContainer)",
         "missing, skipped: nodes of the container box",
+        "missing, skipped: executable component_container_isolated of rclcpp_components: no such package (Node)",
+        "missing, skipped: nodes of the container nav",
         "missing, skipped: launch file gazebo_ros/launch/world.launch.py (IncludeLaunchDescription)",
         "missing, skipped: command gzserver (ExecuteProcess)",
     ]

@@ -2,7 +2,7 @@
 
 With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder
 of a missing package is a path that does not exist, because many files look up all packages before they create actions.
-What this depends on in launch and launch_ros: docs/internals/protocol.md 14.
+What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ _NOT_FOUND = re.compile(r"(executable|package|file not found:?) .*")
 
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
 """Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
+
+
+_CONTAINER = "executable component_container"
 
 
 class _MissingCommandError(Exception):
@@ -86,7 +89,7 @@ class MissingParts:
             if part is None or not self._skip:
                 report(self.error_text(error, part))
                 raise
-            if type(action).__name__ == "ComposableNodeContainer":
+            if _CONTAINER in str(part):  # also a Node that names the executable of a container
                 self._containers.add(action.node_name)
             self._report(f"{part} ({type(action).__name__})")
             return None

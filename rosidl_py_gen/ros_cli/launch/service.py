@@ -118,7 +118,7 @@ def _serve(service: Any) -> int:
             return super().handle(number, (lambda number: service.shutdown(force_sync=True)) if is_term else handler)
 
     module.AsyncSafeSignalManager = SignalManager
-    # docs/internals/protocol.md 14: without a handler in Python, the service is not woken up.
+    # docs/internals/protocol.md 15: without a handler in Python, the service is not woken up.
     signal.signal(signal.SIGTERM, lambda number, frame: None)
     if sys.platform == "linux":  # processes whose parent has ended become children of this one
         ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)

@@ -17,7 +17,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import install_command, require_modules
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.prefix import build_prefix
 from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, set_environment
@@ -29,7 +29,7 @@ _ORIGINS = {
     "launch_yaml": f"{_URL}launch@3.4.3#subdirectory=launch_yaml",
     "launch_ros": f"{_URL}launch_ros@0.26.6#subdirectory=launch_ros",
 }
-"""The packages of Jazzy for pip. Their dependencies have names that are free on the package index: --no-deps."""
+"""Packages of Jazzy for pip. --no-deps, as the package index has another `launch`: docs/internals/protocol.md 15."""
 _ENDINGS = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", "_launch.xml", "_launch.yaml")
 
 
@@ -45,10 +45,13 @@ def start(
         raise CommandError(f"{words[0]}: expected a launch file, {kind}")
     arguments = _arguments(words[1 if is_file else 2 :])
     place = Path(words[0]).resolve() if is_file else Path.cwd()
-    around = [one for one in map(workspace_around, (place, Path.cwd())) if one is not None]
-    roots = [folder.resolve() for one in around if one.packages for folder in one.roots]
+    around = workspace_around(place) or workspace_around(Path.cwd())
+    roots = [folder.resolve() for folder in around.roots] if around is not None and around.packages else []
     given = [Path(one).resolve() for one in (*paths, *checkouts)]
     prefix = build_prefix([*roots, *(one for one in given if Workspace(one).packages)])
+    if prefix.problems:
+        more = f" ({len(prefix.problems)} such problems; rosidl-py prefix prints all)" if prefix.problems[1:] else ""
+        terminal_output.note(f"warning: {prefix.problems[0]}{more}")
     set_environment()
     index = "share/ament_index/resource_index"  # pip installs launch with an index and share files
     pip_folders = [one for one in (sys.prefix, site.USER_BASE) if one and os.path.isdir(os.path.join(one, index))]

@@ -1,6 +1,6 @@
 """Files of a prefix that one source package installs, read from its setup.py or CMakeLists.txt, which are not run.
 
-Folders are real, and files are links (docs/internals/protocol.md 15.1). Python packages are links to their source
+Folders are real, and files are links (docs/internals/protocol.md 14.1). Python packages are links to their source
 folders. If install rules cannot be read, the files of the source folder are linked instead.
 """
 
