@@ -29,4 +29,5 @@ def __getattr__(name: str) -> object:
         if is_collecting:
             gc.enable()
     globals().update((key, value) for key, value in vars(numpy).items() if not key.startswith("__"))
+    globals().pop("__getattr__", None)  # the interpreter reads attributes of a module without it faster
     return getattr(numpy, name)

@@ -127,6 +127,7 @@ else:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         dtypes = {key: DTYPES[code] for key, code in _DTYPE_CODES.items()}
         globals().update(dtypes, frombuffer=np.frombuffer, ndarray=np.ndarray)
+        globals().pop("__getattr__", None)  # the interpreter reads attributes of a module without it faster
         return globals()[name]
 
     # Stores into slots after this are faster than a call of the dataclass's __init__ (figures in CONTRIBUTING.md).
@@ -211,8 +212,11 @@ def coerce_message_list(value: object) -> None:
 
 def list_or_records(value: object) -> Any:
     """Return a list of fixed-size messages or a structured array; one of a subclass as a plain array."""
+    kind = type(value)
+    if kind is list or kind is np.ndarray:
+        return value
     if isinstance(value, np.ndarray):
-        return value if type(value) is np.ndarray else value.view(np.ndarray)
+        return value.view(np.ndarray)
     coerce_message_list(value)
     return value
 

@@ -24,6 +24,7 @@ OF_NETWORKS = {
     "README.md",
     "diagnose.md",
     "from-rclpy.md",
+    "launch.md",
     "network.md",
     "no-messages.md",
     "scripts-notebooks-guis.md",

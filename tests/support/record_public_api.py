@@ -46,9 +46,7 @@ def face() -> str:
             lines += _entry(name, _target(package[name]), settings, public)
     lines += ["", f"# {PACKAGE}.{FIXTURES}", *_fixtures(package[FIXTURES])]
     for program, module in PROGRAMS.items():
-        commands = import_module(module)
-        group = commands.root() if hasattr(commands, "root") else commands._cli
-        lines += ["", f"# {program} --help", *_commands(program, group)]
+        lines += ["", f"# {program} --help", *_commands(program, _group(import_module(module)))]
     return "\n".join(lines[1:]) + "\n"
 
 
@@ -160,6 +158,11 @@ def _member(name: str, found: Any) -> Iterator[str]:
 
 def _fixtures(module: Any) -> list[str]:
     return [f"{name}: {one.returns}" for name, one in sorted(module.members.items()) if name.startswith("ros_")]
+
+
+def _group(module: Any) -> Any:
+    """The group of all commands of a command line."""
+    return module.root() if hasattr(module, "root") else module._cli
 
 
 def _commands(name: str, command: click.Command) -> Iterator[str]:

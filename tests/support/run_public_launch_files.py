@@ -107,7 +107,7 @@ class Result:
 
 
 def listed(text: str) -> list[LaunchFile]:
-    """``[group owner/name commit path...]`` begins a repository; its lines: ``PLACE [ARGUMENTS] > NAMES [# reason]``."""
+    """``[group owner/name commit path...]`` begins a repository; lines: ``PLACE [ARGUMENTS] > NAMES [# reason]``."""
     found = []
     for line in filter(None, map(str.strip, text.splitlines())):
         if line.startswith("#"):
