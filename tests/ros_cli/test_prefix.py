@@ -339,7 +339,10 @@ def test_loops_pipes_and_odd_names(tmp_path: Path) -> None:
     os.mkfifo(package / "launch/pipe")
     Path(os.fsdecode(bytes(package / "launch") + b"/\xff\n.py")).write_text("")
     os.mkfifo(package / "setup.py")
-    made = build_prefix([package, package], tmp_path / "out")
+    (tmp_path / "pipe").mkdir()
+    os.mkfifo(tmp_path / "pipe/package.xml")
+    os.mkfifo(tmp_path / "pipe/CMakeLists.txt")
+    made = build_prefix([package, package, tmp_path / "pipe"], tmp_path / "out")
     names = os.listdir(made.folder / "share/odd/launch")
     assert {"a.launch.py", "loop"} <= {*names} and "pipe" not in names
     assert any("\\n" in problem or "\n" in problem for problem in made.problems)

@@ -36,6 +36,8 @@ def mentions_interfaces(folder: Path) -> bool:
     """Return True if there is a CMakeLists.txt, and it or package.xml mentions the generation of interfaces."""
     for name in ("CMakeLists.txt", "package.xml"):
         note(folder / name)
+        if not os.path.isfile(folder / name):  # opening a pipe would wait for its writer
+            return False
         try:
             with open(folder / name, "rb") as file:
                 if _MENTIONED.search(file.read(MAX_BYTES + 1)):

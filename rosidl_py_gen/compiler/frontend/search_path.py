@@ -306,11 +306,11 @@ def _descend(
 def package_name(manifest: Path, folder: Path) -> str:
     """Return the name of a package in its package.xml, else the name of its folder."""
     note(manifest)
+    text = ""
     try:
-        with manifest.open("rb") as file:
-            text = file.read(_MAX_XML_BYTES).decode(errors="replace")
-    except (FileNotFoundError, IsADirectoryError):
-        text = ""
+        if manifest.is_file():  # opening a pipe would wait for its writer
+            with manifest.open("rb") as file:
+                text = file.read(_MAX_XML_BYTES).decode(errors="replace")
     except OSError as error:
         raise DefinitionError(Diagnostic(str(manifest), 0, 0, f"cannot be read: {error.strerror or error}")) from error
     tag = _NAME_TAG.search(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
