@@ -188,10 +188,10 @@ class _FallbackFinder:
         if path is not None:
             return None
         if fullname not in self.packages:
-            # An import, and not `find_spec`, which returns None.
-            if "_" in fullname and sys._getframe(2).f_code.co_name == "_find_and_load_unlocked":
-                return self._spec_of_later_finder(fullname)
-            return None
+            # `importlib.util.find_spec`, which has another caller here, returns None for a missing package.
+            caller = sys._getframe(1).f_back
+            is_import = caller is not None and caller.f_code.co_name == "_find_and_load_unlocked"
+            return self._spec_of_later_finder(fullname) if is_import and "_" in fullname else None
         folder = self.packages[fullname]
         found = PathFinder.find_spec(fullname, [str(folder), str(folder / "src")])
         return found if found is not None and found.origin is not None else None
@@ -199,8 +199,9 @@ class _FallbackFinder:
     def _spec_of_later_finder(self, name: str) -> ModuleSpec | None:
         note = download_note(name, self._distro)
         for finder in sys.meta_path[sys.meta_path.index(self) + 1 :] if note and self in sys.meta_path else ():
-            if (found := finder.find_spec(name, None)) is not None:
-                return found
+            find = getattr(finder, "find_spec", None)
+            if find is not None and (found := find(name, None)) is not None:
+                return found  # type: ignore[no-any-return]
         if note:
             raise ModuleNotFoundError(f"No module named {name!r}. {note}", name=name)
         return None

@@ -7,11 +7,10 @@ A type is given as a generated class, or as text such as ``"std_msgs/msg/String"
 from __future__ import annotations
 
 import weakref
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.cdr import Message, Service
 from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.cdr.type_queries import referenced_classes
@@ -37,7 +36,7 @@ _BUFFER_BASES = ("uint8", "char")
 _classes: weakref.WeakValueDictionary[tuple[str, str], type[Any]] = weakref.WeakValueDictionary()
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class MessageType(Generic[T]):
     """Message type as entities use it.
 
@@ -54,7 +53,7 @@ class MessageType(Generic[T]):
     decode: Callable[[Payload], T]
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ServiceType(Generic[RequestT, ResponseT]):
     """Service type as entities use it; `type_hash` is that of the service, not of a message."""
 

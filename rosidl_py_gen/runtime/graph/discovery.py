@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import itertools
 import threading
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
@@ -37,7 +37,7 @@ _NODE_NAME_GRACE_PERIOD_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class _PendingWarning:
     """Incompatibility that is logged when the names of both nodes are known."""
 

@@ -10,10 +10,10 @@ import logging
 import os
 import re
 import sys
+from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.runtime.logs.loggers import DEBUG, ERROR, FATAL, LEVEL_NAMES, WARN, get_root_logger, ros_level
 from rosidl_py_gen.runtime.logs.rosout import message_text
@@ -27,7 +27,7 @@ _COLORS = {DEBUG: "\x1b[32m", WARN: "\x1b[33m", ERROR: "\x1b[31m", FATAL: "\x1b[
 _COLOR_END = "\x1b[0m"
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ConsoleSettings:
     """Settings of the console; `colorized` None: only on a terminal."""
 

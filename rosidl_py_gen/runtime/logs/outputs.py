@@ -11,9 +11,9 @@ from __future__ import annotations
 import os
 import threading
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.runtime.logs.console import install_console, read_console_environment
 from rosidl_py_gen.runtime.logs.log_file import LogFile, get_logging_directory, log_file_name, program_prefix
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, set_logger_level
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class LogSettings:
     """Logging options of a command line.
 

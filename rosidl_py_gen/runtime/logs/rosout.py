@@ -8,9 +8,9 @@ from __future__ import annotations
 import logging
 import threading
 import traceback
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.registration import Registration
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, ros_level
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Publish: TypeAlias = "Callable[[LogFields], None]"
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class LogFields:
     """Fields of rcl_interfaces/Log; `stamp_ns` is system time, also with simulated time."""
 

@@ -7,9 +7,9 @@ The first rule that matches applies, once (docs/internals/protocol.md 10.3). `No
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from enum import Enum
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime.names.validation import (
     expand_name,
@@ -43,7 +43,7 @@ class RemapKind(Enum):
 _SCHEMES = {"rostopic://": RemapKind.TOPIC, "rosservice://": RemapKind.SERVICE}
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class RemapRule:
     """Remap rule; `node` None means every node, `match` is empty for node names and namespaces."""
 
@@ -90,7 +90,7 @@ def _rule_error(text: str, reason: str) -> InvalidRemapRuleError:
     return InvalidRemapRuleError(f"invalid remap rule {text!r}: {reason}; expected one of {forms}")
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class NodeNames:
     """Name and namespace of a node after remapping, and the remap rules for its entities.
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
@@ -33,7 +32,7 @@ class RosArgumentError(RosidlError, ValueError):
     """A ROS argument cannot be parsed; the text contains it."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class RosArguments:
     """Parsed command line.
 

@@ -6,11 +6,12 @@ Source: docs/internals/protocol.md 9.6.
 
 from __future__ import annotations
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
+from dataclasses import dataclass
+
 from rosidl_py_gen.runtime.time.values import TimeRangeError, timeout_to_ns
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class TimerCall:
     """Call of a timer.
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import ExtraMissingError, RosidlError
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -165,7 +164,7 @@ class Reader(_Endpoint, Protocol):
         """
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class EndpointSpec:
     """Reader or writer to be created.
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ClockFunctions:
     """Clocks of a transport: those of this machine, or those of a test with virtual time.
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
-
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -13,7 +12,7 @@ GUID_PREFIX_BYTES = 12
 """Length of the part of a GUID that all endpoints of a DDS participant share."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ParticipantDiscovered:
     """A participant was discovered (own ones included).
 
@@ -25,7 +24,7 @@ class ParticipantDiscovered:
     enclave: str | None
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class NodeEntities:
     """Node of a participant, and the GIDs of its endpoints."""
 
@@ -35,7 +34,7 @@ class NodeEntities:
     writer_gids: frozenset[bytes]
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class NodesAnnounced:
     """The participant with that GUID announced all its nodes.
 
@@ -60,7 +59,7 @@ class TopicKey(NamedTuple):
     name: str
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class DiscoveredEndpoint:
     """A reader or writer was discovered (own ones included), or its data changed.
 
@@ -95,7 +94,7 @@ class DiscoveredEndpoint:
         return name if section in ("Request", "Response") and "/" in name else None
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class EntityLost:
     """A participant or an endpoint disappeared."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Literal
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.transport.qos_matching import check_compatible, describe_policies
 
@@ -32,7 +32,7 @@ class IncompatibilityKind(Enum):
     """Only one of them announces a type hash, which is part of the key that Zenoh matches."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class Incompatibility:
     """A writer and a reader that do not exchange messages, or misread them."""
 

@@ -6,9 +6,9 @@ transport. Thread: loop, except for `send`, which may be called from any thread.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def _no_conversion(service_hash: str) -> ServiceConversion | None:
     return None
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ServiceSpec:
     """Service as its clients and servers announce it.
 
@@ -83,7 +83,7 @@ class IncompatiblePeer(NamedTuple):
     has_topics: bool = True
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ServerAvailability:
     """Servers of a client.
 

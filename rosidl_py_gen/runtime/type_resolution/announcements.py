@@ -11,7 +11,6 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
@@ -27,7 +26,7 @@ _SERVICE_SUFFIX = "/get_type_description"
 _MAX_LISTED = 5
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class TypeQuery:
     """Topic, service or action whose type is searched for. Message types are given by the suffix of the type's name.
 

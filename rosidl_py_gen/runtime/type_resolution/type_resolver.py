@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
@@ -70,7 +69,7 @@ _KINDS = {Message: "a message", Service: "a service", Action: "an action"}
 _ADVICE = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ResolveRequest:
     """Parameters of a search; `base` is the expected base class."""
 

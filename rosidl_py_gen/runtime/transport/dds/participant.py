@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import itertools
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer, ServiceWriter
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class DdsEndpoint:
     """Reader or writer to be created, with names of DDS.
 
