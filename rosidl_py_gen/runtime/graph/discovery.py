@@ -205,7 +205,7 @@ class Discovery:
             self._reported_pairs.add((writer.guid, reader.guid))
             modes = {self.type_hash_checks.get(endpoint.guid, DEFAULT_CHECK) for endpoint in own}
             is_definition = result.kind is IncompatibilityKind.DEFINITION
-            if is_definition and (modes == {"off"} or self._is_converted(writer, reader)):
+            if self.is_converted(result) or (is_definition and modes == {"off"}):
                 continue
             if not self._is_first_report(writer, reader):
                 continue
@@ -235,9 +235,11 @@ class Discovery:
             else:
                 self._deferred.append((endpoint, function))
 
-    def _is_converted(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
-        converts = self.conversions.get(reader.guid)
-        return converts is not None and converts(writer)
+    def is_converted(self, incompatibility: Incompatibility) -> bool:
+        """Return True if an own reader converts the samples of a writer with another definition."""
+        converts = self.conversions.get(incompatibility.reader.guid)
+        is_definition = incompatibility.kind is IncompatibilityKind.DEFINITION
+        return is_definition and converts is not None and converts(incompatibility.writer)
 
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
         """Return False if the other topic of the service was reported for the same two participants."""

@@ -21,7 +21,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, EncodeError
 from rosidl_py_gen.msgs.distribution_hashes import HASHES
-from rosidl_py_gen.runtime import CallTimeoutError, QoSProfile, WaitTimeoutError, qos
+from rosidl_py_gen.runtime import CallTimeoutError, QoSProfile, SubscriptionEventCallbacks, WaitTimeoutError, qos
 from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.type_loading import peer_definitions
 from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, converter_from
@@ -189,6 +189,23 @@ async def test_the_mode_decides(memory: World, mode: Any, is_received: bool, cap
     assert (subscription.incompatible_dropped, subscription.converted) == (1, 0)
     await until(lambda: "no messages on /t from node /alice to node /bob: their definitions of" in caplog.text)
     assert "are converted" not in caplog.text
+
+
+@pytest.mark.every_transport
+@pytest.mark.parametrize(("mode", "is_reported"), [("error", True), ("convert", False), ("warn", False)])
+async def test_publishers_whose_messages_are_converted_are_not_reported_as_incompatible(
+    world: World, mode: Any, is_reported: bool
+) -> None:
+    alice, bob = world.pair()
+    types: list[Any] = []
+    callbacks = SubscriptionEventCallbacks(incompatible_type=types.append)
+    bob.create_subscription(Range, "t", event_callbacks=callbacks, type_hash_check=mode)
+    alice.create_publisher(HumbleRange, "t")
+    await until(lambda: bob.count_publishers("t") == 1)
+    alice.create_publisher(Event, "t")
+    await until(lambda: bool(types) and types[-1].total_count == 1 + is_reported)
+    await asyncio.sleep(0.2)
+    assert types[-1].total_count == 1 + is_reported and types[-1].reason.startswith("types differ")
 
 
 async def test_bytes_that_the_peers_definition_does_not_have_are_counted(
