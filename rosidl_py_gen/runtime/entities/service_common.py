@@ -87,7 +87,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         )
 
     def _open(self, transport_end: TransportEndT) -> TransportEndT:
-        self._gid = transport_end.gid
+        self._transport_end: TransportClient | TransportServer = transport_end
         self._connected = transport_end.connected
         reader, writer = transport_end.endpoints
         self._scope.set_type_hash_check(self._mode, reader, self._type_hash_filter.converts)
@@ -138,6 +138,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         if publisher is None:
             publisher = ServiceEventPublisher(self._scope, self._type, self.name, is_client=self._is_client)
         self._introspection = publisher if publisher.configure(clock, qos, state) else None
+        self._transport_end.is_introspected = self._introspection is not None
 
     def __repr__(self) -> str:
         details, peer = (self.name, self.service_type, self.qos.short()), "server" if self._is_client else "client"

@@ -93,7 +93,13 @@ request is replaced by the peer that cannot be served, or by the error in its by
 
 
 class _ServiceEndpoint(Protocol):
-    """Common part of a client and a server."""
+    """Common part of a client and a server.
+
+    Attributes:
+        is_introspected: events are published, so servers must identify each request by the `gid` of its client.
+    """
+
+    is_introspected: bool
 
     @property
     def gid(self) -> bytes:

@@ -10,14 +10,20 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import pytest
-from std_msgs.msg import Int32, String
-from support.node_fixtures import ROOT
+from std_msgs.msg import Int32, String, UInt8MultiArray
+from std_srvs.srv import SetBool
+from support.node_fixtures import ROOT, until
 
+from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.cyclone import qos as cyclone_qos
+from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
+
+    from rosidl_py_gen.runtime import Node, QoSProfile
 
 TRUE_TYPE = """
 import os, time
@@ -91,6 +97,43 @@ async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
     assert (await texts.receive(timeout_s=5)).data == "a"
     assert (await numbers.receive(timeout_s=5)).data == 7
     assert texts.undecodable == numbers.undecodable == 0
+
+
+@pytest.mark.parametrize("backends", [b"bufbe=cpu=;", b"BUFBE:cpu=;"])
+@pytest.mark.parametrize("profile", [DEFAULT, DEFAULT.transient_local()], ids=["volatile", "latched"])
+async def test_endpoints_of_lyrical_with_buffer_backends_are_ordinary_ones(
+    dds: World, monkeypatch: pytest.MonkeyPatch, backends: bytes, profile: QoSProfile
+) -> None:
+    """The form of rmw_fastrtps 9.4.6 and that of later versions."""
+    ours, theirs = dds.pair()
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            cyclone_qos, "endpoint_user_data", lambda *args, **ids: endpoint_user_data(*args, **ids) + backends
+        )
+        their_publisher = theirs.create_publisher(UInt8MultiArray, "theirs", profile)
+        their_subscription = theirs.create_subscription(UInt8MultiArray, "ours", qos=profile)
+    our_publisher = ours.create_publisher(UInt8MultiArray, "ours", profile)
+    our_subscription = ours.create_subscription(UInt8MultiArray, "theirs", qos=profile)
+    assert await our_publisher.wait_for_subscribers(5) and await our_subscription.wait_for_publishers(5)
+    assert await their_publisher.wait_for_subscribers(5)
+    for info in (*ours.get_publishers_info_by_topic("theirs"), *ours.get_subscriptions_info_by_topic("ours")):
+        assert info.topic_type_hash == type_hash(UInt8MultiArray)
+    for publisher, subscription in ((their_publisher, our_subscription), (our_publisher, their_subscription)):
+        publisher.publish(UInt8MultiArray(data=[1, 2, 3]))
+        assert list((await subscription.receive(5)).data) == [1, 2, 3]
+
+
+@pytest.mark.every_transport
+async def test_services_announce_their_own_hash(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(SetBool, "s", lambda request: SetBool.Response())
+    bob.create_client(SetBool, "s")
+
+    def hashes(node: Node) -> list[str]:
+        endpoints = node._scope.graph.endpoints.values()
+        return [endpoint.service_hash for endpoint in endpoints if endpoint.service_type == "std_srvs/srv/SetBool"]
+
+    await until(lambda: hashes(alice) == hashes(bob) == [type_hash(SetBool)] * 4)
 
 
 @pytest.mark.every_transport

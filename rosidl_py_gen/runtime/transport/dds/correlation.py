@@ -217,27 +217,32 @@ class ClientCorrelation:
         self._reader = reader
         self._own_ids: tuple[ClientId, ...] = (handle, reader, writer)
         """Ids by which replies may name the client."""
-        self._uses_sample_identity = False
+        self.uses_sample_identity = False
+        """True while a matched server is on Fast DDS."""
         self._answered = AnsweredServers()
 
     def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
         """Set the GUIDs of the servers' request readers; `uses_sample_identity` is a result of `find_servers`."""
-        self._uses_sample_identity = uses_sample_identity
+        self.uses_sample_identity = uses_sample_identity
         self._answered.set_request_readers(readers)
 
-    def request(self, message: bytes, number: int) -> tuple[bytes, SampleIdentity | None]:
+    def request(
+        self, message: bytes, number: int, *, always_identified: bool = False
+    ) -> tuple[bytes, SampleIdentity | None]:
         """Build a request.
 
         A sample identity costs time, and only a server that does not know the client's reply reader needs it. After all
-        servers have replied it is omitted: they identify a request by writer GUID and sequence number.
+        servers have replied it is omitted, unless `always_identified`: they identify a request by writer GUID and
+        sequence number.
 
         Returns:
             The payload, and the identity to send as inline QoS; None if the payload has a header or the identity is
             not needed.
         """
-        if not self._uses_sample_identity:
+        if not self.uses_sample_identity:
             return add_request_header(message, self._handle, number), None
-        return message, None if self._answered.all_answered() else (self._reader, number)
+        is_needed = always_identified or not self._answered.all_answered()
+        return message, (self._reader, number) if is_needed else None
 
     def reply(self, data: Payload, server: bytes | None) -> tuple[int, bytes] | None:
         """Return the number of the request and the message of a reply; None if it is for another client.

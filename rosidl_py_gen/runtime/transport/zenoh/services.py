@@ -54,6 +54,7 @@ class _ZenohServiceEndpoint(ZenohReader):
     def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
         reader, writer = infos
         self.gid = reader.guid
+        self.is_introspected = False
         self.endpoints = reader.guid, writer.guid
         self._writer_info = writer
         self._key = key
