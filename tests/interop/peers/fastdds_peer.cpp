@@ -1,13 +1,19 @@
 // A foreign peer on Fast DDS 2.9, close to the 2.14 of ROS 2 Jazzy.
 //
 // "echo": echoes every sample of rt/ask_<type> on rt/answer_<type>, reliable or best effort, and keeps a transient-local
-// sample on rt/latched. Prints READY when everything exists. Loopback only; domain from argv.
+// sample on rt/latched. The reader of rt/ask_filtered has a content filter, as feedback readers of ROS 2 Lyrical: only
+// texts with the letter of its parameter pass. Prints READY when everything exists. Loopback only; domain from argv.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <memory>
 #include <string>
 #include <thread>
+
+#include <fastdds/dds/topic/ContentFilteredTopic.hpp>
+#include <fastdds/dds/topic/IContentFilter.hpp>
+#include <fastdds/dds/topic/IContentFilterFactory.hpp>
 
 #include "fastdds_loopback.hpp"
 #include "typesPubSubTypes.h"
@@ -15,9 +21,10 @@
 template <class PubSub, class Data>
 class Echo : public DataReaderListener {
 public:
-  Echo(const std::string &name, bool best_effort) {
+  Echo(const std::string &name, bool best_effort, TopicDescription *(*filter)(Topic *) = nullptr) {
     writer_ = publisher->create_datawriter(topic("rt/answer_" + name, new PubSub()), writer_qos(best_effort));
-    subscriber->create_datareader(topic("rt/ask_" + name, new PubSub()), reader_qos(best_effort), this);
+    Topic *ask = topic("rt/ask_" + name, new PubSub());
+    subscriber->create_datareader(filter ? filter(ask) : ask, reader_qos(best_effort), this);
   }
   void on_data_available(DataReader *reader) override {
     Data data;
@@ -30,6 +37,30 @@ private:
   DataWriter *writer_;
 };
 
+class LetterFilter : public IContentFilter, public IContentFilterFactory {
+public:
+  bool evaluate(const SerializedPayload &payload, const FilterSampleInfo &, const GUID_t &) const override {
+    return std::memchr(payload.data, letter_, payload.length) != nullptr;
+  }
+  ReturnCode_t create_content_filter(const char *, const char *, const TopicDataType *, const char *,
+                                     const ParameterSeq &parameters, IContentFilter *&filter) override {
+    if (parameters.length() > 0) letter_ = parameters[0][0];
+    filter = this;
+    return ReturnCode_t::RETCODE_OK;
+  }
+  ReturnCode_t delete_content_filter(const char *, IContentFilter *) override { return ReturnCode_t::RETCODE_OK; }
+
+private:
+  char letter_ = 0;
+};
+
+static LetterFilter letter_filter;
+
+static TopicDescription *filtered(Topic *all) {
+  participant->register_content_filter_factory("LETTER", &letter_filter);
+  return participant->create_contentfilteredtopic("filtered", all, "letter", {"k"}, "LETTER");
+}
+
 int main(int argc, char **argv) {
   if (argc < 3) return 2;
   open_participant(std::atoi(argv[2]));
@@ -37,6 +68,7 @@ int main(int argc, char **argv) {
   using namespace std_msgs::msg::dds_;
   Echo<String_PubSubType, String_> string("string", false);
   Echo<String_PubSubType, String_> sensor("sensor", true);
+  Echo<String_PubSubType, String_> passed("filtered", false, filtered);
   Echo<Float64MultiArray_PubSubType, Float64MultiArray_> array("array", false);
   Echo<geometry_msgs::msg::dds_::PoseStamped_PubSubType, geometry_msgs::msg::dds_::PoseStamped_> pose("pose", false);
   Echo<example_interfaces::msg::dds_::WString_PubSubType, example_interfaces::msg::dds_::WString_> wstring("wstring", false);
