@@ -62,6 +62,15 @@ class SampleConverter(NamedTuple):
     defaulted: tuple[str, ...]
     convert: Callable[[Any], Any]
 
+    def encode(self, data: Any) -> bytes:
+        """Return a sample of the new definition.
+
+        Raises:
+            DecodeError: the data is not a message of the old definition.
+            EncodeError: a value does not fit the new definition.
+        """
+        return self.convert(self.old._decode(data))._encode()  # type: ignore[no-any-return]
+
     def __call__(self, data: Any) -> bytes:
         """Return a sample of the new definition.
 
@@ -69,7 +78,7 @@ class SampleConverter(NamedTuple):
             DecodeError: the data is not a message of the old definition, or a value does not fit the new one.
         """
         try:
-            return self.convert(self.old._decode(data))._encode()  # type: ignore[no-any-return]
+            return self.encode(data)
         except EncodeError as error:
             raise DecodeError(error.path, 0, f"cannot be converted to the definition in use: {error.reason}") from None
 
@@ -90,6 +99,18 @@ def converter_from(definition: PeerDefinition, cls: type[Message]) -> SampleConv
     """
     with _lock:
         return _converter(_peer_class(definition), cls)
+
+
+def converter_to(definition: PeerDefinition, cls: type[Message]) -> SampleConverter:
+    """Return the conversion of samples of a class to those of a peer; raises like `converter_from`."""
+    with _lock:
+        return _converter(cls, _peer_class(definition))
+
+
+def part_of(definition: PeerDefinition, name: str) -> PeerDefinition:
+    """Return the definition of a type that another one refers to, such as the request of a service."""
+    individuals = definition.individuals
+    return PeerDefinition(name, rihs01(_full_description(name, individuals)), definition.distros, individuals)
 
 
 def fits_exactly(cls: type[Message], data: Any) -> bool:

@@ -314,6 +314,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
                     self._fail(pending, self._lost_reason(response))
                 continue
             pending = self._by_sequence_number.get(number)
+            if isinstance(response, DecodeError):
+                if pending is not None:
+                    self._fail(pending, response)
+                continue
             if server not in accepted:
                 try:
                     converted = self._type_hash_filter.payload(server, response)

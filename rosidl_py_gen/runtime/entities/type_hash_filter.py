@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.entities.message_types import MessageType
+    from rosidl_py_gen.runtime.entities.message_types import MessageType, ServiceType
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.samples import Payload
     from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, SampleConverter
 
 W = TypeVar("W")
+C = TypeVar("C")
 
 _MAX_ACCEPTED_WRITERS = 1000
 _MAX_UNKNOWN_SAMPLES = 100
@@ -36,16 +37,16 @@ _MAX_LISTED_FIELDS = 5
 _HUMBLE = "humble"
 
 
-class PeerConverters:
-    """Conversions from peers' definitions of a message type to the own one; nothing is loaded before it is needed."""
+class PeerConverters(Generic[C]):
+    """Conversions for peers' definitions of a type; nothing is loaded before it is needed."""
 
-    __slots__ = ("_converters", "_definitions", "_message_type", "_scope", "cls")
+    __slots__ = ("_converters", "_definitions", "_scope", "_type", "cls")
 
-    def __init__(self, scope: EntityScope, message_type: MessageType[Any]) -> None:
+    def __init__(self, scope: EntityScope, type_: MessageType[Any] | ServiceType[Any, Any]) -> None:
         self._scope = scope
-        self._message_type = message_type
+        self._type = type_
         self._definitions: Mapping[str, PeerDefinition] | None = None
-        self._converters: dict[str, SampleConverter | None] = {}
+        self._converters: dict[str, C | None] = {}
         self.cls: Any = None
         """Class of the own definition, after `definitions` was called."""
 
@@ -55,10 +56,11 @@ class PeerConverters:
             from rosidl_py_gen.type_loading.class_lookup import find_class
             from rosidl_py_gen.type_loading.peer_definitions import peer_definitions
 
-            name, type_hash = self._message_type.ros_name, self._message_type.type_hash
+            name, type_hash = self._type.ros_name, self._type.type_hash
             self.cls = class_of(name, type_hash)
             try:
-                if self.cls is None or not self.cls._TYPE.fields:  # types that are imported later, and raw data
+                # Types that are imported later, and raw data.
+                if self.cls is None or not getattr(self.cls._TYPE, "fields", True):
                     self.cls = find_class(name, lambda hashes: hashes[name] == type_hash) if type_hash else None
                 self._definitions = {} if self.cls is None else peer_definitions(self.cls)
             except RosidlError as error:
@@ -68,7 +70,7 @@ class PeerConverters:
                 )
         return self._definitions
 
-    def get(self, type_hash: str) -> SampleConverter | None:
+    def get(self, type_hash: str) -> C | None:
         """Return the conversion for peers with that hash; None if the definition is unknown or cannot be converted."""
         if type_hash not in self._converters:
             definition = self.definitions().get(type_hash)
@@ -76,6 +78,15 @@ class PeerConverters:
                 return None
             self._converters[type_hash] = self._load(definition)
         return self._converters[type_hash]
+
+    def _load(self, definition: PeerDefinition) -> C | None:
+        raise NotImplementedError
+
+
+class MessageConverters(PeerConverters["SampleConverter"]):
+    """Conversions from peers' definitions of a message type to the own one."""
+
+    __slots__ = ()
 
     def _load(self, definition: PeerDefinition) -> SampleConverter | None:
         from rosidl_py_gen.type_loading.peer_definitions import converter_from
@@ -128,7 +139,7 @@ class TypeHashFilter(Generic[W]):
         self._guid_of = guid_of
         self._hash_of = hash_of
         self._type_hash = message_type.type_hash
-        self._peers = PeerConverters(scope, message_type)
+        self._peers = MessageConverters(scope, message_type)
         self._topic = topic
         self.service_hash = service_hash
         self._on_converted = on_converted
@@ -144,6 +155,10 @@ class TypeHashFilter(Generic[W]):
         self.incompatible_dropped = 0
         self.converted = 0
         self._unknown_samples = 0
+
+    def disable(self) -> None:
+        """Deliver everything unchanged, because the transport knows the definition of each sample."""
+        self._mode = "off"
 
     def payload(self, writer: W, data: Payload) -> Payload | None:
         """Return a sample of a writer that is not in `accepted_writers`, in the definition of the reader.
@@ -288,8 +303,14 @@ def conversion_text(converter: SampleConverter, distros: tuple[str, ...]) -> str
     """Return a text about the two definitions, and the fields that only one of them has."""
     names = converter.old._TYPE.name, converter.old._TYPE.hash, converter.new._TYPE.hash
     text = f"its definition of {names[0]} is that of {', '.join(distros)}, {names[1]}; here it is {names[2]}"
+    return text + "".join(f"; {change}" for change in field_changes(converter))
+
+
+def field_changes(converter: SampleConverter) -> list[str]:
+    """Return texts about the fields that only one of the two definitions has."""
+    texts = []
     for subject, fields in (("dropped", converter.dropped), ("set to the default", converter.defaulted)):
         if fields:
             more = f" and {len(fields) - _MAX_LISTED_FIELDS} more" if len(fields) > _MAX_LISTED_FIELDS else ""
-            text += f"; {subject}: {', '.join(fields[:_MAX_LISTED_FIELDS])}{more}"
-    return text
+            texts.append(f"{subject}: {', '.join(fields[:_MAX_LISTED_FIELDS])}{more}")
+    return texts

@@ -75,7 +75,7 @@ class Discovery:
         self.type_hash_checks: dict[bytes, str] = {}
         """Type hash check of own endpoints, without those that have the default."""
         self.conversions: dict[bytes, Callable[[DiscoveredEndpoint], bool]] = {}
-        """Functions of own readers that return True for a writer whose other definition they convert."""
+        """Functions of own endpoints that return True for a peer whose other definition they convert."""
         self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
@@ -236,10 +236,11 @@ class Discovery:
                 self._deferred.append((endpoint, function))
 
     def is_converted(self, incompatibility: Incompatibility) -> bool:
-        """Return True if an own reader converts the samples of a writer with another definition."""
-        converts = self.conversions.get(incompatibility.reader.guid)
-        is_definition = incompatibility.kind is IncompatibilityKind.DEFINITION
-        return is_definition and converts is not None and converts(incompatibility.writer)
+        """Return True if one of two endpoints with different definitions is an own one that converts."""
+        pair = incompatibility.reader, incompatibility.writer
+        return incompatibility.kind is IncompatibilityKind.DEFINITION and any(
+            own.guid in self.conversions and self.conversions[own.guid](peer) for own, peer in (pair, pair[::-1])
+        )
 
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
         """Return False if the other topic of the service was reported for the same two participants."""

@@ -74,6 +74,8 @@ class ServicePeers:
 class _EndpointPair:
     """Reader and writer of a client or a server."""
 
+    matches_by_hash = False
+
     def __init__(self, reader: Reader, writer: Writer, gid: bytes) -> None:
         self._gid = gid
         self.is_introspected = False
@@ -88,6 +90,9 @@ class _EndpointPair:
     def gid(self) -> bytes:
         """16 bytes that identify the client or server in ROS."""
         return self._gid
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        """Do nothing: definitions do not keep endpoints apart."""
 
 
 class EndpointPairClient(_EndpointPair):
