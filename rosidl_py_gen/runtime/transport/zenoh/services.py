@@ -152,8 +152,14 @@ class ZenohClient(_ZenohServiceEndpoint):
         return reply
 
     def _find_reachable(self) -> str | None:
-        """Return the hash of the key of a reachable server, preferably the own one; None if none is reachable."""
-        return next((key for key, querier in self._queriers.items() if querier.matching_status.matching), None)
+        """Return the hash of the key of a reachable server, None if none is reachable.
+
+        Servers with a token precede, because those without are leaving, or convert; then those with the own definition.
+        """
+        reachable = [key for key, querier in self._queriers.items() if querier.matching_status.matching]
+        connected = self._owner.graph.connected
+        with_token = (key for key in reachable if connected(self._info_of(key) if key else self.info))
+        return next(iter((*with_token, *reachable)), None)
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._closed:
