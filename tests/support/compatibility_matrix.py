@@ -28,7 +28,7 @@ RESULTS = ROOT / "tests" / "golden" / "compatibility_results.json"
 DISTROS = ("Humble", "Jazzy", "Kilted", "Lyrical")
 FEATURES = ("topics", "services", "actions", "parameters", "lifecycle", "graph", "type hash", "security", "bags")
 UNTESTED = "not tested"
-HEAD = f"| | {' | '.join(DISTROS)} |\n|---|{'---|' * len(DISTROS)}\n"
+HEAD = f"||{'|'.join(DISTROS)}|\n|---|{'---|' * len(DISTROS)}\n"
 _TABLE = re.compile(rf"(?<={re.escape(HEAD)})(?:\|.*\n)+")
 
 
@@ -243,10 +243,10 @@ def named_tests() -> list[str]:
 def rows() -> Iterator[str]:
     """The rows of the table."""
     for middleware, distros in CELLS.items():
-        yield f"| **{middleware}** |{' |' * len(DISTROS)}\n"
+        yield f"|**{middleware}**|{'|' * len(DISTROS)}\n"
         for feature in FEATURES:
             cells = (distros[distro].get(feature) for distro in DISTROS)
-            yield f"| {feature} | {' | '.join(cell.peer if cell else UNTESTED for cell in cells)} |\n"
+            yield f"|{feature}|{'|'.join(cell.peer if cell else UNTESTED for cell in cells)}|\n"
 
 
 def page(text: str) -> str:
