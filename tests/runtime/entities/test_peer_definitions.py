@@ -56,7 +56,7 @@ def two(kind: str, text: str) -> tuple[Any, Any]:
 def without_hash(cls: Any) -> Any:
     """Return a class that a publisher of Humble would have: it announces no hash."""
     info = cls._TYPE
-    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info.__class__(info.name, "", info.fields)})
+    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info.__class__(info.name, "", info._spec)})
 
 
 def lyrical_event() -> Any:
