@@ -28,7 +28,7 @@ RESULTS = ROOT / "tests" / "golden" / "compatibility_results.json"
 DISTROS = ("Humble", "Jazzy", "Kilted", "Lyrical")
 FEATURES = ("topics", "services", "actions", "parameters", "lifecycle", "graph", "type hash", "security", "bags")
 UNTESTED = "not tested"
-HEAD = f"||{'|'.join(DISTROS)}|\n|---|{'---|' * len(DISTROS)}\n"
+HEAD = f"|Feature|{'|'.join(DISTROS)}|\n|---|{'---|' * len(DISTROS)}\n"
 _TABLE = re.compile(rf"(?<={re.escape(HEAD)})(?:\|.*\n)+")
 
 
