@@ -7,10 +7,12 @@ used only if its hash is the announced one. Slow steps run in a thread.
 from __future__ import annotations
 
 import asyncio
+import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
@@ -204,7 +206,8 @@ class _TypeResolver:
         if cls is None:
             missing = "no local definition has the hash" if self._request.type_hash else "there is no local definition"
             raise TypeNotFoundError(f"{reason}, and {missing}; {_ADVICE}")
-        self._scope.logger.warning(f"{reason}; using the local definition, which may differ from theirs")
+        level = logging.DEBUG if selected().name == "humble" else logging.WARNING  # it is what the user expects
+        self._scope.logger.log(level, f"{reason}; using the local definition, which may differ from theirs")
         return cls
 
     async def _fetch_with_late_announcements(

@@ -75,7 +75,9 @@ class DiscoveryInfoTopic:
         """Discovered writers of the topic."""
         self._undecided: dict[bytes, NodesAnnounced] = {}
         """Announcements in the layout of Humble, by writer, that were read before the discovery of their writer."""
-        self._humble_writers: set[bytes] = set()
+        self._humble_writers: dict[bytes, bool] = {}
+        """Writers of Humble; False if a writer is suspected, because it has no hash and has not sent a message."""
+        self._wrote_humble = False
         self._has_warned = False
         self._closed = False
         self._unheard_writers: set[bytes] = set()
@@ -94,8 +96,11 @@ class DiscoveryInfoTopic:
         self._nodes = tuple(nodes.values())
         self._write()
 
+    def _is_humble_wanted(self) -> bool:
+        return self._ros_distro == _HUMBLE or (not self._ros_distro and bool(self._humble_writers))
+
     def _write(self) -> None:
-        is_humble = self._ros_distro == _HUMBLE or (not self._ros_distro and bool(self._humble_writers))
+        is_humble = self._wrote_humble = self._is_humble_wanted()
         self._writer.write(discovery_info_message.encode(self._participant.guid, self._nodes, is_humble=is_humble))
 
     def read(self) -> None:
@@ -105,6 +110,15 @@ class DiscoveryInfoTopic:
 
     def forward_events(self, events: list[DiscoveryEvent]) -> None:
         """Pass discovery events to the sink, and expect a sample of each new writer of the topic."""
+        writers = {
+            event.guid: bool(event.type_hash)
+            for event in events
+            if isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name == DISCOVERY_TOPIC
+        }
+        for guid, has_hash in writers.items():
+            if not has_hash and guid not in self._heard_writers:
+                self._set_humble(guid, True, is_certain=False)  # at once, before its reader gets our last message
+        self._writer_has_hash |= writers
         self._sink(events)
         for event in events:
             if isinstance(event, EntityLost):
@@ -113,8 +127,7 @@ class DiscoveryInfoTopic:
                 self._writer_has_hash.pop(event.guid, None)
                 self._undecided.pop(event.guid, None)
                 self._set_humble(event.guid, False)
-            elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name == DISCOVERY_TOPIC:
-                self._writer_has_hash[event.guid] = bool(event.type_hash)
+            elif isinstance(event, DiscoveredEndpoint) and event.guid in writers:
                 if undecided := self._undecided.pop(event.guid, None):
                     self._set_humble(event.guid, not event.type_hash)
                     self._sink([replace(undecided, is_humble=not event.type_hash)])
@@ -129,16 +142,17 @@ class DiscoveryInfoTopic:
             return False
         return None if writer not in self._writer_has_hash else not self._writer_has_hash[writer]
 
-    def _set_humble(self, writer: bytes, is_humble: bool) -> None:
-        if is_humble is (writer in self._humble_writers):
-            return
-        (self._humble_writers.add if is_humble else self._humble_writers.discard)(writer)
+    def _set_humble(self, writer: bytes, is_humble: bool, *, is_certain: bool = True) -> None:
+        if not is_humble:
+            self._humble_writers.pop(writer, None)
+        elif not self._humble_writers.get(writer):
+            self._humble_writers[writer] = is_certain
         if self._closed or self._ros_distro == _HUMBLE:
             return
-        if is_humble and not self._has_warned:
+        if is_humble and is_certain and not self._has_warned:
             self._has_warned = True
             internal_logger().warning(_HUMBLE_FOUND + _WARNINGS[bool(self._ros_distro)])
-        if not self._ros_distro and len(self._humble_writers) == is_humble:  # the first came, or the last has left
+        if self._wrote_humble is not self._is_humble_wanted():
             self._write()
 
     def _expect_message(self, writer: bytes) -> None:
