@@ -7,11 +7,10 @@ The text of a type is that of a .msg file with full names, such as ``float64[36]
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 from typing import NamedTuple
-
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 
 
 class Primitive(NamedTuple):
@@ -62,7 +61,7 @@ class Arity(Enum):
     UNBOUNDED = 144
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class FieldType:
     """The type of one field.
 

@@ -38,7 +38,7 @@ class Tool:
     def __init__(self, cache: Path, peer: Peer) -> None:
         self._environment = without_definitions(cache)
         if peer.distro == "humble":  # whose nodes do not describe types
-            self._environment["AMENT_PREFIX_PATH"] = str(peer.share.parent)
+            self._environment |= {"AMENT_PREFIX_PATH": str(peer.share.parent), "ROS_DISTRO": "humble"}
 
     async def start(self, *words: str) -> asyncio.subprocess.Process:
         command = (sys.executable, "-m", "rosidl_py_gen.ros_cli", *words)

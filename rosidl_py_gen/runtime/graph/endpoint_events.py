@@ -7,10 +7,9 @@ some events. Endpoints without callbacks cost nothing.
 from __future__ import annotations
 
 import asyncio
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
@@ -30,7 +29,7 @@ class UnsupportedEventError(RosidlError, ValueError):
     """The transport does not report the requested event."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class MatchedStatus:
     """Change of the matched endpoints.
 
@@ -47,7 +46,7 @@ class MatchedStatus:
     current_count_change: int
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class IncompatibleStatus:
     """Endpoints that do not match because of type or QoS.
 
@@ -64,7 +63,7 @@ class IncompatibleStatus:
     last_policy_kind: QoSPolicyKind = QoSPolicyKind.INVALID
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class CountStatus:
     """Missed deadlines, lost messages, or expired liveliness leases.
 
@@ -77,7 +76,7 @@ class CountStatus:
     total_count_change: int
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class LivelinessStatus:
     """Change of the liveliness of matched publishers.
 
@@ -94,7 +93,7 @@ class LivelinessStatus:
     not_alive_count_change: int
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class SubscriptionEventCallbacks:
     """Callbacks, plain or async, for the events of a subscription.
 
@@ -115,7 +114,7 @@ class SubscriptionEventCallbacks:
     matched: Callable[[MatchedStatus], object] | None = None
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class PublisherEventCallbacks:
     """Callbacks, plain or async, for the events of a publisher.
 

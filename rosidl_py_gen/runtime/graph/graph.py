@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
@@ -45,7 +44,7 @@ class EndpointType(IntEnum):
     SUBSCRIPTION = 2
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class NodeInfo:
     """Node as its participant announces it."""
 
@@ -59,7 +58,7 @@ class NodeInfo:
         return fully_qualified_node_name(self.name, self.namespace)
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class TopicEndpointInfo:
     """Publisher or subscription, as in `ros2 topic info --verbose`, or the writer of a client or server.
 
@@ -93,7 +92,7 @@ class TopicEndpointInfo:
         return "(DDS program without node)" if self.node_name == BARE_DDS_NODE[1] else "(unknown node)"
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class Mismatch:
     """Incompatible publisher and subscription of a topic, or client and server of a service.
 
@@ -110,7 +109,7 @@ class Mismatch:
     reason: str
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ParticipantInfo:
     """Member of the domain, usually a process.
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import re
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, WrongParameterTypeError
 
@@ -24,7 +24,7 @@ class ParameterFileError(RosidlError, ValueError):
     """Raised for an invalid parameter file or value, with its position."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ParameterOverrides:
     """Values for the nodes whose fully qualified names match `pattern`, which begins with ``/``."""
 

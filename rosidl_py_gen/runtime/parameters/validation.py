@@ -7,9 +7,9 @@ other nodes, and equal rclpy's literally (docs/internals/protocol.md 9.4).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
@@ -169,7 +169,7 @@ def _fits_float(number: float) -> bool:
         return False
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ListParametersResult:
     """Names of parameters in the order of declaration, and their groups."""
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 import operator
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.errors import RosidlError
 
 PythonValue = (
@@ -114,7 +114,7 @@ ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
 """Names with values, or `Parameter` objects."""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ParameterEvent:
     """Changes of one set or declaration.
 
@@ -139,7 +139,7 @@ class ParameterEvent:
         return ParameterEvent(*(tuple(item for item in items if item.name not in removed) for items in fields))
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class SetResult:
     """Result of one set; `reason` is empty on success unless a callback returns one."""
 
@@ -147,7 +147,7 @@ class SetResult:
     reason: str = ""
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class FloatRange:
     """Allowed values of a DOUBLE; `step` 0 allows all values in the range."""
 
@@ -156,7 +156,7 @@ class FloatRange:
     step: float = 0.0
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class IntRange:
     """Allowed values of an INTEGER; `step` 0 allows all values in the range."""
 
@@ -165,7 +165,7 @@ class IntRange:
     step: int = 0
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class ParameterDescriptor:
     """Description of a parameter; fields of rcl_interfaces/ParameterDescriptor."""
 

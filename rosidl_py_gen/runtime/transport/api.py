@@ -10,6 +10,7 @@ thread, also while the loop still waits; a sink pops what it needs from the queu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
@@ -47,7 +48,7 @@ class DiscoveryRange(Enum):
     SYSTEM_DEFAULT = "system_default"
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class SecurityEnclave:
     """Enclave of a secured context, with all files.
 
@@ -62,7 +63,7 @@ class SecurityEnclave:
     is_enforced: bool
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class DomainSettings:
     """Settings of a context that its participant is created with.
 

@@ -8,10 +8,9 @@ Source: docs/internals/protocol.md 7.1, 7.3.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 
@@ -111,7 +110,7 @@ def _duration_ns(subject: str, seconds: float) -> int:
     return round(seconds * NS_PER_S)
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class QoSProfile:
     """Quality of service of an endpoint; every builder method returns a changed copy.
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.frozen_dataclass import frozen_dataclass
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.transport import qos as presets
 from rosidl_py_gen.runtime.transport.qos import (
@@ -31,7 +30,7 @@ class Compatibility(Enum):
     ERROR = "error"
 
 
-@frozen_dataclass
+@dataclass(frozen=True, slots=True)
 class CompatibilityResult:
     """Verdict and reasons of `check_compatible`.
 

@@ -10,10 +10,12 @@ publishers or servers are of Humble.
 from __future__ import annotations
 
 import asyncio
+import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
@@ -220,7 +222,8 @@ class _TypeResolver:
                     f"{reason}; using the definition of Humble, which differs from the local one"
                 )
                 return of_humble
-        self._scope.logger.warning(f"{reason}; using the local definition, which may differ from theirs")
+        level = logging.DEBUG if selected().name == "humble" else logging.WARNING  # it is what the user expects
+        self._scope.logger.log(level, f"{reason}; using the local definition, which may differ from theirs")
         return cls
 
     async def _are_of_humble(self) -> bool:
