@@ -78,7 +78,7 @@ class DiscoveryInfoTopic:
         self._undecided: dict[bytes, NodesAnnounced] = {}
         """Announcements in the layout of Humble, by writer, that were read before the discovery of their writer."""
         self._layouts: dict[bytes, bool | None] = {}
-        """True if the reader beside a writer needs the layout of Humble; None if it reads both, as this package does."""
+        """True if the reader beside a writer needs the layout of Humble; None if it reads both, as ours does."""
         self._wrote_humble = False
         self._has_warned = False
         self._closed = False
