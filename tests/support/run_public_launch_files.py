@@ -71,7 +71,8 @@ class LaunchFile:
         return " ".join((self.repository, self.place, *self.arguments))
 
     def command(self, checkouts: Path) -> list[str]:
-        paths = [f"--path={checkouts / one}" for one in self.paths]
+        own = () if "src" in Path(self.place).parts else (self.repository,)  # it would be cloned into a folder src
+        paths = [f"--path={checkouts / one}" for one in (*own, *self.paths)]
         origin = [f"--launch-from={checkouts / one}" for one in LAUNCH]
         return [*_MINE, *origin, *paths, str(checkouts / self.repository / self.place), *self.arguments]
 
