@@ -66,7 +66,7 @@ class _TooManyError(Exception):
 
 
 class PackagePlan:
-    """What a package installs; errors of its files are `problems`.
+    """Files that a package installs; errors of its rules are `problems`.
 
     Attributes:
         name: name of the package.
