@@ -184,7 +184,17 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
                     "tests/runtime/transport/test_type_information.py::"
                     "test_peers_that_announce_type_information_match_by_name",
                 ),
-            )
+            ),
+            **dict.fromkeys(
+                ("services", "type hash"),
+                Cell(
+                    "program",
+                    (
+                        "tests/runtime/transport/test_type_information.py::"
+                        "test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_called",
+                    ),
+                ),
+            ),
         },
     },
     "Zenoh": {

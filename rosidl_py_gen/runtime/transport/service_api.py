@@ -30,7 +30,8 @@ class ServiceConversion(NamedTuple):
     sent: Callable[[bytes], bytes]
 
 
-def _no_conversion(service_hash: str) -> ServiceConversion | None:
+def no_conversion(service_hash: str) -> ServiceConversion | None:
+    """Return None: there is no conversion for any hash."""
     return None
 
 
@@ -55,7 +56,7 @@ class ServiceSpec:
     response_hash: str
     avoid_ros_namespace_conventions: bool = False
     is_compatible: Callable[[DiscoveredEndpoint], bool] = lambda _: True
-    conversion: Callable[[str], ServiceConversion | None] = _no_conversion
+    conversion: Callable[[str], ServiceConversion | None] = no_conversion
 
     @property
     def topic_keys(self) -> tuple[TopicKey, TopicKey]:

@@ -6,15 +6,18 @@ import asyncio
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import pytest
+from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
 from std_srvs.srv import SetBool
 from support.node_fixtures import ROOT, until
 
 from rosidl_py_gen import type_hash
+from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.cyclone import qos as cyclone_qos
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
@@ -31,6 +34,7 @@ from dataclasses import dataclass
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import int64, uint64
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -38,6 +42,19 @@ from cyclonedds.topic import Topic
 @dataclass
 class String(IdlStruct, typename="std_msgs::msg::dds_::String_"):
     data: str
+
+@dataclass
+class Request(IdlStruct, typename="example_interfaces::srv::dds_::AddTwoInts_Request_"):
+    client: uint64  # the header of rmw_cyclonedds, docs/internals/protocol.md 5.1
+    number: int64
+    a: int64
+    b: int64
+
+@dataclass
+class Response(IdlStruct, typename="example_interfaces::srv::dds_::AddTwoInts_Response_"):
+    client: uint64
+    number: int64
+    sum: int64
 
 number = int(os.environ["ROS_DOMAIN_ID"])
 domain = Domain(number, '''<General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
@@ -47,16 +64,28 @@ participant = DomainParticipant(number)
 qos = Qos(Policy.Reliability.Reliable(0), Policy.DataRepresentation(use_cdrv0_representation=True))
 reader = DataReader(participant, Topic(participant, "rt/questions", String), qos=qos)
 writer = DataWriter(participant, Topic(participant, "rt/answers", String), qos=qos)
+def user_data(kind):
+    hashes = f"typehash={os.environ[kind]};sertypehash={os.environ['SERVICE']};"
+    return Policy.Userdata(f"serviceid= 1.10.2;{hashes}".encode())
+requests = DataReader(participant, Topic(participant, "rq/addRequest", Request), qos=qos + Qos(user_data("REQUEST")))
+replies = DataWriter(participant, Topic(participant, "rr/addReply", Response), qos=qos + Qos(user_data("RESPONSE")))
 while True:
     for message in reader.take(10):
         writer.write(message)
+    for request in requests.take(10):
+        replies.write(Response(request.client, request.number, request.a + request.b))
     time.sleep(0.01)
 """
 
 
+NO_SERVICE = dict.fromkeys(("REQUEST", "RESPONSE", "SERVICE"), "")
+
+
 @pytest.mark.skipif(find_spec("cyclonedds") is None, reason="the peer is made of cyclonedds")
 async def test_peers_that_announce_type_information_match_by_name(dds: World) -> None:
-    process = subprocess.Popen([sys.executable, "-c", TRUE_TYPE], env={**os.environ, "PYTHONPATH": str(ROOT)})
+    process = subprocess.Popen(
+        [sys.executable, "-c", TRUE_TYPE], env={**os.environ, "PYTHONPATH": str(ROOT), **NO_SERVICE}
+    )
     try:
         node = dds.node("ours")
         questions = node.create_publisher(String, "questions")
@@ -68,6 +97,31 @@ async def test_peers_that_announce_type_information_match_by_name(dds: World) ->
             questions.publish(String(data="across"))
             await asyncio.wait([receiving], timeout=0.2)
         assert receiving.result().data == "across"
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.skipif(find_spec("cyclonedds") is None, reason="the peer is made of cyclonedds")
+async def test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_called(dds: World) -> None:
+    parts = {"REQUEST": AddTwoInts.Request, "RESPONSE": AddTwoInts.Response, "SERVICE": AddTwoInts}
+    hashes = {name: type_hash(cls) for name, cls in parts.items()}
+    environment = {**os.environ, **hashes, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen([sys.executable, "-c", TRUE_TYPE], env=environment)
+    try:
+        node = dds.node("ours")
+        client = node.create_client(AddTwoInts, "add")
+        assert await client.wait_for_service(10)
+        for _ in range(10):
+            with suppress(CallTimeoutError):  # the peer may know us later than we know it
+                await client.call(AddTwoInts.Request(), 1)
+                break
+        sums = [(await client.call(AddTwoInts.Request(a=number, b=-5), 10)).sum for number in range(20)]
+        assert sums == [number - 5 for number in range(20)]
+        endpoints = node._scope.graph.endpoints.values()
+        theirs = [one for one in endpoints if one.service_id == " 1.10.2"]
+        assert {one.type_hash for one in theirs} == {hashes["REQUEST"], hashes["RESPONSE"]}
+        assert {one.service_hash for one in theirs} == {hashes["SERVICE"]}
     finally:
         process.kill()
         process.wait()

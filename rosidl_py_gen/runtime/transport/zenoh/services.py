@@ -26,7 +26,7 @@ from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability
+from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability, no_conversion
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
@@ -68,7 +68,7 @@ class _ZenohServiceEndpoint(ZenohReader):
         self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str, *, service: ServiceSpec
     ) -> None:
         reader, writer = infos
-        self._service = service
+        self._find_conversion = service.conversion
         self.matches_by_hash = not owner.is_humble
         self.gid = reader.guid
         self.is_introspected = False
@@ -95,9 +95,14 @@ class _ZenohServiceEndpoint(ZenohReader):
         return replace(self.info, service_hash=type_hash)
 
     def _conversion(self, type_hash: str) -> ServiceConversion:
-        conversion = self._service.conversion(type_hash)
-        assert conversion is not None  # only such hashes are accepted
+        conversion = self._find_conversion(type_hash)
+        if conversion is None:  # only accepted hashes have keys, so another thread has closed the endpoint
+            raise ClosedError(f"the client or server of {self.info.topic_key.name} is closed")
         return conversion
+
+    def close(self) -> None:
+        super().close()
+        self._find_conversion = no_conversion  # Zenoh may retain handlers, and with them the node
 
     def _received(self, received: _OfPeer) -> bytes | DecodeError:
         """Return a message in the own definition."""
