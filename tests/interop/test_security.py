@@ -460,6 +460,7 @@ def until_found(run: Callable[[], tuple[list[str], str]]) -> tuple[list[str], st
         lines, log = run()
         if lines and not lines[0].startswith("WaitTimeoutError"):
             break
+        assert not log or "a peer on Fast DDS was found, but no endpoints of it" in log, log
     return lines, log
 
 
