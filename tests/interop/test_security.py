@@ -456,10 +456,11 @@ def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
 
 def until_found(run: Callable[[], tuple[list[str], str]]) -> tuple[list[str], str]:
     """Start a peer on Fast DDS and a node until they find each other: docs/internals/dds.md 12."""
-    for _ in range(4):
+    for _ in range(6):
         lines, log = run()
         if lines and not lines[0].startswith("WaitTimeoutError"):
             break
+        assert not log or "a peer on Fast DDS was found, but no endpoints of it" in log, log
     return lines, log
 
 

@@ -58,14 +58,17 @@ _LARGE_BYTES = 1024
 
 def uses_sample_identity(guid: bytes) -> bool:
     """Return True if a client or server with that endpoint uses sample identities, and not headers."""
-    return guid.startswith(FAST_DDS_VENDOR) or (
-        bool(_secured_fast_dds) and guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
-    )
+    return guid.startswith(FAST_DDS_VENDOR) or (bool(_secured_fast_dds) and is_secured_fast_dds(guid))
 
 
 def has_hashed_guid(guid: bytes) -> bool:
     """Return True if a GUID is that of a secured participant, which does not begin with the vendor."""
     return bool(guid[0] & _HASHED_BIT)
+
+
+def is_secured_fast_dds(guid: bytes) -> bool:
+    """Return True if a participant or endpoint is that of a secured participant on Fast DDS."""
+    return guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
 
 
 def add_secured_fast_dds(guid: bytes, reader: int) -> None:
