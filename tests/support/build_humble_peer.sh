@@ -39,13 +39,16 @@ done
 files osrf/osrf_pycommon master
 mkdir -p "$top/src/Fast-DDS/test" "$install"
 touch "$top/src/Fast-DDS/test/CMakeLists.txt" "$install/COLCON_IGNORE" # its CMakeLists.txt wants the folder of tests
-for name in Fast-DDS Fast-CDR rcl_logging/rcl_logging_spdlog rmw_fastrtps/rmw_fastrtps_dynamic_cpp; do
+for name in Fast-DDS Fast-CDR rcl_logging/rcl_logging_spdlog rmw_fastrtps/rmw_fastrtps_dynamic_cpp \
+    ros2cli/ros2lifecycle_test_fixtures ros2cli/ros2cli_test_interfaces; do
     touch "$top/src/$name/COLCON_IGNORE"
 done
 
 # Debian's libyaml instead of a download.
 sed -i '/^build_libyaml()/d; /^set(extra_test_dependencies/d; /^ament_export_\(dependencies\|libraries\)(yaml)/d' \
     "$top/src/libyaml_vendor/CMakeLists.txt"
+parser=$top/src/rcl/rcl_yaml_param_parser/CMakeLists.txt
+grep -q '^link_libraries(yaml)' "$parser" || sed -i 's/^find_package(libyaml_vendor.*/&\nlink_libraries(yaml)/' "$parser"
 
 [ -e "$top/venv" ] || /usr/bin/python3.11 -m venv "$top/venv"
 touch "$top/venv/COLCON_IGNORE"
@@ -62,7 +65,8 @@ for name in Fast-CDR Fast-DDS; do
 done
 
 # Messages first need only Fast CDR. A package that is installed is built again in a second.
-export RCL_LOGGING_IMPLEMENTATION=rcl_logging_noop CMAKE_PREFIX_PATH=$install CMAKE_BUILD_PARALLEL_LEVEL=$jobs
+# Without MAKEFLAGS, colcon starts nothing while the machine is busy.
+export MAKEFLAGS=-j$jobs RCL_LOGGING_IMPLEMENTATION=rcl_logging_noop CMAKE_PREFIX_PATH=$install CMAKE_BUILD_PARALLEL_LEVEL=$jobs
 export PYTHONPATH=$install/lib/python3.11/site-packages
 cd "$top"
 colcon --log-base "$top/log" build --base-paths "$top/src" --merge-install --install-base "$install" \
@@ -75,6 +79,7 @@ colcon --log-base "$top/log" build --base-paths "$top/src" --merge-install --ins
 cat >"$install/bin/python" <<END
 #!/bin/sh
 export LD_LIBRARY_PATH=$install/lib AMENT_PREFIX_PATH=$install PYTHONPATH=$PYTHONPATH
+ulimit -v 4000000 # beside later distributions it may take all memory: docs/internals/protocol.md 6.5
 exec $top/venv/bin/python "\$@"
 END
 chmod +x "$install/bin/python"

@@ -176,10 +176,6 @@ def transitions(peer, name):
     return peer.nodes[name].done
 
 
-def limit_memory(peer, megabytes):
-    resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
-
-
 def memory_mb(peer):
     """Return the most that the process has used."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
