@@ -141,7 +141,7 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
                 "bytes",
                 (
                     "tests/runtime/transport/test_humble_graph.py::"
-                    "test_nodes_are_announced_in_the_format_of_humble_while_it_is_there",
+                    "test_the_format_is_that_of_humble_until_a_later_distribution_is_there_and_while_humble_is",
                 ),
             ),
             "bags": Cell(

@@ -79,7 +79,7 @@ class LaunchFile:
 
 @dataclass
 class Result:
-    """What was seen of a launch file; `problem` is empty if it runs."""
+    """Observations of a launch file; `problem` is empty if it runs."""
 
     file: LaunchFile
     processes: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What rclpy of Humble does not have, made of what it has; imported before the commands.
+"""Substitutes for what rclpy of Humble does not have; imported before the commands.
 
 Humble has no service introspection at all: `ServiceIntrospectionState` is only a name.
 """

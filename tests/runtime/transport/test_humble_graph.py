@@ -99,7 +99,7 @@ async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_
     old = node_of(dds, monkeypatch, "humble")
     await until(lambda: formats.is_humble() is True)
     assert await bob.wait_for_node("alice", 10) and await old.wait_for_node("alice", 10)
-    said = "So this process announces its nodes in the format of Humble; "
+    said = "So this process announces its nodes in the format of Humble, "
     await until(lambda: caplog.text.count(said) == 2)  # alice's context and bob's
     alice.create_publisher("std_msgs/msg/String", "late")
     await until(lambda: bob.count_publishers("late") == 1)
