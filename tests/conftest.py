@@ -41,7 +41,7 @@ NOT_QUICK = re.compile(
     r"|test_docstrings|test_public_face|however_well_it_compresses|very_deep_and_very_wide|works_on_zenoh_is|none_of_many_calls"
     r"|killed_recorder|interrupts_no_wait|hundred_goals|thousand_goals|every_message_of_the_checkout|for_the_same_reason|every_recorded_sample"
     r"|whole_bags_show_progress|pipes_get_results_only|listed_at_80_columns|the_environment_selects|no_compiler_for_the_selection"
-    r"|hook_uses_a_distribution"
+    r"|hook_uses_a_distribution|test_prefix|test_launch|test_package_tests"
 )
 """Tests and files of tests that start processes, or take long by themselves."""
 MOST_CASES = 40

@@ -40,6 +40,7 @@ SHARED_IN_RUNTIME = {
     "_deliver",
     "_push",
     "_has_news",
+    "_set_definition",
     "_schedule",
     "_why_missing",
     "_on_any_jump",

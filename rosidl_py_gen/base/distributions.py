@@ -79,6 +79,11 @@ def selected(distro: str | None = None) -> DistributionChoice:
     return DistributionChoice(found, False)
 
 
+def is_selected_since(distro: str) -> bool:
+    """Return True if `selected` without an argument is a distribution or a later one."""
+    return DISTRIBUTIONS.index(selected().name) >= DISTRIBUTIONS.index(distro)
+
+
 def command_distribution() -> str | None:
     """Return the distribution of `distribution_of_command`; outside of it None, or "" if ROS_DISTRO has the default."""
     if _command_selections:

@@ -214,6 +214,19 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
     return None
 
 
+def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
+    """Return the class that `get_message`, `get_service` or `get_action` returns for a full name; None if none exists.
+
+    Raises:
+        DefinitionError: the definition has problems, or `path` cannot be read.
+        InvalidNameError: the name is invalid.
+    """
+    try:
+        return _get(name, "", object, path, distro)
+    except TypeNotFoundError:
+        return None
+
+
 class DistributionDefinition(NamedTuple):
     """A definition of a type that not all distributions share.
 

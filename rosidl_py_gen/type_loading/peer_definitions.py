@@ -16,16 +16,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
+from rosidl_py_gen.base.installed_classes import find_installed_class
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
-from rosidl_py_gen.type_loading.class_lookup import distribution_definitions
+from rosidl_py_gen.type_loading.class_lookup import distribution_definitions, find_named_class
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.base.descriptions import Description
-    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
 _lock = threading.RLock()
 
@@ -62,6 +65,15 @@ class SampleConverter(NamedTuple):
     defaulted: tuple[str, ...]
     convert: Callable[[Any], Any]
 
+    def encode(self, data: Any) -> bytes:
+        """Return a sample of the new definition.
+
+        Raises:
+            DecodeError: the data is not a message of the old definition.
+            EncodeError: a value does not fit the new definition.
+        """
+        return self.convert(self.old._decode(data))._encode()  # type: ignore[no-any-return]
+
     def __call__(self, data: Any) -> bytes:
         """Return a sample of the new definition.
 
@@ -69,7 +81,7 @@ class SampleConverter(NamedTuple):
             DecodeError: the data is not a message of the old definition, or a value does not fit the new one.
         """
         try:
-            return self.convert(self.old._decode(data))._encode()  # type: ignore[no-any-return]
+            return self.encode(data)
         except EncodeError as error:
             raise DecodeError(error.path, 0, f"cannot be converted to the definition in use: {error.reason}") from None
 
@@ -81,6 +93,23 @@ def peer_definitions(cls: type[Message]) -> Mapping[str, PeerDefinition]:
         return _peer_definitions(info.name, info.hash, cls)
 
 
+def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | None:
+    """Return the class of a type that the nodes of a distribution use, by all that is known here; None without one.
+
+    Raises:
+        DefinitionError: the definition has problems, or `path` cannot be read.
+    """
+    cls = find_named_class(name, path=path, distro=distro)
+    if cls is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
+        return cls
+    # A generated class contains the types of the distribution for which it was generated.
+    definition = next((one for one in peer_definitions(cls).values() if distro in one.distros), None)
+    if definition is None:
+        return cls
+    with _lock:
+        return _peer_class(definition)
+
+
 def converter_from(definition: PeerDefinition, cls: type[Message]) -> SampleConverter:
     """Return the conversion of a peer's samples to those of a class.
 
@@ -90,6 +119,18 @@ def converter_from(definition: PeerDefinition, cls: type[Message]) -> SampleConv
     """
     with _lock:
         return _converter(_peer_class(definition), cls)
+
+
+def converter_to(definition: PeerDefinition, cls: type[Message]) -> SampleConverter:
+    """Return the conversion of samples of a class to those of a peer; raises like `converter_from`."""
+    with _lock:
+        return _converter(cls, _peer_class(definition))
+
+
+def part_of(definition: PeerDefinition, name: str) -> PeerDefinition:
+    """Return the definition of a type that another one refers to, such as the request of a service."""
+    individuals = definition.individuals
+    return PeerDefinition(name, rihs01(_full_description(name, individuals)), definition.distros, individuals)
 
 
 def fits_exactly(cls: type[Message], data: Any) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -109,9 +110,14 @@ def test_a_program_runs_with_the_messages_of_a_distribution(tmp_path: Path) -> N
     program.write_text(
         "import os\n"
         "from sensor_msgs.msg import Range\n"
+        "from rosidl_py_gen.runtime import Context, MemoryTransport\n"
         "print(os.environ['ROS_DISTRO'], 'variance' in Range.get_fields_and_field_types())\n"
+        "with Context(args=['x'], transport=MemoryTransport()) as context:\n"
+        "    print([context.settings.ros_distro])\n"
     )
-    for options, expected in (((), "jazzy True\n"), (("--distro", "humble"), "humble False\n")):
+    # Without a selection, nodes announce themselves in the format that the network needs.
+    for options, expected in (((), "jazzy True\n['']\n"), (("--distro", "humble"), "humble False\n['humble']\n")):
         command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", *options, str(program)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        environ = {name: value for name, value in os.environ.items() if name != "ROS_DISTRO"}
+        done = subprocess.run(command, capture_output=True, text=True, check=True, env=environ)
         assert done.stdout == expected

@@ -95,45 +95,20 @@ def fastdds_service_peer() -> Path:
     return _compiled("fastdds-service-peer", make)
 
 
-@pytest.fixture(scope="session")
-def secured_cyclone_peer() -> Path:
-    """C program on Cyclone DDS that uses the files of an enclave."""
-    _require("idlc", "gcc")
-
-    def make(folder: Path) -> None:
-        subprocess.run(["idlc", "-t", str(SOURCES / "types.idl")], cwd=folder, check=True, capture_output=True)
-        command = ["gcc", "-O1", "-I.", "types.c", str(SOURCES / "secured_cyclone_peer.c"), "-lddsc", "-o", "peer"]
-        subprocess.run(command, cwd=folder, check=True)
-
-    return _compiled("secured-cyclone-peer", make)
-
-
-@pytest.fixture(scope="session")
-def secured_fastdds_peer() -> Path:
-    """C++ program on Fast DDS 2.9 that uses the files of an enclave."""
-    _require("fastddsgen", "g++")
-
-    def make(folder: Path) -> None:
-        shutil.copy(SOURCES / "types.idl", folder)
-        subprocess.run(["fastddsgen", "types.idl"], cwd=folder, check=True, capture_output=True)
-        sources = [*map(str, folder.glob("*.cxx")), str(SOURCES / "secured_fastdds_peer.cpp")]
-        subprocess.run(["g++", "-I.", *sources, "-lfastrtps", "-lfastcdr", "-o", "peer"], cwd=folder, check=True)
-
-    return _compiled("secured-fastdds-peer", make)
-
-
 @contextmanager
 def running(
-    program: Path, *arguments: str, lease_s: int = 10, first_line: str = "READY\n"
+    program: Path, *arguments: str, lease_s: int = 10, first_line: str = "READY\n", enclave: Path | None = None
 ) -> Iterator[subprocess.Popen[str]]:
     """Start a peer, wait until it prints `first_line`, and kill it at the end.
 
     Args:
         lease_s: lease of its participant, on Cyclone DDS.
+        enclave: folder of its enclave; None for an unsecured peer.
     """
     environment = {
         **os.environ,
         "CYCLONEDDS_URI": _CYCLONE_XML.replace("<Domain>", f"<Domain Id='{domain_id()}'>").format(lease_s=lease_s),
+        **({} if enclave is None else {"SECURE_ENCLAVE": str(enclave)}),
     }
     process = subprocess.Popen([str(program), *arguments], env=environment, stdout=subprocess.PIPE, text=True)
     try:

@@ -95,6 +95,29 @@ async def test_fast_dds_echoes(dds: Any, fastdds_peer: Path, run_peer: Callable[
         await echo_through(dds.node("tester", context=context), kind, MESSAGES[kind])
 
 
+async def test_a_content_filter_of_fast_dds_passes_what_it_selects(
+    dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]
+) -> None:
+    """Feedback subscriptions of Lyrical have one; a writer without filters sends everything, and the reader filters."""
+    context = dds.context()
+    with run_peer(fastdds_peer, "echo", str(context.domain_id)):
+        node = dds.node("tester", context=context)
+        publisher, answers = (
+            node.create_publisher(String, "/ask_filtered"),
+            node.create_subscription(String, "/answer_filtered"),
+        )
+        assert await publisher.wait_for_subscribers(10) and await answers.wait_for_publishers(10)
+        while answers.take() is None:  # until the peer knows our reader, too
+            publisher.publish(String(data="k"))
+            await asyncio.sleep(0.1)
+        for text in ("out", "kept 1", "out again", "kept 2"):
+            publisher.publish(String(data=text))
+        texts = ["k"]
+        while texts[-1] != "kept 2":
+            texts.append((await answers.receive(10)).data)
+        assert [text for text in texts if text != "k"] == ["kept 1", "kept 2"]
+
+
 async def test_our_client_calls_a_cyclone_server(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
     client = dds.node("tester").create_client(AddTwoInts, "/c_add")
     with run_peer(cyclone_peer):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support.keystores import Authority, Keystore
+from support.keystores import Authority, Keystore, governance
 from support.node_fixtures import domain_id
 
 from rosidl_py_gen.bags import BagReader
@@ -217,6 +217,47 @@ with Context(enclave="/two", args=["x"]) as context:  # all others are closed
     assert "Use one enclave, or two processes" in first and second == "/two"
 
 
+def test_a_domain_of_a_process_is_secured_or_not(keystore: Keystore) -> None:
+    """Cyclone would end the process; after a context that failed or was closed, the domain may be used otherwise."""
+    keystore.enclave("/expired", days=(-10, -1))
+    keystore.enclave("/foreign")
+    keystore.enclave("/good")
+    governance_file = keystore.folder / "enclaves/foreign/governance.p7s"
+    governance_file.unlink()
+    governance_file.write_bytes(keystore.authority.sign(governance(domain_id() + 1)))
+    program = """
+import os
+from rosidl_py_gen.runtime import Context, SecurityError
+
+def attempt(enclave):
+    os.environ["ROS_SECURITY_ENABLE"] = "true" if enclave else "false"
+    try:
+        return Context(enclave=enclave or "/", args=["x"])
+    except SecurityError as error:
+        print(error)
+
+plain = attempt("")
+attempt("/good")
+plain.close()
+attempt("/expired")
+attempt("/foreign")
+good = attempt("/good")
+attempt("")
+good.close()
+attempt("").close()
+print("end")
+"""
+    environ = {**os.environ, **keystore.environment()}
+    run = subprocess.run([sys.executable, "-c", program], env=environ, capture_output=True, text=True, timeout=60)
+    second, expired, foreign, unsecured, end = run.stdout.splitlines() or [run.stderr]
+    folder = f"{keystore.folder}/enclaves/good"
+    assert "with no security, and Cyclone DDS permits one enclave" in second
+    assert f"got the enclave in {folder}. Use one enclave, or two processes" in second
+    assert "expired/cert.pem" in expired and "has no rule for domain" in foreign
+    assert f"with the enclave in {folder}, and Cyclone DDS permits" in unsecured and "got no security" in unsecured
+    assert (end, run.returncode) == ("end", 0)
+
+
 def test_a_rejected_peer_is_logged_once(keystore: Keystore) -> None:
     keystore.enclave("/talker")
     stranger = keystore.enclave("/stranger", authority=Authority())
@@ -355,29 +396,12 @@ def test_a_library_without_security_says_what_to_install(keystore: Keystore) -> 
 # ------------------------------------------------------------------------------------------------------- other programs
 
 
-@contextmanager
-def secured_peer(program: Path, *arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """Run a program in C or C++ with the files of an enclave."""
-    uri = _BOUND.replace("<Domain>", f"<Domain Id='{domain_id()}'>")
-    process = subprocess.Popen(
-        [str(program), *arguments],
-        env={**os.environ, "CYCLONEDDS_URI": uri, "SECURE_ENCLAVE": str(folder)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None and process.stdout.readline() == "READY\n"
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
 ECHO = """
 import asyncio, sys
 from rosidl_py_gen import get_message, get_service
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 String, Add = get_message("std_msgs/msg/String"), get_service("example_interfaces/srv/AddTwoInts")
 
 async def main(enclave, *services):
@@ -403,6 +427,7 @@ async def main(enclave, *services):
             print(f"{type(error).__name__}: {error}", flush=True)
 
 asyncio.run(main(*sys.argv[1:]))
+assert not has_secured_fast_dds(), "peers of a closed context"
 """
 
 
@@ -425,13 +450,24 @@ def ours(keystore: Keystore, *arguments: str) -> Iterator[subprocess.Popen[str]]
 def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
     with ours(keystore, *arguments) as process:
         out, log = process.communicate(timeout=60)
+    assert process.returncode == 0, log
     return out.splitlines(), log
 
 
-def test_a_program_on_cyclone(keystore: Keystore, cyclone_peer: Path) -> None:
+def until_found(run: Callable[[], tuple[list[str], str]]) -> tuple[list[str], str]:
+    """Start a peer on Fast DDS and a node until they find each other: docs/internals/dds.md 12."""
+    for _ in range(6):
+        lines, log = run()
+        if lines and not lines[0].startswith("WaitTimeoutError"):
+            break
+        assert not log or "a peer on Fast DDS was found, but no endpoints of it" in log, log
+    return lines, log
+
+
+def test_a_program_on_cyclone(keystore: Keystore, run_peer: Callable[..., Any], cyclone_peer: Path) -> None:
     keystore.enclave("/ours")
     folder = keystore.enclave("/peer").folder
-    with secured_peer(cyclone_peer, folder=folder):
+    with run_peer(cyclone_peer, enclave=folder):
         lines, log = outcome(keystore, "/ours", "topics", "/c_add")
     assert lines == ["5", "70000", "42"], log
 
@@ -447,42 +483,139 @@ def test_a_program_on_cyclone(keystore: Keystore, cyclone_peer: Path) -> None:
     ],
     ids=["as sros2", "plain data", "signed", "packets only"],
 )
-def test_services_with_fast_dds(tmp_path: Path, fastdds_service_peer: Path, kinds: dict[str, str]) -> None:
+def test_services_with_fast_dds(
+    tmp_path: Path, run_peer: Callable[..., Any], fastdds_service_peer: Path, kinds: dict[str, str]
+) -> None:
     keystore, domain = Keystore(tmp_path / "keystore", domain_id(), kinds), str(domain_id())
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with secured_peer(fastdds_service_peer, "serve", domain, "f_add", folder=folder):
-        lines, log = outcome(keystore, "/talker", "calls", "/f_add")
+
+    def call() -> tuple[list[str], str]:
+        with run_peer(fastdds_service_peer, "serve", domain, "f_add", enclave=folder):
+            return outcome(keystore, "/talker", "calls", "/f_add")
+
+    def serve() -> tuple[list[str], str]:
+        with ours(keystore, "/talker", "serve") as server:
+            assert server.stdout is not None and server.stdout.readline() == "READY\n"
+            with run_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", enclave=folder) as peer:
+                return [line.strip() for line in peer.stdout], ""
+
+    lines, log = until_found(call)
     assert lines == ["42"], log
-    with ours(keystore, "/talker", "serve") as server:
-        assert server.stdout is not None and server.stdout.readline() == "READY\n"
-        with secured_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", folder=folder) as peer:
-            assert peer.stdout is not None
-            assert [peer.stdout.readline() for _ in range(2)] == ["SUM 3\n", "SUM 7\n"]
+    assert until_found(serve)[0] == ["SUM 3", "SUM 7"]
 
 
-def test_topics_with_fast_dds(keystore: Keystore, fastdds_peer: Path) -> None:
+def test_topics_with_fast_dds(keystore: Keystore, run_peer: Callable[..., Any], fastdds_peer: Path) -> None:
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with secured_peer(fastdds_peer, "echo", str(domain_id()), folder=folder):
-        lines, log = outcome(keystore, "/talker", "topics")
+
+    def echo() -> tuple[list[str], str]:
+        with run_peer(fastdds_peer, "echo", str(domain_id()), enclave=folder):
+            return outcome(keystore, "/talker", "topics")
+
+    lines, log = until_found(echo)
     assert lines == ["5", "70000"], log
 
 
-def test_fast_dds_that_begins_the_handshake_is_reported(keystore: Keystore, fastdds_service_peer: Path) -> None:
+def test_fast_dds_that_begins_the_handshake_is_reported(
+    keystore: Keystore, run_peer: Callable[..., Any], fastdds_service_peer: Path
+) -> None:
     folder = keystore.enclave("/talker").folder
     keystore.enclave("/listener")
-    with secured_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", folder=folder):
+    with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
         lines, log = outcome(keystore, "/listener", "calls", "/f_add")
     assert lines[0].startswith("WaitTimeoutError"), lines
     assert log.count("they authenticate each other only if Cyclone DDS begins the handshake") == 1, log
 
 
-def test_services_that_governance_makes_impossible_are_refused(tmp_path: Path, fastdds_service_peer: Path) -> None:
+def test_services_that_governance_makes_impossible_are_refused(
+    tmp_path: Path, run_peer: Callable[..., Any], fastdds_service_peer: Path
+) -> None:
     keystore = Keystore(tmp_path / "keystore", domain_id(), {"metadata": "NONE"})
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
-    with secured_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", folder=folder):
-        lines, log = outcome(keystore, "/talker", "calls", "/f_add")
+
+    def call() -> tuple[list[str], str]:
+        with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
+            return outcome(keystore, "/talker", "calls", "/f_add")
+
+    lines, log = until_found(call)
     assert lines[0].startswith("IncompatibleServiceError") and "protects data but not metadata" in lines[0], lines
     assert log.count("a peer on Fast DDS was found, and the governance rule '*' protects data") == 1, log
+
+
+# ----------------------------------------------------------------------------------------------------- rclpy programs
+
+
+RCLPY_TALKER = """
+import rclpy
+from example_interfaces.srv import AddTwoInts
+from rclpy.node import Node
+from std_msgs.msg import String
+
+def add(request, response):
+    response.sum = request.a + request.b
+    return response
+
+rclpy.init()
+node = Node("talk")
+publisher = node.create_publisher(String, "chatter", 10)
+node.create_timer(0.2, lambda: publisher.publish(String(data="secret")))
+node.create_service(AddTwoInts, "add", add)
+print('{"ready": true}', flush=True)
+rclpy.spin(node)
+"""
+RCLPY_LISTENER = """
+import sys, rclpy
+from example_interfaces.srv import AddTwoInts
+from rclpy.node import Node
+from std_msgs.msg import String
+
+rclpy.init(args=sys.argv)
+node, received = Node("listen"), []
+node.create_subscription(String, "chatter", lambda message: received.append(message.data), 10)
+client = node.create_client(AddTwoInts, "add")
+if client.wait_for_service(timeout_sec=float(sys.argv[1])):
+    call = client.call_async(AddTwoInts.Request(a=2, b=3))
+    rclpy.spin_until_future_complete(node, call, timeout_sec=20)
+    while not received:
+        rclpy.spin_once(node)
+    print(call.result().sum, received[0])
+print(sorted(node.get_node_names_and_namespaces_with_enclaves()))
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+def test_programs_for_rclpy_are_secured(keystore: Keystore, tmp_path: Path) -> None:
+    for name in ("/talker", "/listener"):
+        keystore.enclave(name)
+    (tmp_path / "talker.py").write_text(RCLPY_TALKER)
+    (tmp_path / "listener.py").write_text(RCLPY_LISTENER)
+
+    def listener(timeout_s: int, *arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
+        return command(
+            *("run", str(tmp_path / "listener.py"), str(timeout_s), *arguments),
+            environ={**keystore.environment(), **more},
+        )
+
+    talker = subprocess.Popen(
+        [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "talker.py", "--ros-args", "--enclave", "/talker"],
+        env={**os.environ, "CYCLONEDDS_URI": _BOUND, **keystore.environment()},
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert talker.stdout is not None and talker.stdout.readline() == '{"ready": true}\n'
+        secured, plain, missing = side_by_side(
+            lambda: listener(20, "--ros-args", "--enclave", "/listener"),
+            lambda: listener(2, ROS_SECURITY_ENABLE="false"),
+            lambda: listener(2, "--ros-args", "--enclave", "/nowhere"),
+        )
+    finally:
+        talker.kill()
+        talker.communicate()
+    assert secured.stdout == "5 secret\n[('listen', '/', '/listener'), ('talk', '/', '/talker')]\n", secured
+    assert plain.stdout == "[('listen', '/', '/')]\n", plain
+    assert "RCLError: failed to initialize rcl: ROS_SECURITY_STRATEGY=Enforce requires a secured" in missing.stderr

@@ -57,11 +57,11 @@ def keystore(tmp_path: Path) -> Path:
 @pytest.fixture(params=["cyclone", "fastdds"])
 def start(request: pytest.FixtureRequest, run_peer: Callable[..., Any]) -> Callable[..., Any]:
     """Start a secured peer: what it does, its topic, and the folder of its enclave."""
-    program = request.getfixturevalue(f"secured_{request.param}_peer")
+    program = request.getfixturevalue(f"{request.param}_peer")
     domain = [str(domain_id())] if request.param == "fastdds" else []
 
-    def start(action: str, topic: str, folder: Path, **more: Any) -> Any:
-        return run_peer(program, action, topic, str(folder), *domain, **more)
+    def start(action: str, topic: str, folder: Path) -> Any:
+        return run_peer(program, action, *domain, topic, enclave=folder)
 
     return start
 
@@ -94,7 +94,7 @@ def test_permissions_of_a_policy_allow_and_deny(keystore: Path, start: Callable[
 def test_what_a_policy_does_not_allow_fails(
     keystore: Path,
     run_peer: Callable[..., Any],
-    secured_cyclone_peer: Path,
+    cyclone_peer: Path,
     tmp_path: Path,
     action: str,
     topic: str,
@@ -105,18 +105,18 @@ def test_what_a_policy_does_not_allow_fails(
         security("create_permission", str(keystore), name, str(tmp_path / "policy.xml"))
     kind = "writer" if (action, topic) == ("talk", TOPIC) else "topic"
     first = f"FAILED {kind}: Not Allowed By Security\n"
-    with run_peer(secured_cyclone_peer, action, topic, str(keystore / "enclaves" / enclave), first_line=first):
+    with run_peer(cyclone_peer, action, topic, enclave=keystore / "enclaves" / enclave, first_line=first):
         pass
 
 
 def test_enclaves_of_another_keystore_are_not_heard(
-    keystore: Path, run_peer: Callable[..., Any], secured_cyclone_peer: Path, tmp_path: Path
+    keystore: Path, run_peer: Callable[..., Any], cyclone_peer: Path, tmp_path: Path
 ) -> None:
     security("generate_artifacts", "-k", str(tmp_path / "other"), "-e", "/listener")
     talker, listener = keystore / "enclaves/talker", tmp_path / "other/enclaves/listener"
     with (
-        run_peer(secured_cyclone_peer, "talk", TOPIC, str(talker)),
-        run_peer(secured_cyclone_peer, "listen", TOPIC, str(listener)) as heard,
+        run_peer(cyclone_peer, "talk", TOPIC, enclave=talker),
+        run_peer(cyclone_peer, "listen", TOPIC, enclave=listener) as heard,
     ):
         assert output(heard, 3) == ""
 

@@ -8,11 +8,13 @@ import shutil
 import sys
 from pathlib import Path
 
+import pytest
 from peer_helpers import fresh, without_definitions
 from rclpy_peer import Peer
 from support.node_fixtures import ROOT, start_process
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, tmp_path: Path) -> None:
     topic = fresh("compared")
     await shared_peer.do("publisher", topic=topic, type="test_msgs/msg/BasicTypes")

@@ -51,7 +51,8 @@ async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: 
     await shared_peer.do("publisher", topic=topic, type=STRINGS)
     await shared_peer.do("subscribe", topic=commands, type=STRINGS)
     strings = message(shared_peer, STRINGS)
-    async with watching() as seen:
+    known = ("--path", str(shared_peer.share)) if shared_peer.distro == "humble" else ()  # it does not describe types
+    async with watching(*known) as seen:
         channel = await seen.subscribe(topic)
         assert channel["schemaName"] == STRINGS and "string string_value\n" in channel["schema"]
 

@@ -43,8 +43,8 @@ async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
     while not (await shared_peer.do("counts", topic=events.topic))[1]:  # it has to know us, too
         await asyncio.sleep(0.02)
     for transition, works, state in STEPS:
-        if not works and shared_peer.distro == "jazzy":
-            continue  # rclpy of Jazzy ends with an error
+        if not works and shared_peer.distro in ("humble", "jazzy"):
+            continue  # their rclpy ends with an error
         answer = await call(node, shared_peer, CHANGE, f"{name}/change_state", {"transition": {"id": transition}})
         assert answer == {"success": works}, transition
         found = await call(node, shared_peer, GET, f"{name}/get_state", {})

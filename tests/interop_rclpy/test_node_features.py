@@ -78,6 +78,7 @@ async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
     assert await repeated(lambda: publisher.publish(stamp), arrived) == MINUTE_NS
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> None:
     node, kind = dds.node("tester"), "test_msgs/msg/MultiNested"
     await shared_peer.do("publisher", topic=fresh("described"), type=kind)
@@ -89,6 +90,7 @@ async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> No
         await node.get_type_description(f"/{shared_peer.name}", kind, f"RIHS01_{'0' * 64}", timeout_s=WAIT_S)
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_our_node_describes_its_types_as_theirs_would(
     dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,6 +111,7 @@ async def test_our_node_describes_its_types_as_theirs_would(
     assert described[0]["successful"] and described[0] == described[1]
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     await shared_peer.do("add_node", name=name, enable_logger_service=True)
@@ -124,6 +127,7 @@ async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     assert plain(answer) == {"levels": levels}
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     node = Node(name, context=dds.context(), logger_services=True)
@@ -144,6 +148,36 @@ async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
 EVENTS = ["REQUEST_SENT", "REQUEST_RECEIVED", "RESPONSE_SENT", "RESPONSE_RECEIVED"]
 
 
+@pytest.mark.only_with("kilted")  # Jazzy's clients tell the GUID of their writer
+@pytest.mark.parametrize("is_ours", [True, False], ids=["our client", "our server"])
+async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer: Peer, is_ours: bool) -> None:
+    node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
+    subscription = node.create_subscription(
+        get_message(f"{SET_BOOL}_Event", path=shared_peer.share), f"{name}/_service_event", qos=100
+    )
+    if is_ours:
+        await shared_peer.do("serve", name=name, type=SET_BOOL, how="set_bool")
+        await shared_peer.do("introspect", kind="service", name=name, state="METADATA")
+        end: Any = node.create_client(cls, name)
+    else:
+        end = node.create_service(cls, name, lambda request: cls.Response(success=True, message="done"))
+        await shared_peer.do("client", name=name, type=SET_BOOL)
+        await shared_peer.do("introspect", kind="client", name=name, state="METADATA")
+    end.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState.METADATA)
+    assert await subscription.wait_for_publishers(timeout_s=WAIT_S, count=2)
+    await shared_peer.do("until_subscribed", topic=f"{name}/_service_event", count=1)
+    for _ in range(3):
+        if is_ours:
+            assert (await end.call(cls.Request(data=True), WAIT_S)).success
+        else:
+            await shared_peer.do("call", name=name, requests_=[{"data": True}])
+    events = [await subscription.receive(timeout_s=WAIT_S) for _ in range(3 * len(EVENTS))]
+    (gid,) = {bytes(event.info.client_gid) for event in events}
+    readers = [reply for reply in node._scope.graph.endpoints.values() if reply.topic_key == ("reply", name)]
+    assert gid in [reply.guid for reply in readers if not reply.is_writer]
+
+
+@pytest.mark.only_with("jazzy", "kilted")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, shared_peer: Peer, state: str) -> None:
     node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
@@ -158,6 +192,7 @@ async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, sh
     await check_events(node, shared_peer, name, state, call)
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 async def test_introspection_of_both_ends_tells_of_a_call_of_ours(dds: Any, shared_peer: Peer, state: str) -> None:
     node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)

@@ -99,6 +99,7 @@ async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared
     assert repr(await their_values(shared_peer, theirs, list(wanted))) == "[5.0, [1.0, 2.0], 6]"
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Peer, tmp_path: Path) -> None:
     ours = node_with_all_types(dds)
     file = tmp_path / "parameters.yaml"
@@ -107,6 +108,7 @@ async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Pe
     assert as_lists(ours.get_parameters(["count", "arm.left.labels"])) == [11, ["ab", "cd"]]
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_their_client_undeclares_our_dynamic_parameter(dds: Any, shared_peer: Peer) -> None:
     ours = node_with_all_types(dds)
     ours.declare_parameter("dynamic", 1, ParameterDescriptor(dynamic_typing=True))
@@ -155,7 +157,8 @@ async def test_our_client_gets_their_values_types_and_descriptions(theirs: Any) 
 async def test_our_client_lists_their_parameters(theirs: Any) -> None:
     assert set(VALUES) <= set((await theirs.list(timeout_s=WAIT_S)).names)
     listing = await theirs.list("arm", timeout_s=WAIT_S)
-    assert (list(listing.names), list(listing.prefixes)) == (["arm.left.labels"], ["arm.left"])
+    assert list(listing.names) == ["arm.left.labels"]
+    assert {"arm.left"} <= set(listing.prefixes) <= {"arm.left", "arm"}  # Humble tells what is above as well
 
 
 async def test_our_client_sets_their_parameters(theirs: Any, shared_peer: Peer) -> None:

@@ -145,7 +145,7 @@ async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_pe
         assert (await subscription.receive(timeout_s=10)).data.tobytes() == random_bytes(200_000, 1)
 
 
-@pytest.mark.only_with("jazzy")  # Kilted's environment has no sensor_msgs
+@pytest.mark.only_with("jazzy", "humble")  # Kilted's environment has no sensor_msgs
 async def test_a_camera_image_arrives_whole(dds: Any, shared_peer: Peer) -> None:
     cls, topic, data = message(shared_peer, "sensor_msgs/msg/Image"), fresh("image"), random_bytes(640 * 480 * 3, 1)
     image = cls(height=480, width=640, encoding="rgb8", step=1920, data=data)

@@ -43,6 +43,7 @@ def resolver(tmp_path: Path) -> Any:
     return run
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_a_topic_of_theirs_is_read(shared_peer: Peer, resolver: Any) -> None:
     topic = fresh("unknown")
     (values,) = random_values(shared_peer.share, NESTED)[:1]
@@ -56,6 +57,7 @@ async def test_a_topic_of_theirs_is_read(shared_peer: Peer, resolver: Any) -> No
     assert answer["constants"]["test_msgs/msg/Constants"]["INT32_CONST"] == -30000  # only the source says that
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: Peer, resolver: Any) -> None:
     name = fresh("unknown")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
@@ -70,6 +72,7 @@ async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: 
     assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
 
 
+@pytest.mark.only_with("jazzy", "kilted")
 async def test_an_action_of_theirs_needs_its_hash(shared_peer: Peer, resolver: Any) -> None:
     name = fresh("unknown")
     done = {"sequence": [0, 1, 1, 2]}

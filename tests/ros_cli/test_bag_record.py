@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from rosbags.rosbag2 import Reader as RosbagsReader
+from support.announced_types import without_hash
 from support.bag_samples import count_of, wait_for_lines
 from support.node_fixtures import until
 
@@ -85,6 +86,31 @@ async def call(node: Node, name: str, kind: str, text: str = EMPTY, recorder: st
 async def taken(node: Node, recorder: str = RECORDER) -> bool:
     """Wait until what was published before is taken: an answer comes after it. Gives whether the recorder is paused."""
     return bool((await call(node, "is_paused", "IsPaused", "---\nbool paused\n", recorder)).paused)
+
+
+async def test_messages_of_humble_are_recorded_with_the_definition_of_humble(
+    tool: Any, node: Node, tmp_path: Path
+) -> None:
+    current: Any = get_message("sensor_msgs/msg/Range")
+    of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
+    humble = node.create_publisher(without_hash(of_humble), "range")
+    async with recording(tool, tmp_path / "bag", "/range") as process:
+        await humble.wait_for_subscribers(20)
+        humble.publish_raw(of_humble(range=1.0).encode())
+        await wait_for_lines(process, "recording /range [sensor_msgs/msg/Range]")
+        humble.publish_raw(of_humble(range=2.0).encode())
+        later = node.create_publisher(current, "range")  # of a node of Jazzy
+        await later.wait_for_subscribers(20)
+        later.publish(current(range=3.0, variance=4.0))
+        unknown: Any = compile_definition("sensor_msgs/msg/Range", "int32 x")
+        stranger = node.create_publisher(unknown, "range", QoSProfile().reliable())
+        await stranger.wait_for_subscribers(20)
+        stranger.publish(unknown())
+        await until(lambda: count_of(tmp_path / "bag") == 3)
+    with BagReader(tmp_path / "bag") as reader:
+        topic = reader.topics["/range"]
+        assert topic.type_hash == type_hash(of_humble) and "variance" not in topic.definition
+        assert [item.message.range for item in reader] == [1.0, 2.0, 3.0]
 
 
 # ------------------------------------------------------------------------------------------------ what is recorded

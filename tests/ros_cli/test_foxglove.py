@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support import raw_endpoints
+from support.announced_types import humble_node, without_hash
 from support.foxglove_viewer import viewer
 from support.node_fixtures import until
 from websockets.asyncio.client import connect
@@ -108,6 +109,23 @@ async def test_a_type_that_is_known_nowhere_else_is_fetched(node: Node, watching
         assert (channel["schemaName"], channel["schema"]) == ("other/msg/Odd", ODD)
         await seen.until(lambda: seen.frames)
         assert odd.decode(seen.frames[0][2]).name == "strange"
+
+
+async def test_messages_of_humble_are_shown_with_the_definition_of_humble(dds: World, watching: Any) -> None:
+    current: Any = get_message("sensor_msgs/msg/Range")
+    of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
+    humble = humble_node(dds, "robot").create_publisher(without_hash(of_humble), "range")
+    async with watching() as seen:
+        channel = await seen.subscribe("/range")
+        assert "variance" not in channel["schema"]
+        assert await humble.wait_for_subscribers(20)
+        humble.publish_raw(of_humble(range=1.0).encode())
+        await seen.until(lambda: seen.frames)
+        later = dds.node("later").create_publisher(current, "range")
+        assert await later.wait_for_subscribers(20)
+        later.publish(current(range=2.0, variance=3.0))
+        await seen.until(lambda: len(seen.frames) == 2)
+        assert [frame[2] for frame in seen.frames] == [of_humble(range=1.0).encode(), of_humble(range=2.0).encode()]
 
 
 async def test_what_is_defined_in_idl_is_shown_as_msg(node: Node, watching: Any, tmp_path: Any) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
+import pytest
+
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.base.names import split_ros_name
@@ -17,6 +19,7 @@ from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription_Request,
     GetTypeDescription_Response,
 )
+from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 from support import raw_endpoints
 from support.raw_endpoints import topic_name
@@ -64,6 +67,20 @@ class Told:
             if request.type_hash == self.library.type_hash(name):
                 return self.answer("" if name == self.name else name)
         return GetTypeDescription_Response(failure_reason="Type not currently in use by this node")
+
+
+def without_hash(cls: Any) -> Any:
+    """Return a class that a publisher of Humble would have: it announces no hash."""
+    info = cls._TYPE
+    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info.__class__(info.name, "", info._spec)})
+
+
+def humble_node(world: World, name: str) -> Node:
+    """Return a node that announces itself like one of Humble, on DDS."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DISTRO", "humble")
+        patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
+        return world.node(name)
 
 
 def fresh(text: str = "int32 x 5\nstring LABEL=deep", kind: str = "msg", **others: str) -> Told:

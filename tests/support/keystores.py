@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.hashes import SHA256
-from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, NoEncryption, PrivateFormat
-from cryptography.hazmat.primitives.serialization.pkcs7 import PKCS7Options, PKCS7SignatureBuilder
+from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat
 from cryptography.x509.oid import NameOID
+
+from rosidl_py_gen.ros_cli.security.certificates import CA_NAME, certificate_pem, key_pem, new_key, signed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from rosidl_py_gen.ros_cli.security.certificates import PrivateKey
 
 _DAY = datetime.timedelta(days=1)
 _KINDS = ("rtps", "discovery", "liveliness", "metadata", "data")
@@ -82,13 +84,13 @@ def permissions(
 class Authority:
     """A CA."""
 
-    def __init__(self, name: str = "sros2CA") -> None:
-        self.key = ec.generate_private_key(ec.SECP256R1())
+    def __init__(self, name: str = CA_NAME) -> None:
+        self.key = new_key()
         self.name = _name(name)
         self.certificate = self.issue(name, self.key, days=(-1, 3650), is_ca=True)
 
     def issue(
-        self, name: str, key: ec.EllipticCurvePrivateKey, *, days: tuple[int, int] = (-1, 3650), is_ca: bool = False
+        self, name: str, key: PrivateKey, *, days: tuple[int, int] = (-1, 3650), is_ca: bool = False
     ) -> x509.Certificate:
         """A certificate, valid between these days from now."""
         builder = x509.CertificateBuilder(self.name, _name(name), key.public_key(), x509.random_serial_number())
@@ -110,8 +112,7 @@ class Authority:
 
     def sign(self, text: str) -> bytes:
         """The text as S/MIME."""
-        builder = PKCS7SignatureBuilder().set_data(text.encode()).add_signer(self.certificate, self.key, SHA256())
-        return builder.sign(Encoding.SMIME, [PKCS7Options.Text, PKCS7Options.DetachedSignature])
+        return signed(text, self.certificate, self.key)
 
 
 @dataclass
@@ -159,13 +160,13 @@ class Keystore:
         authority = authority or self.authority
         folder = self.folder / "enclaves" / name.lstrip("/")
         folder.mkdir(parents=True, exist_ok=True)
-        key = ec.generate_private_key(ec.SECP256R1())
+        key = new_key()
         certificate = authority.issue(name, key, days=days)
-        (folder / "key.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+        (folder / "key.pem").write_bytes(key_pem(key))
         (folder / "key.pem").chmod(0o600)
-        (folder / "cert.pem").write_bytes(certificate.public_bytes(Encoding.PEM))
+        (folder / "cert.pem").write_bytes(certificate_pem(certificate))
         for ca in ("identity_ca", "permissions_ca"):
-            (folder / f"{ca}.cert.pem").write_bytes(authority.certificate.public_bytes(Encoding.PEM))
+            (folder / f"{ca}.cert.pem").write_bytes(certificate_pem(authority.certificate))
         text = permissions(
             subject or name,
             self.domain_id,

@@ -172,7 +172,7 @@ def _guard_dds(monkeypatch: pytest.MonkeyPatch) -> None:
 
     original = cyclone.Domain.join
 
-    def guarded(api: Any, fast_dds: Any, number: int, xml: str) -> cyclone.Domain:
+    def guarded(api: Any, fast_dds: Any, number: int, xml: str, enclave_folder: str) -> cyclone.Domain:
         # Cyclone before 11 is not bound, and told by "localhost" alone where to look (docs/internals/dds.md 8).
         is_bound = (
             'address="127.0.0.1"' in xml or cyclone.IGNORE_TYPE_INFORMATION in cyclone._library.unsupported_elements
@@ -181,7 +181,7 @@ def _guard_dds(monkeypatch: pytest.MonkeyPatch) -> None:
         assert '<Peer address="localhost"/>' in xml or "ros_discovery_off" in xml, xml
         assert xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {xml}"
         assert number in _domains or number - DOMAINS in _domains, f"domain {number} is not this test run's"
-        return original(api, fast_dds, number, xml)
+        return original(api, fast_dds, number, xml, enclave_folder)
 
     monkeypatch.setattr(cyclone.Domain, "join", guarded)
 

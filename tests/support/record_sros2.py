@@ -19,7 +19,8 @@ import types
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).resolve().parents[1] / "golden/security"
+from sros2_keystore import FOLDER
+
 ENCLAVES = "/", "/talker", "/listener", "/robot/arm"
 
 

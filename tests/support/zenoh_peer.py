@@ -102,6 +102,9 @@ class Peer:
             timeout=20.0,
         )
         self._kept.append(querier)
+        until_s = time.monotonic() + 5
+        while not querier.matching_status.matching and time.monotonic() < until_s:
+            time.sleep(0.01)
         callback = zenoh.handlers.Callback(take, indirect=False)
         querier.get(callback, payload=CDR + request, attachment=attachment(1, gid))
         return responses

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosidl_py_gen import type_hash
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli import terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.name_lookup import is_hidden
@@ -18,6 +19,7 @@ from rosidl_py_gen.type_loading.from_description import definition_text
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.foxglove.clock import ViewerClock
     from rosidl_py_gen.ros_cli.foxglove.server import Server
@@ -37,6 +39,8 @@ class _AdvertisedTopic:
     def __init__(self) -> None:
         self.opening: asyncio.Task[None] | None = None
         self.channel: AdvertisedChannel | None = None
+        self.cls: type[Message] | None = None
+        """Class with the definition that viewers get; None if it is unknown."""
         self.subscription: AdaptiveSubscription[bytes] | None = None
         self.viewers: frozenset[int] = frozenset()
         self.has_failed = False
@@ -98,7 +102,7 @@ class TopicBridge:
 
     async def _open(self, key: _Key, entry: _AdvertisedTopic) -> None:
         async with self._limiter:
-            text = await self._definition(key)
+            text = await self._definition(key, entry)
         entry.channel = self._server.open_channel(key.topic, key.type_name, text)
 
     def _close(self, entry: _AdvertisedTopic) -> None:
@@ -106,10 +110,12 @@ class TopicBridge:
         if entry.channel is not None:
             self._server.close_channel(entry.channel)
 
-    async def _definition(self, key: _Key) -> str:
+    async def _definition(self, key: _Key, entry: _AdvertisedTopic) -> str:
         try:
             cls = await type_resolution.message_class(self._command_node, key.topic, key.type_name, self._paths)
-            return await asyncio.to_thread(definition_text, cls)
+            text = await asyncio.to_thread(definition_text, cls)
+            entry.cls = type_resolution.opaque_message_class(key.type_name, type_hash(cls))
+            return text
         except RosidlError as error:
             terminal_output.note(
                 f"{key.topic}: viewers cannot decode it, because the definition of {key.type_name} is unknown: {error}"
@@ -143,7 +149,7 @@ class TopicBridge:
     def _subscribe(self, key: _Key, entry: _AdvertisedTopic) -> AdaptiveSubscription[bytes]:
         assert entry.channel is not None
         send, now_ns = entry.channel.send, self._clock.now_ns
-        cls = type_resolution.opaque_class(self._command_node, key.topic, key.type_name)
+        cls = entry.cls or type_resolution.opaque_class(self._command_node, key.topic, key.type_name)
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:

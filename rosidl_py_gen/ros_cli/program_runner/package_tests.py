@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from rosidl_py_gen.ros_cli import CommandError, options
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 _PLUGIN = "rosidl_py_gen.ros_cli.program_runner.missing_test_tools"
 _TEST_COMMANDS = {"ament_add_pytest_test": 1, "add_launch_test": 0}
@@ -45,7 +45,7 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
     folder = folders[package]
     prefix = build_prefix(root for one in found for root in one.roots)
     for problem in prefix.problems:
-        click.echo(f"warning: {problem}", err=True)
+        terminal_output.note(f"warning: {problem}")
     words = ["-m", "pytest", "-p", _PLUGIN, "-rs", "-o", f"cache_dir={prefix.folder / '.pytest_cache'}", *arguments]
     if not any((folder / word.partition("::")[0]).exists() for word in arguments if not word.startswith("-")):
         words += _declared_tests(folder)

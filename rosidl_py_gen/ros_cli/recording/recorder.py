@@ -203,7 +203,10 @@ class Recorder:
             return
         async with following as messages:
             self._subscriptions.append(messages)
-            self._writer.add_topic(await self._bag_topic(topic, kind, offered))
+            bag_topic = await self._bag_topic(topic, kind, offered)
+            self._writer.add_topic(bag_topic)
+            if bag_topic.type_hash and not type_hash(cls):
+                messages.set_definition(type_resolution.opaque_message_class(kind, bag_topic.type_hash))
             self._note(f"recording {topic} [{kind}]")
             with suppress(ClosedError):  # the node ends
                 while True:

@@ -18,6 +18,7 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
+from rosidl_py_gen.runtime.actions.action_entity import ActionEntity
 from rosidl_py_gen.runtime.actions.argument_checks import (
     ActionArgumentError,
     require_depth,
@@ -39,7 +40,7 @@ from rosidl_py_gen.runtime.actions.states import STATUSES, ZERO_ID, CancelCode, 
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
 from rosidl_py_gen.runtime.entities.client import Client
-from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, entity_repr
+from rosidl_py_gen.runtime.entities.entity_scope import entity_repr
 from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError, ServerLostError, service_endpoint_qos
 from rosidl_py_gen.runtime.entities.subscription import Subscription
@@ -190,7 +191,7 @@ class ClientGoal(Generic[ActionT_co]):
         return f"ClientGoal({self.goal_id.hex()}, {self.status.name})"
 
 
-class ActionClient(CompositeEntity, Generic[ActionT_co]):
+class ActionClient(ActionEntity, Generic[ActionT_co]):
     """Action client; created by `create_action_client`."""
 
     def __init__(

@@ -13,13 +13,14 @@ from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
+from rosidl_py_gen.runtime.actions.action_entity import ActionEntity
 from rosidl_py_gen.runtime.actions.argument_checks import require_server_options
 from rosidl_py_gen.runtime.actions.goal_decisions import CancelRequest, GoalRequest, request_decision
 from rosidl_py_gen.runtime.actions.goal_execution import ExecuteFunction, FeedbackReadiness
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
-from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, entity_repr, pluralize
+from rosidl_py_gen.runtime.entities.entity_scope import entity_repr, pluralize
 from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
-class ActionServer(CompositeEntity, Generic[ActionT_co]):
+class ActionServer(ActionEntity, Generic[ActionT_co]):
     """Action server; created by `create_action_server`. Without `execute` it is an async iterator of `GoalRequest`."""
 
     def __init__(

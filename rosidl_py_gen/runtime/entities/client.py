@@ -291,7 +291,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         pending.sequence_number = number
         self._by_sequence_number[number] = pending
         if self._introspection is not None:
-            self._introspection.on_sent(self._gid, number, pending.encoded)
+            self._introspection.on_sent(self._transport_client.gid, number, pending.encoded)
         return True
 
     def _fail(self, pending: PendingRequest[ResponseT], error: Exception) -> None:
@@ -314,6 +314,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
                     self._fail(pending, self._lost_reason(response))
                 continue
             pending = self._by_sequence_number.get(number)
+            if isinstance(response, DecodeError):
+                if pending is not None:
+                    self._fail(pending, response)
+                continue
             if server not in accepted:
                 try:
                     converted = self._type_hash_filter.payload(server, response)
@@ -325,7 +329,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
                     continue
                 response = converted
             if self._introspection is not None:
-                self._introspection.on_received(self._gid, number, response)
+                self._introspection.on_received(self._transport_client.gid, number, response)
             if pending is not None:
                 self._handle_reply(pending, response, server)
 

@@ -189,7 +189,7 @@ class EntityScope:
         """Set the type hash check of an endpoint; must be called before it is announced.
 
         Args:
-            converts: for readers, returns True for a writer whose other definition is converted.
+            converts: returns True for a peer whose other definition is converted.
         """
         if mode != DEFAULT_CHECK:
             self.discovery.type_hash_checks[guid] = mode

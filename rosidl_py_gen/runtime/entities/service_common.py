@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.entity_scope import Entity, Throttle, entity_repr
+from rosidl_py_gen.runtime.entities.service_converters import ServiceConverters
 from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode, type_hashes_differ
 from rosidl_py_gen.runtime.loop.send_queue import SendQueue
@@ -13,6 +15,8 @@ from rosidl_py_gen.runtime.transport.qos_matching import without_best_available
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.introspection import IntrospectionState, ServiceEventPublisher
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
@@ -76,6 +80,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
             scope, self._mode, lambda guid: guid, read, name, service_type.type_hash
         )
         self._accepted_writers = self._type_hash_filter.accepted_writers
+        self._converters = ServiceConverters(scope, service_type, self._mode, name, is_client=is_client)
         self._spec = ServiceSpec(
             name,
             self.service_type,
@@ -84,14 +89,20 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
             response.type_hash,
             qos.avoid_ros_namespace_conventions,
             self._is_compatible,
+            self._converters.get,
         )
 
     def _open(self, transport_end: TransportEndT) -> TransportEndT:
-        self._gid = transport_end.gid
+        self._transport_end: TransportClient | TransportServer = transport_end
         self._connected = transport_end.connected
-        reader, writer = transport_end.endpoints
-        self._scope.set_type_hash_check(self._mode, reader, self._type_hash_filter.converts)
-        self._scope.set_type_hash_check(self._mode, writer)
+        converts: tuple[Callable[[DiscoveredEndpoint], bool] | None, Callable[[DiscoveredEndpoint], bool] | None]
+        converts = self._type_hash_filter.converts, None
+        if transport_end.matches_by_hash:
+            self._type_hash_filter.disable()
+            accepts = partial(self._converters.accepts, accept=transport_end.accept_type_hash)
+            converts = accepts, accepts
+        for guid, function in zip(transport_end.endpoints, converts, strict=True):
+            self._scope.set_type_hash_check(self._mode, guid, function)
         return transport_end
 
     def _is_compatible(self, endpoint: DiscoveredEndpoint) -> bool:
@@ -114,7 +125,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
     @property
     def converted(self) -> int:
         """Number of received requests or responses converted from the definition of another ROS distribution."""
-        return self._type_hash_filter.converted
+        return self._type_hash_filter.converted + self._converters.converted
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish requests and responses on ``<service>/_service_event`` from now on.
@@ -138,6 +149,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
         if publisher is None:
             publisher = ServiceEventPublisher(self._scope, self._type, self.name, is_client=self._is_client)
         self._introspection = publisher if publisher.configure(clock, qos, state) else None
+        self._transport_end.is_introspected = self._introspection is not None
 
     def __repr__(self) -> str:
         details, peer = (self.name, self.service_type, self.qos.short()), "server" if self._is_client else "client"

@@ -196,6 +196,10 @@ class Subscription(PollableEntity, Generic[T]):
             self._latest = taken[0]
         return taken
 
+    def _set_definition(self, message_type: MessageType[T]) -> None:
+        """Convert raw messages that are taken from now on to a definition, which was not known at creation."""
+        self._type_hash_filter.set_definition(message_type)
+
     def _info(self, sample: Sample) -> MessageInfo:
         _, source_ns, handle, received_ns, number = sample
         return MessageInfo(source_ns, received_ns, self._reader.writer_guid(handle) or bytes(16), number)

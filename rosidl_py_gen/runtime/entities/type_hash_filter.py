@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.entities.message_types import MessageType
+    from rosidl_py_gen.runtime.entities.message_types import MessageType, ServiceType
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.samples import Payload
     from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, SampleConverter
 
 W = TypeVar("W")
+C = TypeVar("C")
 
 _MAX_ACCEPTED_WRITERS = 1000
 _MAX_UNKNOWN_SAMPLES = 100
@@ -36,16 +37,16 @@ _MAX_LISTED_FIELDS = 5
 _HUMBLE = "humble"
 
 
-class PeerConverters:
-    """Conversions from peers' definitions of a message type to the own one; nothing is loaded before it is needed."""
+class PeerConverters(Generic[C]):
+    """Conversions for peers' definitions of a type; nothing is loaded before it is needed."""
 
-    __slots__ = ("_converters", "_definitions", "_message_type", "_scope", "cls")
+    __slots__ = ("_converters", "_definitions", "_scope", "_type", "cls")
 
-    def __init__(self, scope: EntityScope, message_type: MessageType[Any]) -> None:
+    def __init__(self, scope: EntityScope, type_: MessageType[Any] | ServiceType[Any, Any]) -> None:
         self._scope = scope
-        self._message_type = message_type
+        self._type = type_
         self._definitions: Mapping[str, PeerDefinition] | None = None
-        self._converters: dict[str, SampleConverter | None] = {}
+        self._converters: dict[str, C | None] = {}
         self.cls: Any = None
         """Class of the own definition, after `definitions` was called."""
 
@@ -55,10 +56,11 @@ class PeerConverters:
             from rosidl_py_gen.type_loading.class_lookup import find_class
             from rosidl_py_gen.type_loading.peer_definitions import peer_definitions
 
-            name, type_hash = self._message_type.ros_name, self._message_type.type_hash
+            name, type_hash = self._type.ros_name, self._type.type_hash
             self.cls = class_of(name, type_hash)
             try:
-                if self.cls is None or not self.cls._TYPE.fields:  # types that are imported later, and raw data
+                # Types that are imported later, and raw data.
+                if self.cls is None or not getattr(self.cls._TYPE, "fields", True):
                     self.cls = find_class(name, lambda hashes: hashes[name] == type_hash) if type_hash else None
                 self._definitions = {} if self.cls is None else peer_definitions(self.cls)
             except RosidlError as error:
@@ -68,7 +70,7 @@ class PeerConverters:
                 )
         return self._definitions
 
-    def get(self, type_hash: str) -> SampleConverter | None:
+    def get(self, type_hash: str) -> C | None:
         """Return the conversion for peers with that hash; None if the definition is unknown or cannot be converted."""
         if type_hash not in self._converters:
             definition = self.definitions().get(type_hash)
@@ -76,6 +78,15 @@ class PeerConverters:
                 return None
             self._converters[type_hash] = self._load(definition)
         return self._converters[type_hash]
+
+    def _load(self, definition: PeerDefinition) -> C | None:
+        raise NotImplementedError
+
+
+class MessageConverters(PeerConverters["SampleConverter"]):
+    """Conversions from peers' definitions of a message type to the own one."""
+
+    __slots__ = ()
 
     def _load(self, definition: PeerDefinition) -> SampleConverter | None:
         from rosidl_py_gen.type_loading.peer_definitions import converter_from
@@ -107,7 +118,7 @@ class TypeHashFilter(Generic[W]):
 
     __slots__ = (
         *("_by_guid", "_by_writer", "_guid_of", "_hash_of", "_mode", "_on_converted", "_peers", "_reported", "_scope"),
-        *("_topic", "_type_hash", "_unknown_samples"),
+        *("_is_late", "_topic", "_type_hash", "_unknown_samples"),
         *("accepted_writers", "converted", "incompatible_dropped", "service_hash"),
     )
 
@@ -128,10 +139,12 @@ class TypeHashFilter(Generic[W]):
         self._guid_of = guid_of
         self._hash_of = hash_of
         self._type_hash = message_type.type_hash
-        self._peers = PeerConverters(scope, message_type)
+        self._peers = MessageConverters(scope, message_type)
         self._topic = topic
         self.service_hash = service_hash
         self._on_converted = on_converted
+        self._is_late = False
+        """True if the definition was set later: the reader announces none, so nothing else warns about drops."""
         self._by_writer: dict[W, SampleConverter] = {}
         self._by_guid: dict[bytes, tuple[DiscoveredEndpoint, SampleConverter | None]] = {}
         """Discovered writers with another definition, which may have left when their samples are taken.
@@ -144,6 +157,10 @@ class TypeHashFilter(Generic[W]):
         self.incompatible_dropped = 0
         self.converted = 0
         self._unknown_samples = 0
+
+    def disable(self) -> None:
+        """Deliver everything unchanged, because the transport knows the definition of each sample."""
+        self._mode = "off"
 
     def payload(self, writer: W, data: Payload) -> Payload | None:
         """Return a sample of a writer that is not in `accepted_writers`, in the definition of the reader.
@@ -169,10 +186,12 @@ class TypeHashFilter(Generic[W]):
                     return None
             elif not self.is_compatible(endpoint):
                 self.incompatible_dropped += 1
+                if self._is_late:
+                    self._report_drop(endpoint)
                 return None
             elif type_hashes_differ(endpoint, self._type_hash, self.service_hash):
                 converter = self._peers.get(endpoint.type_hash)
-            elif self._needs_guess(endpoint):
+            elif self._needs_guess(endpoint) and not self._is_own_humble(endpoint, data):
                 return self._guessed_payload(endpoint, data)
             if endpoint is not None and converter is not None:
                 self._report(endpoint, converter)
@@ -185,6 +204,15 @@ class TypeHashFilter(Generic[W]):
             self.accepted_writers.clear()
         self.accepted_writers.add(writer)
         return data
+
+    def set_definition(self, message_type: MessageType[Any]) -> None:
+        """Convert samples to another definition from now on: that of raw data whose definition was not known before."""
+        self._is_late = True
+        self._type_hash = message_type.type_hash
+        self._peers = MessageConverters(self._scope, message_type)
+        self.accepted_writers.clear()
+        self._by_writer.clear()
+        self._by_guid.clear()
 
     def _left_writer(self, guid: bytes | None) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
         return None if guid is None else self._by_guid.get(guid)
@@ -240,6 +268,16 @@ class TypeHashFilter(Generic[W]):
             and bool(self._peers.definitions())
         )
 
+    def _is_own_humble(self, endpoint: DiscoveredEndpoint, data: Payload) -> bool:
+        """Return True if a writer of Humble sends the definition of Humble, and the reader has the same."""
+        from rosidl_py_gen.type_loading.peer_definitions import fits_exactly
+
+        return (
+            self._scope.graph.is_humble(endpoint.participant_guid) is True
+            and not any(_HUMBLE in one.distros for one in self._peers.definitions().values())
+            and fits_exactly(self._peers.cls, data)
+        )
+
     def _guessed_payload(self, endpoint: DiscoveredEndpoint, data: Payload) -> Payload:
         """Return a sample of a writer without hash, in the definition of the reader."""
         from rosidl_py_gen.type_loading.peer_definitions import fits_exactly
@@ -269,17 +307,25 @@ class TypeHashFilter(Generic[W]):
     def _report(self, endpoint: DiscoveredEndpoint, converter: SampleConverter) -> None:
         """Log once for each definition that samples are converted."""
         type_hash = converter.old._TYPE.hash
-        if type_hash in self._reported:
+        if type_hash not in self._reported:
+            distros = self._peers.definitions()[type_hash].distros
+            self._warn_once(endpoint, type_hash, f"are converted: {conversion_text(converter, distros)}")
+
+    def _report_drop(self, endpoint: DiscoveredEndpoint) -> None:
+        """Log once for each definition that samples are dropped."""
+        type_hash = endpoint.type_hash or endpoint.service_hash
+        if type_hash not in self._reported:
+            text = f"are dropped: its definition is {type_hash}; here it is {self._type_hash}"
+            self._warn_once(endpoint, type_hash, text)
+
+    def _warn_once(self, endpoint: DiscoveredEndpoint, type_hash: str, text: str) -> None:
+        if len(self._reported) >= _MAX_ACCEPTED_WRITERS:
             return
         self._reported.add(type_hash)
-        distros = self._peers.definitions()[type_hash].distros
         discovery, logger = self._scope.discovery, self._scope.logger
 
         def log() -> None:
-            node = discovery.graph.describe_node(endpoint)
-            logger.warning(
-                f"messages on {self._topic} from {node} are converted: {conversion_text(converter, distros)}"
-            )
+            logger.warning(f"messages on {self._topic} from {discovery.graph.describe_node(endpoint)} {text}")
 
         discovery.call_when_named(endpoint, log)
 
@@ -288,8 +334,14 @@ def conversion_text(converter: SampleConverter, distros: tuple[str, ...]) -> str
     """Return a text about the two definitions, and the fields that only one of them has."""
     names = converter.old._TYPE.name, converter.old._TYPE.hash, converter.new._TYPE.hash
     text = f"its definition of {names[0]} is that of {', '.join(distros)}, {names[1]}; here it is {names[2]}"
+    return text + "".join(f"; {change}" for change in field_changes(converter))
+
+
+def field_changes(converter: SampleConverter) -> list[str]:
+    """Return texts about the fields that only one of the two definitions has."""
+    texts = []
     for subject, fields in (("dropped", converter.dropped), ("set to the default", converter.defaulted)):
         if fields:
             more = f" and {len(fields) - _MAX_LISTED_FIELDS} more" if len(fields) > _MAX_LISTED_FIELDS else ""
-            text += f"; {subject}: {', '.join(fields[:_MAX_LISTED_FIELDS])}{more}"
-    return text
+            texts.append(f"{subject}: {', '.join(fields[:_MAX_LISTED_FIELDS])}{more}")
+    return texts

@@ -75,7 +75,7 @@ class Discovery:
         self.type_hash_checks: dict[bytes, str] = {}
         """Type hash check of own endpoints, without those that have the default."""
         self.conversions: dict[bytes, Callable[[DiscoveredEndpoint], bool]] = {}
-        """Functions of own readers that return True for a writer whose other definition they convert."""
+        """Functions of own endpoints that return True for a peer whose other definition they convert."""
         self.unmatched = UnmatchedReasons(self.graph, self.incompatibility, participant.middleware)
         participant.set_discovery_sink(self._on_events)
 
@@ -205,7 +205,7 @@ class Discovery:
             self._reported_pairs.add((writer.guid, reader.guid))
             modes = {self.type_hash_checks.get(endpoint.guid, DEFAULT_CHECK) for endpoint in own}
             is_definition = result.kind is IncompatibilityKind.DEFINITION
-            if is_definition and (modes == {"off"} or self._is_converted(writer, reader)):
+            if self.is_converted(result) or (is_definition and modes == {"off"}):
                 continue
             if not self._is_first_report(writer, reader):
                 continue
@@ -235,9 +235,12 @@ class Discovery:
             else:
                 self._deferred.append((endpoint, function))
 
-    def _is_converted(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
-        converts = self.conversions.get(reader.guid)
-        return converts is not None and converts(writer)
+    def is_converted(self, incompatibility: Incompatibility) -> bool:
+        """Return True if one of two endpoints with different definitions is an own one that converts."""
+        pair = incompatibility.reader, incompatibility.writer
+        return incompatibility.kind is IncompatibilityKind.DEFINITION and any(
+            own.guid in self.conversions and self.conversions[own.guid](peer) for own, peer in (pair, pair[::-1])
+        )
 
     def _is_first_report(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> bool:
         """Return False if the other topic of the service was reported for the same two participants."""

@@ -37,7 +37,7 @@ class LifecycleNode(Node):
 
     def _open(self, options: NodeOptions) -> None:
         super()._open(options)
-        self._machine = LifecycleMachine(self._scope, self._names, self)
+        self._machine = LifecycleMachine(self._scope, self._names, self, self.clock)
 
     def _may_declare_more(self) -> bool:
         return self.state is State.UNCONFIGURED

@@ -10,6 +10,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rosidl_py_gen.base.distributions import DEFAULT as DEFAULT_DISTRO
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.msgs.lifecycle_msgs import msg
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks
     from rosidl_py_gen.runtime.names.remapping import NodeNames
+    from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
@@ -99,12 +102,14 @@ class LifecyclePublisher(Publisher[T]):
 class LifecycleMachine:
     """State, services and transition event of one lifecycle node, whose ``on_...`` methods it calls."""
 
-    def __init__(self, scope: EntityScope, names: NodeNames, node: object) -> None:
+    def __init__(self, scope: EntityScope, names: NodeNames, node: object, clock: Clock) -> None:
         self.state = State.UNCONFIGURED
         self._scope = scope
         self._node = node
-        self._event: Publisher[msg.TransitionEvent] = Publisher(
-            scope, message_type(msg.TransitionEvent), names.resolve_topic("~/transition_event"), DEFAULT
+        self._clock = clock
+        self._event_class = _transition_event_class()
+        self._event: Publisher[Any] = Publisher(
+            scope, message_type(self._event_class), names.resolve_topic("~/transition_event"), DEFAULT
         )
         table: list[tuple[str, Any, Callable[[Any], Any]]] = [
             ("change_state", ChangeState, self._on_change_state),
@@ -165,8 +170,13 @@ class LifecycleMachine:
 
     def _enter(self, row: Transition) -> None:
         self.state = row.goal
-        if not self._scope.closed:
-            self._event.publish(msg.TransitionEvent(start_state=_state(row.start), goal_state=_state(row.goal)))
+        if self._scope.closed:
+            return
+        event = self._event_class(start_state=_state(row.start), goal_state=_state(row.goal))
+        if self._event_class is not msg.TransitionEvent:  # earlier distributions leave both empty
+            event.stamp = self._clock.now().to_msg()
+            event.transition = msg.Transition(id=row.id, label=row.label)
+        self._event.publish(event)
 
     async def _on_change_state(self, request: ChangeState_Request) -> ChangeState_Response:
         try:
@@ -178,6 +188,18 @@ class LifecycleMachine:
 
     def _on_states(self, request: object) -> GetAvailableStates_Response:
         return GetAvailableStates_Response(available_states=[_state(state) for state in State])
+
+
+def _transition_event_class() -> type[Any]:
+    """Return the class of the event in the selected distribution; that of Lyrical has a field ``stamp``."""
+    distro = selected().name
+    if distro != DEFAULT_DISTRO:
+        from rosidl_py_gen.type_loading.class_lookup import distribution_definitions
+
+        for definition in distribution_definitions(msg.TransitionEvent._TYPE.name):
+            if distro in definition.distributions and definition.type_hash != msg.TransitionEvent._TYPE.hash:
+                return definition.load()
+    return msg.TransitionEvent
 
 
 async def _await_uncancelled(task: asyncio.Future[Any]) -> bool:

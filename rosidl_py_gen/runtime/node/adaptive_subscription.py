@@ -137,6 +137,17 @@ class AdaptiveSubscription(Generic[T]):
         self._dropped += self._subscription.dropped
         self._subscription = self._subscribe()
 
+    def set_definition(self, msg_type: type[Message]) -> None:
+        """Set the definition of raw messages if it was not known at creation: those of other definitions are converted.
+
+        This includes messages that were received, but not returned yet.
+
+        Args:
+            msg_type: class with the name of the topic's type.
+        """
+        self._type = msg_type
+        self._subscription._set_definition(message_type(msg_type))
+
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
         """Return the next message; raises like `Subscription.receive_with_info`.
 

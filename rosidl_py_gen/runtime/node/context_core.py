@@ -80,12 +80,12 @@ class ContextCore:
         try:
             self.loop_binding = LoopBinding(self.participant, loop_runner)
             self.discovery = Discovery(self.participant, self.loop_binding, announce_delay_s)
+            self.initial_values = InitialValues(self.ros_arguments.parameters)
+            """Parameter values from arguments and files, for all nodes."""
         except BaseException:  # permissions may deny the topic of the graph
             self.participant.close()
             raise
         self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
-        self.initial_values = InitialValues(self.ros_arguments.parameters)
-        """Parameter values from arguments and files, for all nodes."""
         self.closed = ""
         """Reason for `ClosedError`; empty while the context is open."""
         self.is_default = False

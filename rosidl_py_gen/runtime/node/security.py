@@ -87,6 +87,8 @@ def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | 
         origin = "ROS_SECURITY_ENCLAVE_OVERRIDE" if override else f"enclave {enclave}"
     if not folder.is_dir():
         return f"there is no folder {folder} ({origin}){_known_enclaves(root)}", None
+    if not any((folder / name).exists() for name in ("cert.pem", "key.pem")):  # such as the root, which contains others
+        return f"there is no enclave in {folder} ({origin}){_known_enclaves(root)}", None
     missing = [f"{name} ({purpose})" for name, purpose in SECURITY_FILES.items() if not (folder / name).is_file()]
     if missing:
         return f"{folder} ({origin}) lacks {', '.join(missing)}; create the enclave again", None
@@ -142,4 +144,5 @@ def _known_enclaves(root: Path) -> str:
         if "key.pem" in files:
             found.append("/" + Path(folder).relative_to(root).as_posix().strip("."))
     listed = ", ".join(sorted(found)[:_MAX_LISTED_ENCLAVES]) + (", ..." if len(found) > _MAX_LISTED_ENCLAVES else "")
-    return f"; the keystore has the enclaves {listed}" if found else "; the keystore has no enclave"
+    select = "select one with --enclave or ROS_SECURITY_ENCLAVE_OVERRIDE, or create this one"
+    return f"; the keystore has the enclaves {listed}; {select}" if found else "; the keystore has no enclave"

@@ -3,7 +3,8 @@
 Scalars differ from YAML: `y` is true, `010` is 8, `08` is 8.0 and `null` is a string. So YAML only separates plain from
 quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quoted or tagged ``!!str`` are strings;
 other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as in `get_value` of
-rcl_yaml_param_parser's parse.c. Source: docs/internals/protocol.md 10.5.
+rcl_yaml_param_parser's parse.c. With Lyrical and later, ``!!bool``, ``!!int`` and ``!!float`` decide about the type.
+Source: docs/internals/protocol.md 10.5.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
+from rosidl_py_gen.base.distributions import is_selected_since
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.yaml_text import STRING, YamlError, compose_yaml
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides
@@ -37,6 +39,12 @@ if TYPE_CHECKING:
 
 PARAMETERS_KEY = "ros__parameters"
 _BINARY = "tag:yaml.org,2002:binary"
+_TYPE_TAGS = {
+    "tag:yaml.org,2002:bool": ParameterType.BOOL,
+    "tag:yaml.org,2002:int": ParameterType.INTEGER,
+    "tag:yaml.org,2002:float": ParameterType.DOUBLE,
+}
+"""Tags that have an effect since Lyrical."""
 _MAX_LEVELS = 500
 """Maximum depth of maps, which names of nodes and parameters may form; rcl has no limit."""
 _MAX_BYTES = 1 << 28
@@ -186,9 +194,20 @@ def _value(name: str, node: yaml.Node) -> ParameterValue:
 
 
 def _scalar(node: yaml.ScalarNode) -> ParameterValue:
+    if node.tag in _TYPE_TAGS and is_selected_since("lyrical"):
+        return _tagged_scalar(node.value, _TYPE_TAGS[node.tag])
     if node.tag == STRING or node.style in ("'", '"'):
         return ParameterValue(ParameterType.STRING, node.value)
     return plain_scalar(node.value)
+
+
+def _tagged_scalar(text: str, wanted: ParameterType) -> ParameterValue:
+    value = plain_scalar(text)
+    if value.type is ParameterType.INTEGER and wanted is ParameterType.DOUBLE:
+        return ParameterValue(wanted, float(value.value))  # type: ignore[arg-type]  # an INTEGER is an int
+    if value.type is not wanted:
+        raise InvalidParameterValueError(f"the tag requires a value of type {wanted.name}, found {text!r:.100}")
+    return value
 
 
 def _bytes(node: yaml.ScalarNode) -> ParameterValue | None:

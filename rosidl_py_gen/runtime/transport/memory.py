@@ -112,24 +112,30 @@ class MemoryParticipant:
         (requests, request_type), (replies, reply_type) = _request_and_reply_topics(service)
         with self.lock:
             gid = self._next_guid(b"\xc5")
-            reader = self.make_reader(replies, *reply_type, qos=qos, service_id=gid.hex())
-            writer = self.make_writer(requests, *request_type, qos=qos, service_id=gid.hex())
+            reader = self.make_reader(replies, *reply_type, qos=qos, service=(gid.hex(), service.type_hash))
+            writer = self.make_writer(requests, *request_type, qos=qos, service=(gid.hex(), service.type_hash))
         return MemoryClient(service, self.service_peers, reader, writer, gid)
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
         (requests, request_type), (replies, reply_type) = _request_and_reply_topics(service)
         with self.lock:
             gid = self._next_guid(b"\xc4")
-            writer = self.make_writer(replies, *reply_type, qos=qos, service_id=gid.hex())
-            reader = self.make_reader(requests, *request_type, qos=qos, service_id=gid.hex())
+            writer = self.make_writer(replies, *reply_type, qos=qos, service=(gid.hex(), service.type_hash))
+            reader = self.make_reader(requests, *request_type, qos=qos, service=(gid.hex(), service.type_hash))
         return MemoryServer(reader, writer, gid)
 
     def make_writer(
-        self, topic_key: TopicKey, type: str, type_hash: str = "", *, qos: QoSProfile, service_id: str = ""
+        self,
+        topic_key: TopicKey,
+        type: str,
+        type_hash: str = "",
+        *,
+        qos: QoSProfile,
+        service: tuple[str, str] = ("", ""),
     ) -> MemoryWriter:
-        """Create a writer of a topic or service."""
+        """Create a writer of a topic, or of a service with its id and hash."""
         with self.lock:
-            writer = MemoryWriter(self, self._info(topic_key, type, qos, type_hash, service_id, is_writer=True))
+            writer = MemoryWriter(self, self._info(topic_key, type, qos, type_hash, service, is_writer=True))
             self.writers.append(writer)
             self._report_to_all(writer.info)
             return writer
@@ -141,12 +147,12 @@ class MemoryParticipant:
         type_hash: str = "",
         *,
         qos: QoSProfile,
-        service_id: str = "",
+        service: tuple[str, str] = ("", ""),
         ignore_local: bool = False,
     ) -> MemoryReader:
-        """Create a reader of a topic or service."""
+        """Create a reader of a topic, or of a service with its id and hash."""
         with self.lock:
-            info = self._info(topic_key, type, qos, type_hash, service_id, is_writer=False)
+            info = self._info(topic_key, type, qos, type_hash, service, is_writer=False)
             reader = MemoryReader(self, info, ignore_local)
             self.readers.append(reader)
             self._report_to_all(reader.info)
@@ -157,13 +163,18 @@ class MemoryParticipant:
             return reader
 
     def _info(
-        self, topic_key: TopicKey, type: str, qos: QoSProfile, type_hash: str, service_id: str, *, is_writer: bool
+        self,
+        topic_key: TopicKey,
+        type: str,
+        qos: QoSProfile,
+        type_hash: str,
+        service: tuple[str, str],
+        *,
+        is_writer: bool,
     ) -> DiscoveredEndpoint:
         guid, profile = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(qos, is_writer=is_writer)
         wire = topic_key.name, type
-        return DiscoveredEndpoint(
-            guid, self.guid, is_writer, topic_key, type, profile, type_hash, service_id, "", *wire
-        )
+        return DiscoveredEndpoint(guid, self.guid, is_writer, topic_key, type, profile, type_hash, *service, *wire)
 
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:

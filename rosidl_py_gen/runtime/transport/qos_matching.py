@@ -188,8 +188,8 @@ def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]
 def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]) -> QoSProfile:
     """Replace BEST_AVAILABLE policies of a new endpoint by values that match its discovered peers.
 
-    Done once, at creation. Without peers a subscription becomes RELIABLE, TRANSIENT_LOCAL and MANUAL_BY_TOPIC, because
-    `all` of nothing is true.
+    Done once, at creation. Without peers a subscription becomes BEST_EFFORT, VOLATILE and AUTOMATIC, which match any
+    publisher that appears later.
 
     Args:
         publisher: the new endpoint is a publisher.
@@ -197,9 +197,10 @@ def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Seque
 
     Source: docs/internals/protocol.md 7.5.
     """
-    is_reliable = publisher or all(peer.reliability is Reliability.RELIABLE for peer in peers)
-    is_transient = publisher or all(peer.durability is Durability.TRANSIENT_LOCAL for peer in peers)
-    is_manual = (any if publisher else all)(peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers)
+    manual = [peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers]
+    is_reliable = publisher or _all_of_some([peer.reliability is Reliability.RELIABLE for peer in peers])
+    is_transient = publisher or _all_of_some([peer.durability is Durability.TRANSIENT_LOCAL for peer in peers])
+    is_manual = any(manual) if publisher else _all_of_some(manual)
     best = QoSProfile(
         reliability=Reliability.RELIABLE if is_reliable else Reliability.BEST_EFFORT,
         durability=Durability.TRANSIENT_LOCAL if is_transient else Durability.VOLATILE,
@@ -208,6 +209,10 @@ def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Seque
         liveliness_lease_ns=_best_duration(publisher, [peer.liveliness_lease_ns for peer in peers]),
     )
     return _replace_best_available(profile, best)
+
+
+def _all_of_some(values: list[bool]) -> bool:
+    return bool(values) and all(values)
 
 
 def without_best_available(profile: QoSProfile) -> QoSProfile:

@@ -18,6 +18,23 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.samples import Payload, Sink
 
 
+class ServiceConversion(NamedTuple):
+    """Functions for serialized requests and responses of a peer with another definition of the service.
+
+    Attributes:
+        received: returns what the peer sent in the own definition; raises `DecodeError`.
+        sent: returns an own message in the definition of the peer; raises `EncodeError`.
+    """
+
+    received: Callable[[Payload], bytes]
+    sent: Callable[[bytes], bytes]
+
+
+def no_conversion(service_hash: str) -> ServiceConversion | None:
+    """Return None: there is no conversion for any hash."""
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class ServiceSpec:
     """Service as its clients and servers announce it.
@@ -28,6 +45,8 @@ class ServiceSpec:
         type_hash: RIHS01 text of the service; may be empty, as those of its messages.
         is_compatible: returns False for an endpoint of the other side that must not be used, because it has another
             definition.
+        conversion: returns the conversion for peers with another hash of the service; None if there is none. Used by
+            transports with `matches_by_hash`.
     """
 
     name: str
@@ -37,6 +56,7 @@ class ServiceSpec:
     response_hash: str
     avoid_ros_namespace_conventions: bool = False
     is_compatible: Callable[[DiscoveredEndpoint], bool] = lambda _: True
+    conversion: Callable[[str], ServiceConversion | None] = no_conversion
 
     @property
     def topic_keys(self) -> tuple[TopicKey, TopicKey]:
@@ -82,9 +102,9 @@ class ServerAvailability:
         return self.is_available
 
 
-Reply: TypeAlias = "tuple[int, Payload | NoReply, bytes | None]"
-"""Number of the request, response, and GUID of the sender if known. A plain tuple, because it is created for each
-reply."""
+Reply: TypeAlias = "tuple[int, Payload | NoReply | DecodeError, bytes | None]"
+"""Number of the request, response or the error in its bytes, and GUID of the sender if known. A plain tuple, because it
+is created for each reply."""
 RequestId: TypeAlias = "Any"
 """Origin of a request, opaque outside of the transport that created it."""
 Request: TypeAlias = "tuple[RequestId, Payload | IncompatiblePeer | DecodeError, bytes | None, int, int]"
@@ -93,7 +113,15 @@ request is replaced by the peer that cannot be served, or by the error in its by
 
 
 class _ServiceEndpoint(Protocol):
-    """Common part of a client and a server."""
+    """Common part of a client and a server.
+
+    Attributes:
+        is_introspected: events are published, so servers must identify each request by the `gid` of its client.
+        matches_by_hash: only endpoints with the same hash of the service exchange data, or those with an accepted one.
+    """
+
+    is_introspected: bool
+    matches_by_hash: bool
 
     @property
     def gid(self) -> bytes:
@@ -108,6 +136,9 @@ class _ServiceEndpoint(Protocol):
 
     def all_acknowledged(self) -> bool:
         """Return True if the other side has acknowledged everything that was sent."""
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        """Exchange data with peers of that hash of the service, too, for which there is a conversion. Thread: loop."""
 
     def set_sink(self, sink: Sink | None) -> None:
         """Call `sink` on the loop's thread when there is something to take."""

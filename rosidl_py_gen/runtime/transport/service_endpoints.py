@@ -74,14 +74,25 @@ class ServicePeers:
 class _EndpointPair:
     """Reader and writer of a client or a server."""
 
+    matches_by_hash = False
+
     def __init__(self, reader: Reader, writer: Writer, gid: bytes) -> None:
-        self.gid = gid
+        self._gid = gid
+        self.is_introspected = False
         self.endpoints = reader.guid, writer.guid
         self._reader = reader
         self._writer = writer
         self.connected = reader.matched_writers
         self.all_acknowledged = writer.all_acknowledged
         self.set_sink = reader.set_sink
+
+    @property
+    def gid(self) -> bytes:
+        """16 bytes that identify the client or server in ROS."""
+        return self._gid
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        """Do nothing: definitions do not keep endpoints apart."""
 
 
 class EndpointPairClient(_EndpointPair):

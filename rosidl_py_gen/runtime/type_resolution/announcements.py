@@ -123,6 +123,16 @@ def provider_participants(graph: Graph, query: TypeQuery) -> Collection[bytes]:
     }
 
 
+def participants_of(graph: Graph, query: TypeQuery) -> Collection[bytes]:
+    """Return the GUIDs of all participants that announce the type."""
+    return {
+        endpoint.participant_guid
+        for topic_key in query.required
+        for writers in (True, False)
+        for endpoint in graph.endpoints_on(topic_key, writers=writers)
+    }
+
+
 def announced(graph: Graph, query: TypeQuery, participants: Collection[bytes] = ()) -> dict[str, TypeAnnouncement]:
     """Return type name -> announcements, of all participants or the given ones.
 

@@ -2,15 +2,20 @@
 
 The order is: a local class with the announced hash, the cache on disk, one of the announcing nodes. A description is
 used only if its hash is the announced one. Slow steps run in a thread.
+
+Nodes of ROS 2 Humble announce no hash. Then the class is that of the name, with the definitions of Humble if all
+publishers or servers are of Humble.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_hash
@@ -30,6 +35,7 @@ from rosidl_py_gen.runtime.type_resolution.announcements import (
     announced,
     is_complete,
     join_truncated,
+    participants_of,
     provider_participants,
 )
 from rosidl_py_gen.runtime.type_resolution.description_client import (
@@ -60,6 +66,7 @@ _LATE_ANNOUNCEMENT_GRACE_S = 2.0
 1 s.
 """
 _MAX_ASKED_NODES = 8
+_HUMBLE = "humble"
 _KINDS = {Message: "a message", Service: "a service", Action: "an action"}
 _ADVICE = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
 
@@ -195,17 +202,49 @@ class _TypeResolver:
         return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._request.path)
 
     async def _find_by_name(self, announcement: TypeAnnouncement) -> type[Any]:
-        """Return the local class of a type for which no hash is announced."""
-        reason = (
-            f"the nodes of {self._request.subject} announce no hash for {announcement.type_name}, as those of "
-            "ROS 2 Humble do"
-        )
-        cls = await self._find_local(announcement, self._matches(announcement))
-        if cls is None:
-            missing = "no local definition has the hash" if self._request.type_hash else "there is no local definition"
-            raise TypeNotFoundError(f"{reason}, and {missing}; {_ADVICE}")
-        self._scope.logger.warning(f"{reason}; using the local definition, which may differ from theirs")
+        """Return the class of a type for which no hash is announced."""
+        from rosidl_py_gen.type_loading.class_lookup import find_named_class
+        from rosidl_py_gen.type_loading.peer_definitions import find_class_of
+
+        name, path = announcement.type_name, self._request.path
+        reason = f"the nodes of {self._request.subject} announce no hash for {name}, as those of ROS 2 Humble do"
+        if self._request.type_hash:
+            cls = await self._find_local(announcement, self._matches(announcement))
+            if cls is None:
+                raise TypeNotFoundError(f"{reason}, and no local definition has the hash; {_ADVICE}")
+        else:
+            cls = await asyncio.to_thread(find_named_class, name, path=path)
+            of_humble = await asyncio.to_thread(find_class_of, _HUMBLE, name, path)
+            if cls is None or of_humble is None:
+                raise TypeNotFoundError(f"{reason}, and there is no local definition; {_ADVICE}")
+            if hashes_of(cls) != hashes_of(of_humble) and await self._are_of_humble():
+                self._scope.logger.warning(
+                    f"{reason}; using the definition of Humble, which differs from the local one"
+                )
+                return of_humble
+        level = logging.DEBUG if selected().name == "humble" else logging.WARNING  # it is what the user expects
+        self._scope.logger.log(level, f"{reason}; using the local definition, which may differ from theirs")
         return cls
+
+    async def _are_of_humble(self) -> bool:
+        """Return True if all other participants of the topic are of Humble, by their graph messages; wait for these.
+
+        Subscribers and clients count if there is no publisher or server.
+        """
+        scope, graph = self._scope, self._scope.graph
+
+        def participants() -> set[bytes]:
+            own = {scope.participant.guid}
+            return {*provider_participants(graph, self._query)} - own or {*participants_of(graph, self._query)} - own
+
+        def is_known(guid: bytes) -> bool:
+            return not graph.is_ros(guid) or graph.is_humble(guid) is not None or graph.node_names_complete(guid)
+
+        timeout_s = self._deadline.remaining_s(_NODE_NAME_TIMEOUT_S)
+        await scope.wait_until(lambda: all(map(is_known, participants())), timeout_s, lambda: scope.closed)
+        found = participants()
+        # All later distributions announce a hash, so a node that has sent no graph message is of Humble, too.
+        return bool(found) and all(graph.is_ros(one) and graph.is_humble(one) is not False for one in found)
 
     async def _fetch_with_late_announcements(
         self, announcement: TypeAnnouncement, timeout_s: float | None

@@ -2,6 +2,9 @@
  *
  * It echoes every sample of rt/ask_<type> on rt/answer_<type>, serves rq/c_addRequest, and on the command line
  * "call N" it calls rq/py_addRequest N times. It prints READY when everything exists, and one line per finished call.
+ *
+ * With "talk TOPIC" it only writes a std_msgs/String ten times a second, with "listen TOPIC" it prints GOT and the first
+ * one. It uses the files of the enclave in the folder SECURE_ENCLAVE, if that is set; what fails is a line FAILED.
  */
 #include <stdbool.h>
 #include <stdio.h>
@@ -18,8 +21,8 @@ static dds_entity_t participant;
 
 static dds_entity_t check(dds_entity_t entity, const char *what) {
   if (entity < 0) {
-    fprintf(stderr, "%s: %s\n", what, dds_strretcode(-entity));
-    exit(1);
+    printf("FAILED %s: %s\n", what, dds_strretcode(-entity));
+    exit(3);
   }
   return entity;
 }
@@ -40,7 +43,7 @@ struct channel {
 };
 
 static dds_entity_t topic(const dds_topic_descriptor_t *type, const char *name) {
-  return check(dds_create_topic(participant, type, name, NULL, NULL), name);
+  return check(dds_create_topic(participant, type, name, NULL, NULL), "topic");
 }
 
 static void open_channel(struct channel *channel) {
@@ -108,6 +111,27 @@ static void call(struct channel *client, int count) {
   }
 }
 
+static void ready(void) {
+  printf("READY\n");
+  fflush(stdout);
+}
+
+static void talk(const char *name) {
+  dds_qos_t *qos = default_profile(false);
+  dds_entity_t writer = check(dds_create_writer(participant, topic(&std_msgs_msg_dds__String__desc, name), qos, NULL), "writer");
+  std_msgs_msg_dds__String_ sample = {"secret"};
+  for (ready();; dds_sleepfor(DDS_MSECS(100))) check(dds_write(writer, &sample), "write");
+}
+
+static void listen(const char *name) {
+  dds_qos_t *qos = default_profile(false);
+  dds_entity_t reader = check(dds_create_reader(participant, topic(&std_msgs_msg_dds__String__desc, name), qos, NULL), "reader");
+  void *sample[1] = {NULL};
+  dds_sample_info_t info[1];
+  for (ready(); dds_take(reader, sample, info, 1, 1) <= 0 || !info[0].valid_data;) dds_sleepfor(DDS_MSECS(10));
+  printf("GOT %s\n", ((std_msgs_msg_dds__String_ *)sample[0])->data);
+}
+
 /* The files of the enclave in a folder, if there is one, as rmw_cyclonedds names them. */
 static void secure(dds_qos_t *qos, const char *folder) {
   static const char *const files[][2] = {
@@ -152,6 +176,8 @@ int main(int argc, char **argv) {
   secure(own, getenv("SECURE_ENCLAVE"));
   participant = check(dds_create_participant(DDS_DOMAIN_DEFAULT, own, NULL), "participant");
   dds_delete_qos(own);
+  if (argc > 2 && strcmp(argv[1], "talk") == 0) talk(argv[2]);
+  if (argc > 2 && strcmp(argv[1], "listen") == 0) return listen(argv[2]), 0;
   dds_entity_t waitset = check(dds_create_waitset(participant), "waitset");
   for (int i = 0; i < count; i++) {
     open_channel(&channels[i]);
@@ -169,8 +195,7 @@ int main(int argc, char **argv) {
   dds_delete_qos(qos);
   check(dds_set_status_mask(server.reader, DDS_DATA_AVAILABLE_STATUS), "mask");
   check(dds_waitset_attach(waitset, server.reader, count), "attach");
-  printf("READY\n");
-  fflush(stdout);
+  ready();
   if (argc > 2 && strcmp(argv[1], "call") == 0) call(&client, atoi(argv[2]));
   for (;;) {
     dds_attach_t woken[16];

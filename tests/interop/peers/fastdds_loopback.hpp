@@ -3,7 +3,6 @@
 
 #include <cstdio>
 #include <cstdlib>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -45,7 +44,7 @@ static void secure(DomainParticipantQos &qos) {
   all.emplace_back(access + "permissions", files + "permissions.p7s");
 }
 
-static void open_participant(int domain, const std::function<void(DomainParticipantQos &)> &change = nullptr) {
+static void open_participant(int domain) {
   DomainParticipantQos qos = PARTICIPANT_QOS_DEFAULT;
   auto loopback = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
   loopback->interfaceWhiteList.emplace_back("127.0.0.1");
@@ -64,7 +63,6 @@ static void open_participant(int domain, const std::function<void(DomainParticip
   const std::string enclave = "enclave=/;";
   qos.user_data().setValue(std::vector<rtps::octet>(enclave.begin(), enclave.end()));
   secure(qos);
-  if (change) change(qos);
   participant = DomainParticipantFactory::get_instance()->create_participant(domain, qos);
   if (participant == nullptr) { std::fprintf(stderr, "no participant\n"); std::exit(1); }
   publisher = participant->create_publisher(PUBLISHER_QOS_DEFAULT);

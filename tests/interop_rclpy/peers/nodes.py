@@ -1,5 +1,7 @@
 """Commands about nodes: parameters, the graph, logging, time, lifecycle, introspection."""
 
+import resource
+
 import messages
 import rclpy
 from rclpy.client import Client
@@ -172,3 +174,8 @@ def lifecycle_node(peer, name):
 
 def transitions(peer, name):
     return peer.nodes[name].done
+
+
+def memory_mb(peer):
+    """Return the most that the process has used."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024

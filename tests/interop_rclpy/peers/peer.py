@@ -19,6 +19,7 @@ from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 
+import humble  # isort: skip  # noqa: F401 - completes rclpy
 import actions  # isort: skip
 import nodes  # isort: skip
 import services  # isort: skip
@@ -92,7 +93,7 @@ def main():
     os.write(1, b"READY\n")
     while not ended.is_set():
         with suppress(InvalidHandle):  # it looks once more at what was destroyed between two looks
-            peer.executor.spin_once()
+            peer.executor.spin_once(1)  # Humble may miss a task that another thread has created
     peer.executor.shutdown()
     for node in peer.nodes.values():
         node.destroy_node()

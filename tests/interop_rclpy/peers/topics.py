@@ -82,7 +82,7 @@ async def take(peer, topic, count=1):
 
 
 async def matched(peer, topic, count=1):
-    """Wait until the publisher or subscription has enough counterparts."""
+    """Wait until the publisher or subscription has enough counterparts; subscriptions of Humble only see them."""
     made = peer.entities.get(("publisher", topic)) or peer.entities["subscription", topic].subscription
-    number = made.get_subscription_count if hasattr(made, "get_subscription_count") else made.get_publisher_count
-    await peer.until(lambda: number() >= count)
+    number = getattr(made, "get_subscription_count", None) or getattr(made, "get_publisher_count", None)
+    await peer.until(lambda: (number() if number else peer.node.count_publishers(topic)) >= count)

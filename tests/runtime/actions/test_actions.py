@@ -28,6 +28,7 @@ from rosidl_py_gen.runtime import (
     GoalRejectedError,
     GoalStatus,
     GoalTransitionError,
+    IntrospectionState,
     Time,
     UnknownGoalError,
     WaitTimeoutError,
@@ -68,6 +69,41 @@ async def test_goal_feedback_result(world: World) -> None:
     assert feedback == [[0], [0, 1], [0, 1, 2]]
     assert (status, list(got.sequence), handle.status) == (S.SUCCEEDED, [0, 1, 2], S.SUCCEEDED)
     assert (await handle.result())[0] is S.SUCCEEDED  # any number of times
+
+
+@pytest.mark.every_transport
+async def test_introspection_publishes_the_events_of_all_three_services(world: World) -> None:
+    server, client = await pair(world, until_canceled)
+    node, events = world.node("watcher"), dict[str, list[Any]]()
+    services = {"send_goal": Fibonacci.SendGoal, "cancel_goal": CancelGoal, "get_result": Fibonacci.GetResult}
+    for name, cls in services.items():
+        events[name] = []
+        node.create_subscription(cls.Event, f"fib/_action/{name}/_service_event", events[name].append, 100)
+    for end in (server, client):
+        end.configure_introspection(node.clock, 100, IntrospectionState.CONTENTS)
+    await until(lambda: all(node.count_publishers(f"fib/_action/{name}/_service_event") == 2 for name in services))
+    await until(lambda: all(one._introspection._publisher.subscription_count for one in introspected(server, client)))
+    handle = await client.send_goal(goal(3), timeout_s=5)
+    await handle.cancel(timeout_s=5)
+    status, _ = await handle.result(timeout_s=5)
+    await until(lambda: all(len(found) == 4 for found in events.values()))
+    for found in events.values():
+        assert sorted(event.info.event_type for event in found) == [0, 1, 2, 3]
+    sent = {event.info.event_type: event for event in events["send_goal"]}
+    assert bytes(sent[0].request[0].goal_id.uuid) == handle.goal_id and sent[2].response[0].accepted
+    (answer,) = [event.response[0] for event in events["get_result"] if event.info.event_type == 2]
+    assert (status, answer.status) == (S.CANCELED, S.CANCELED)
+    for end in (server, client):
+        end.configure_introspection(node.clock, 10, IntrospectionState.OFF)
+    await until(lambda: not node.count_publishers("fib/_action/send_goal/_service_event"))
+    server.close()
+    with pytest.raises(ClosedError, match="action /fib of node"):
+        server.configure_introspection(node.clock, 10, IntrospectionState.CONTENTS)
+
+
+def introspected(*ends: Any) -> list[Any]:
+    parts = [one for end in ends for one in end._parts.owned.values()]
+    return [one for one in parts if getattr(one, "_introspection", None) is not None]
 
 
 async def test_feedback_may_be_drained_after_the_result_and_ends(world: World) -> None:

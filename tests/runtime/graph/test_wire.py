@@ -86,6 +86,9 @@ def test_user_data_texts() -> None:
         (b"a=b;broken", {"a": "b"}),
         (b"enclave=/a;b;", {"enclave": "/a"}),
         (b"a_b=c;", {}),
+        (b"typehash=x;bufbe=cpu=;", {"typehash": "x", "bufbe": "cpu="}),  # rmw_fastrtps of Lyrical, from 9.4.7 on
+        (b"typehash=x;BUFBE:cpu=;", {"typehash": "x"}),  # 9.4.6
+        (b"clientid= 1.2;typehash=x;sertypehash=y;", {"clientid": " 1.2", "typehash": "x", "sertypehash": "y"}),
     ],
 )
 def test_user_data_is_read_up_to_what_is_malformed(data: bytes, pairs: dict[str, str]) -> None:

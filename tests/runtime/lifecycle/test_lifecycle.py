@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import time
 import weakref
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from support.node_fixtures import World, until
 
+from rosidl_py_gen import get_message, type_hash
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
@@ -93,6 +95,32 @@ async def test_the_round_trip_with_its_events(world: World) -> None:
     await until(lambda: len(seen) == 10)
     expected = [(1, 10), (10, 2), (2, 13), (13, 3), (3, 14), (14, 2), (2, 11), (11, 1), (1, 12), (12, 4)]
     assert seen == expected and set(stamps) == {0}
+
+
+@pytest.mark.every_transport
+@pytest.mark.parametrize("distro", ["lyrical", "rolling"])
+async def test_events_of_lyrical_have_its_definition_with_time_and_transition(
+    world: World, monkeypatch: pytest.MonkeyPatch, distro: str
+) -> None:
+    lyrical: Any = get_message("lifecycle_msgs/msg/TransitionEvent", distro="lyrical")
+    seen: list[Any] = []
+    subscription = world.node("listener").create_subscription(lyrical, "/n/transition_event", seen.append, 100)
+    with monkeypatch.context() as patch:
+        patch.setenv("ROS_DISTRO", distro)
+        node = managed(world)
+    await until(lambda: node._machine._event.has_subscriptions)
+    found = world.nodes[0].get_publishers_info_by_topic
+    await until(lambda: [one.topic_type_hash for one in found("/n/transition_event")] == [type_hash(lyrical)])
+    before_s = time.time()
+    await node.configure()
+    node.answers["activate"] = False
+    await node.activate()
+    await until(lambda: len(seen) == 4)
+    transitions = [(event.transition.id, event.transition.label) for event in seen]
+    assert transitions == [(1, "configure"), (10, "transition_success"), (3, "activate"), (31, "transition_failure")]
+    assert all(before_s - 1 < event.stamp.sec + event.stamp.nanosec * 1e-9 < time.time() + 1 for event in seen)
+    assert [event.goal_state.label for event in seen] == ["configuring", "inactive", "activating", "inactive"]
+    assert subscription.converted == 0
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support.announced_types import SERVICE_OFF, Told, fresh, teller, told_by
+from support.announced_types import SERVICE_OFF, Told, fresh, humble_node, teller, told_by, without_hash
 from support.node_fixtures import World, until
 from support.raw_endpoints import reply_name, request_name, topic_name
 
@@ -17,6 +17,7 @@ from rosidl_py_gen.base.descriptions import build_type_description
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
 from rosidl_py_gen.runtime.type_resolution import announcements
+from rosidl_py_gen.type_loading import class_lookup, peer_definitions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -235,6 +236,46 @@ async def test_without_a_hash_the_local_definition_is_taken_and_said_so(
     assert "announce no hash for std_msgs/msg/Bool, as those of ROS 2 Humble do" in caplog.text
     with pytest.raises(TypeNotFoundError, match=r"there is no local definition; install its package.*--path"):
         await asker.resolve_type("unknown", timeout_s=5)
+
+
+@pytest.mark.every_transport
+@pytest.mark.without_zenoh
+@pytest.mark.parametrize("is_publisher", [True, False])
+async def test_nodes_of_humble_have_the_definitions_of_humble(
+    world: World, is_publisher: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
+    robot = humble_node(world, "robot")
+    (robot.create_publisher if is_publisher else robot.create_subscription)(without_hash(of_humble), "range")
+    assert await world.node("asker").resolve_type("range", timeout_s=10) is of_humble
+    assert "using the definition of Humble, which differs from the local one" in caplog.text
+
+
+async def test_a_class_generated_for_another_distribution_gets_the_definitions_of_humble(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sonar: Any = compile_definition(f"sonar_msgs/msg/Generated{next(_numbers)}", "sensor_msgs/Range[] all")
+    monkeypatch.setattr(peer_definitions, "find_named_class", lambda name, **_: sonar)
+    monkeypatch.setattr(class_lookup, "find_named_class", lambda name, **_: sonar)
+    monkeypatch.setattr(peer_definitions, "find_installed_class", lambda name: sonar)
+    teller(memory, "robot", None).create_publisher(without_hash(sonar), "t")
+    cls = await memory.node("asker").resolve_type("t", timeout_s=10)
+    assert cls._TYPE.fields[0].cls is get_message("sensor_msgs/msg/Range", distro="humble")
+
+
+async def test_a_program_without_ros_has_the_local_definitions(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, asker = memory.pair()
+    robot.create_publisher(without_hash(get_message("sensor_msgs/msg/Range")), "range")
+    monkeypatch.setattr(asker._scope.graph, "is_ros", lambda guid: False)
+    assert await asker.resolve_type("range", timeout_s=10) is get_message("sensor_msgs/msg/Range")
+
+
+async def test_another_definition_that_was_loaded_before_is_not_taken_for_the_local_one(memory: World) -> None:
+    get_message("lifecycle_msgs/msg/TransitionEvent", distro="lyrical")
+    robot, asker = memory.pair()
+    event = get_message("lifecycle_msgs/msg/TransitionEvent")
+    robot.create_publisher(without_hash(event), "events")
+    assert await asker.resolve_type("events", timeout_s=10) is event
 
 
 @pytest.mark.every_transport

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from support.keystores import Authority, Keystore
 
-from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime import Context, MemoryTransport, RosArgumentError, SecurityError, find_security
+from rosidl_py_gen.errors import ClosedError, InvalidNameError
+from rosidl_py_gen.runtime import Context, MemoryTransport, QoSProfile, RosArgumentError, SecurityError, find_security
+from rosidl_py_gen.runtime.node import context_core
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+REASON = "permissions deny the topic of the graph"
 FILES = (
     *("identity_ca.cert.pem", "cert.pem", "key.pem"),
     *("permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"),
@@ -22,7 +25,7 @@ FILES = (
 @pytest.fixture(scope="module")
 def keystore(tmp_path_factory: pytest.TempPathFactory) -> Keystore:
     made = Keystore(tmp_path_factory.mktemp("security") / "keystore", 0)
-    for name in ("/", "/a", "/a/b"):
+    for name in ("/", "/a", "/a/b", "/only/below"):
         made.enclave(name)
     return made
 
@@ -72,7 +75,8 @@ def test_values_are_compared_as_in_rcl(keystore: Keystore, enable: str, strategy
     [
         ({"ROS_SECURITY_KEYSTORE": ""}, "/", "ROS_SECURITY_KEYSTORE is not set; expected the folder of a keystore"),
         ({"ROS_SECURITY_KEYSTORE": "/no"}, "/", "ROS_SECURITY_KEYSTORE='/no' is not a keystore, as it has no folder"),
-        ({}, "/c", "enclaves/c (enclave /c); the keystore has the enclaves /, /a, /a/b"),
+        ({}, "/c", "enclaves/c (enclave /c); the keystore has the enclaves /, /a, /a/b, /only/below; select one with"),
+        ({}, "/only", "there is no enclave in "),
         (
             {"ROS_SECURITY_ENCLAVE_OVERRIDE": "bad"},
             "/",
@@ -154,3 +158,23 @@ def test_transports_without_security(
     if transport == "memory":
         Context(transport=kind, args=["x"]).close()
         assert "this transport has no security; this process communicates unencrypted" in caplog.text
+
+
+@pytest.mark.parametrize("failing", ["LoopBinding", "Discovery", "InitialValues"])
+def test_a_context_that_cannot_be_made_leaves_no_participant(failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Any] = []
+
+    class Recorded(MemoryTransport):
+        def open(self, *arguments: Any, **options: Any) -> Any:
+            opened.append(super().open(*arguments, **options))
+            return opened[-1]
+
+    def fail(*_: object) -> None:
+        raise SecurityError(REASON)
+
+    monkeypatch.setattr(context_core, failing, fail)
+    with pytest.raises(SecurityError, match=REASON):
+        Context(args=["x"], transport=Recorded())
+    (participant,) = opened
+    with pytest.raises(ClosedError):
+        participant.create_reader(EndpointSpec("/t", "std_msgs/msg/Bool", QoSProfile(), ""))

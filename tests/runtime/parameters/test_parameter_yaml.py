@@ -170,6 +170,33 @@ def test_argument_values(text: str, value: object) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("!!float 1", 1.0),
+        ("!!float 0x10", 16.0),
+        ("!!float .inf", math.inf),
+        ("!!int '5'", 5),
+        ('!!bool "yes"', True),
+        ("!!str 5", "5"),
+        ("[!!float 1, 2.5]", [1.0, 2.5]),
+        ("!!null x", "x"),
+        ("!!binary AQI=", b"\x01\x02"),
+        ("5", 5),
+    ],
+)
+def test_tags_decide_about_the_type_since_lyrical(text: str, value: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DISTRO", "lyrical")
+    assert parse_parameter_value(text) == parameter_value(value)
+
+
+@pytest.mark.parametrize(("text", "wanted"), [("!!int yes", "INTEGER"), ("!!bool 1", "BOOL"), ("!!float x", "DOUBLE")])
+def test_a_value_of_another_type_than_its_tag(text: str, wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DISTRO", "lyrical")
+    with pytest.raises(ParameterFileError, match=f"<value>:1:1: the tag requires a value of type {wanted}, found '"):
+        parse_parameter_value(text)
+
+
+@pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("", "empty value"),

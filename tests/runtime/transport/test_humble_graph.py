@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,7 +14,8 @@ from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.node.environment import read_environment
 from rosidl_py_gen.runtime.transport.dds import discovery_info, discovery_info_message
-from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, NodeEntities, TopicKey
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -75,31 +77,57 @@ class Formats:
         return self._last
 
 
-def humble_node(dds: World, monkeypatch: pytest.MonkeyPatch) -> Node:
-    """Return a node whose graph messages are those of Humble: without a hash."""
+def node_of(dds: World, monkeypatch: pytest.MonkeyPatch, distro: str) -> Node:
+    """Return a node whose graph messages are those of a distribution; those of Humble are without a hash."""
     with monkeypatch.context() as patch:
-        patch.setenv("ROS_DISTRO", "humble")
-        patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
-        return dds.node("old")
+        patch.setenv("ROS_DISTRO", distro)
+        if distro == "humble":
+            patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
+        return dds.node("old" if distro == "humble" else "new")
 
 
-async def test_nodes_are_announced_in_the_format_of_humble_while_it_is_there(
+async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_and_while_humble_is(
     dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.delenv("ROS_DISTRO", raising=False)
     alice, bob = dds.pair()
     formats = Formats(bob, alice)
+    await until(lambda: formats.is_humble() is True)  # both read it, and no node of Humble that comes is harmed
+    new = node_of(dds, monkeypatch, "jazzy")
     await until(lambda: formats.is_humble() is False)
-    old = humble_node(dds, monkeypatch)
+    assert await new.wait_for_node("alice", 10) and await bob.wait_for_node("alice", 10)
+    old = node_of(dds, monkeypatch, "humble")
     await until(lambda: formats.is_humble() is True)
     assert await bob.wait_for_node("alice", 10) and await old.wait_for_node("alice", 10)
-    said = "So this process announces its nodes in the format of Humble from now on"
+    said = "So this process announces its nodes in the format of Humble, "
     await until(lambda: caplog.text.count(said) == 2)  # alice's context and bob's
     alice.create_publisher("std_msgs/msg/String", "late")
     await until(lambda: bob.count_publishers("late") == 1)
     old.context.close()
     await until(lambda: formats.is_humble() is False)
+    new.context.close()
+    await until(lambda: formats.is_humble() is True)
     assert caplog.text.count(said) == 2
+
+
+async def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_otherwise(
+    dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its reader would get our last message before its own is here."""
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    node = dds.node("alice")
+    topic: Any = node.context._core.participant._discovery_info
+    later, other = bytes(16), bytes([1, 15]).ljust(16, b"\1")  # of no vendor, and on Fast DDS
+    endpoint = DiscoveredEndpoint(other, b"", True, TopicKey("unmangled", "x"), "", QoSProfile())
+    found = replace(endpoint, wire_name=discovery_info.DISCOVERY_TOPIC, type_hash="RIHS01_00")
+    topic.forward_events([found])
+    assert topic._wrote_humble is False
+    topic.forward_events([replace(found, guid=later, type_hash="")])
+    assert topic._wrote_humble is True
+    topic._set_layout(later, False)  # as its message does
+    assert topic._wrote_humble is False and "Humble" not in caplog.text
+    topic.forward_events([EntityLost(other), EntityLost(later)])
+    assert topic._wrote_humble is True
 
 
 @pytest.mark.parametrize("distro", ["jazzy", "humble"])
@@ -110,7 +138,7 @@ async def test_a_selected_distribution_decides(
     alice, bob = dds.pair()
     formats = Formats(bob, alice)
     await until(lambda: formats.is_humble() is (distro == "humble"))
-    old = humble_node(dds, monkeypatch)
+    old = node_of(dds, monkeypatch, "humble")
     await alice.wait_for_node("old", 10)
     said = "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble"
     if distro == "jazzy":

@@ -236,10 +236,11 @@ def test_best_available_subscription_takes_what_all_publishers_offer() -> None:
         assert check_compatible(peer, got).matches
 
 
-def test_best_available_subscription_without_publishers_asks_for_everything() -> None:
+def test_best_available_subscription_without_publishers_matches_any_that_appears_later() -> None:
     got = resolve_best_available(BEST_AVAILABLE, publisher=False, peers=[])
-    assert (got.reliability, got.durability, got.liveliness) == (REL, TL, Liveliness.MANUAL_BY_TOPIC)
+    assert (got.reliability, got.durability, got.liveliness) == (BE, VOL, Liveliness.AUTOMATIC)
     assert (got.deadline_ns, got.liveliness_lease_ns) == (0, 0)
+    assert all(check_compatible(offered, got).matches for offered in (DEFAULT, DEFAULT.best_effort()))
 
 
 def test_policies_that_are_stated_stay_and_services_never_use_best_available() -> None:

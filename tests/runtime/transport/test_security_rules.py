@@ -17,6 +17,8 @@ from rosidl_py_gen.runtime.transport.dds import correlation
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from support.node_fixtures import World
+
 RULE = """<topic_rule><topic_expression>{}</topic_expression>
 <metadata_protection_kind>{}</metadata_protection_kind><data_protection_kind> {} </data_protection_kind></topic_rule>"""
 
@@ -209,7 +211,32 @@ def test_guids_of_secured_participants_on_fast_dds() -> None:
     hashed, cyclone, fast = (bytes.fromhex(head).ljust(16, b"\1") for head in ("93eb4bd1", "0110", "010f"))
     assert [*map(correlation.has_hashed_guid, (hashed, cyclone, fast))] == [True, False, False]
     assert [*map(correlation.uses_sample_identity, (hashed, cyclone, fast))] == [False, False, True]
-    correlation.add_secured_fast_dds(hashed)
+    for reader in (1, 2, 3):
+        correlation.add_secured_fast_dds(hashed, reader)
     assert correlation.uses_sample_identity(hashed[:12] + b"\0\0\1\4") and correlation.has_secured_fast_dds()
-    correlation.discard_secured_fast_dds(hashed)
+    correlation.discard_secured_fast_dds(1, hashed)  # lost
+    correlation.discard_secured_fast_dds(2)  # the context is closed
+    assert correlation.uses_sample_identity(hashed)
+    correlation.discard_secured_fast_dds(3)
+    correlation.discard_secured_fast_dds(3, hashed)
     assert not correlation.uses_sample_identity(hashed) and not correlation.has_secured_fast_dds()
+
+
+def test_a_secured_peer_on_fast_dds_without_endpoints_is_reported(dds: World, caplog: pytest.LogCaptureFixture) -> None:
+    participant: Any = dds.node("n")._scope.participant
+    silent, known = (bytes.fromhex(head).ljust(16, b"\1") for head in ("93eb4bd1", "b604d120"))
+    for guid in (silent, known):
+        correlation.add_secured_fast_dds(guid, -1)
+    try:
+        participant.discovery.guids[-1] = known[:12] + b"\0\0\1\4"
+        participant._warn_without_endpoints([known])
+        assert "a peer on Fast DDS" not in caplog.text
+        participant._warn_without_endpoints([known, silent])
+        assert "a peer on Fast DDS was found, but no endpoints of it" in caplog.text
+        caplog.clear()
+        correlation.discard_secured_fast_dds(-1)  # it has left
+        participant._warn_without_endpoints([silent])
+        assert caplog.text == ""
+    finally:
+        del participant.discovery.guids[-1]
+        correlation.discard_secured_fast_dds(-1)

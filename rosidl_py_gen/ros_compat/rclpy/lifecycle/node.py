@@ -83,6 +83,9 @@ class LifecycleNodeMixin(ManagedEntity):
         message = lifecycle_msgs.msg.TransitionEvent()
         message.start_state.id, message.start_state.label = int(transition.start), transition.start.label
         message.goal_state.id, message.goal_state.label = int(transition.goal), transition.goal.label
+        if hasattr(message, "stamp"):  # since Lyrical; earlier distributions leave both empty
+            message.stamp = self._rosidl_as_node().get_clock().now().to_msg()
+            message.transition.id, message.transition.label = transition.id, transition.label
         self._rosidl_transition_events.publish(message)
 
     def trigger_configure(self) -> TransitionCallbackReturn:

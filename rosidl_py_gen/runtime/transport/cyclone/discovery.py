@@ -129,11 +129,11 @@ class BuiltinTopicReaders:
         self._fast_dds.on_participants_pending(reader)
         try:
             for pointer, *_ in self._loaned_samples(reader, self._api.read_mask, _UNREAD):
-                self._record_participant(cast_loan(pointer, BuiltinParticipant))  # earlier than the loop
+                self._record_participant(cast_loan(pointer, BuiltinParticipant), reader)  # earlier than the loop
         finally:
             putw(reader, stream)
 
-    def _record_participant(self, participant: BuiltinParticipant) -> None:
+    def _record_participant(self, participant: BuiltinParticipant, reader: int) -> None:
         """Store the addresses of a Fast DDS participant, and report a new one."""
         guid = bytes(participant.key)
         if guid.startswith(FAST_DDS_VENDOR):
@@ -143,7 +143,8 @@ class BuiltinTopicReaders:
             if is_new:
                 self._on_new_participant(guid, self._addresses[prefix])
         elif has_hashed_guid(guid) and any(read_property(self._api, participant.qos, name) for name in _FAST_DDS):
-            add_secured_fast_dds(guid)  # our requests for its endpoints would be dropped, as they are not protected
+            # Requests for its endpoints would be dropped, because they are not protected.
+            add_secured_fast_dds(guid, reader)
 
     def report(self) -> None:
         """Pass all new events to the sink."""
@@ -167,7 +168,7 @@ class BuiltinTopicReaders:
                     guid = bytes(cast_loan(pointer, BuiltinParticipant).key)  # all builtin samples begin with the key
                     events.append(EntityLost(guid))
                     if is_participant:
-                        discard_secured_fast_dds(guid)
+                        discard_secured_fast_dds(reader, guid)
                         self._addresses.pop(guid[:GUID_PREFIX_BYTES], None)
                     else:
                         self._forget_later(handle)
@@ -177,7 +178,7 @@ class BuiltinTopicReaders:
 
     def _participant(self, pointer: int) -> Iterator[ParticipantDiscovered]:
         participant = cast_loan(pointer, BuiltinParticipant)
-        self._record_participant(participant)  # perhaps earlier than Cyclone's thread
+        self._record_participant(participant, self._readers[DCPS_PARTICIPANT])  # perhaps earlier than Cyclone's thread
         user_data = parse_user_data(read_user_data(self._api, participant.qos))
         yield ParticipantDiscovered(bytes(participant.key), user_data.get("enclave"))
 
@@ -215,7 +216,9 @@ class BuiltinTopicReaders:
 
     def close(self) -> None:
         """Forget the readers, which were deleted with the participant."""
-        self._fast_dds.forget_reader(self._readers[DCPS_PARTICIPANT])
+        reader = self._readers[DCPS_PARTICIPANT]
+        self._fast_dds.forget_reader(reader)
+        discard_secured_fast_dds(reader)
 
     def fast_dds_addresses(self, endpoint: bytes) -> str | None:
         """Return the addresses of an endpoint's participant; None if it is not a known Fast DDS participant."""

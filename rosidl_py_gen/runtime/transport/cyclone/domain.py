@@ -39,10 +39,13 @@ class Domain:
     _lock: ClassVar[threading.Lock] = threading.Lock()
     _forked: ClassVar[bool] = False
 
-    def __init__(self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str) -> None:
+    def __init__(
+        self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str, enclave_folder: str
+    ) -> None:
         self._api = api
         self._domain_id = domain_id
         self._xml = xml
+        self._enclave_folder = enclave_folder
         self._users = 0
         self.is_closing = False
         """No participant uses the domain; it is deleted when no thread writes."""
@@ -51,7 +54,6 @@ class Domain:
         self._end_lock = threading.Lock()
         self._has_ended = False
         self.types = Sertypes(api, fast_dds.prepare)
-        self._enclave_folder = ""
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == c_api.PRECONDITION_NOT_MET else code
         if self._handle == 0:  # another user of the same libddsc has created the domain
@@ -67,10 +69,16 @@ class Domain:
             )
 
     @classmethod
-    def join(cls, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str) -> Domain:
+    def join(
+        cls, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str, enclave_folder: str
+    ) -> Domain:
         """Return the domain with that configuration. Every `join` needs a `leave`.
 
+        Args:
+            enclave_folder: folder of the enclave of a secured participant, else empty.
+
         Raises:
+            SecurityError: the domain is open with another enclave, or is secured and must not be, or the opposite.
             TransportError: the domain is open with another configuration or cannot be configured, or this process was
                 forked from one that has a domain open.
         """
@@ -82,28 +90,29 @@ class Domain:
                 )
             domain = cls._open.get(domain_id)
             if domain is None:
-                domain = cls._open[domain_id] = cls(api, fast_dds, domain_id, xml)
+                domain = cls._open[domain_id] = cls(api, fast_dds, domain_id, xml, enclave_folder)
             elif domain._xml != xml:
                 raise TransportError(
                     f"domain {domain_id} is open in this process with another configuration, and DDS has one for each "
                     "domain of a process. Use the same discovery range, static peers and CYCLONEDDS_URI, close the "
                     f"first context, or use another domain. Open: {domain._xml!r}; requested: {xml!r}"
                 )
+            domain._require_enclave(enclave_folder)
             domain._users += 1
             return domain
 
-    def require_enclave(self, folder: str) -> None:
-        """Raise `SecurityError` if the domain is used by another enclave, whose permissions Cyclone would apply.
+    def _require_enclave(self, folder: str) -> None:
+        """Raise `SecurityError` for another enclave than that of the first participant.
 
-        Source: docs/internals/dds.md 10.
+        Cyclone would apply the permissions of the first one, refuse an unsecured participant without a reason, or crash
+        when an earlier unsecured participant is deleted (docs/internals/dds.md 10).
         """
-        with Domain._lock:
-            self._enclave_folder = self._enclave_folder or folder
-            if self._enclave_folder != folder:
-                raise SecurityError(
-                    f"domain {self._domain_id} is used by this process with the enclave in {self._enclave_folder}, and "
-                    f"Cyclone DDS has one for each domain of a process; got {folder}. Use one enclave, or two processes"
-                )
+        if self._enclave_folder != folder:
+            used, got = (f"the enclave in {one}" if one else "no security" for one in (self._enclave_folder, folder))
+            raise SecurityError(
+                f"domain {self._domain_id} is used by this process with {used}, and Cyclone DDS permits one enclave "
+                f"for each domain of a process; got {got}. Use one enclave, or two processes"
+            )
 
     def leave(self) -> None:
         """Undo one `join`; the last one waits for other threads that write, and deletes the domain.

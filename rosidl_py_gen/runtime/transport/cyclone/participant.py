@@ -43,11 +43,16 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
     security_properties,
 )
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
-from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
+from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds, is_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
 from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name
 from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint, DdsParticipant
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent
+from rosidl_py_gen.runtime.transport.discovery_events import (
+    GUID_PREFIX_BYTES,
+    DiscoveredEndpoint,
+    DiscoveryEvent,
+    ParticipantDiscovered,
+)
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 
 if TYPE_CHECKING:
@@ -64,6 +69,14 @@ _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002
 """Delay of the request for early samples after a writer was discovered. Cyclone matches it after some 50 us without
 notification, later on a busy machine; after 10 ms it sends a request of its own, and Fast DDS ignores later ones."""
+
+_NO_ENDPOINTS_DELAY_S = 6.0
+"""Delay of the check; a handshake takes a second, on a busy machine several."""
+_NO_ENDPOINTS = (
+    "security: a peer on Fast DDS was found, but no endpoints of it; probably a message of its handshake with Cyclone "
+    "DDS was lost, which is sent once. Restart this process or the peer"
+)
+"""Source: docs/internals/dds.md 12."""
 
 _library = library.find()
 _api = c_api.CycloneApi(_library.handle)
@@ -156,7 +169,7 @@ class CycloneParticipant(DdsParticipant):
         with ExitStack() as undo:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
-            self.domain = Domain.join(_api, _fast_dds, domain_id, xml)
+            self.domain = Domain.join(_api, _fast_dds, domain_id, xml, "" if security is None else security.folder)
             undo.callback(self.domain.leave)
             self._listener: int = _api.create_listener(None)
             undo.callback(_api.delete_listener, self._listener)
@@ -164,7 +177,6 @@ class CycloneParticipant(DdsParticipant):
             self._early = EarlySampleReaders(_api, _fast_dds, self._listener)
             undo.callback(self._early.close)
             if security is not None:
-                self.domain.require_enclave(security.folder)
                 _security_log().open(self._report_soon)
                 undo.callback(_security_log().close, self._report_soon)
             self.entity = self._create_participant(user_data)
@@ -306,6 +318,8 @@ class CycloneParticipant(DdsParticipant):
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self._schedule_sample_request(events)
+            if self._security is not None:
+                self._schedule_endpoint_check(events)
             forward(events)
 
         self.discovery.sink = on_events
@@ -324,6 +338,20 @@ class CycloneParticipant(DdsParticipant):
         loop = current_loop()
         if new and loop is not None:
             loop.call_later(_MATCH_DELAY_S, self._request_samples, new)
+
+    def _schedule_endpoint_check(self, events: list[DiscoveryEvent]) -> None:
+        """Warn later if a secured peer on Fast DDS announces no endpoints, as every ROS participant does."""
+        new = [one.guid for one in events if isinstance(one, ParticipantDiscovered) and is_secured_fast_dds(one.guid)]
+        loop = current_loop()
+        if new and loop is not None:
+            loop.call_later(_NO_ENDPOINTS_DELAY_S, self._warn_without_endpoints, new)
+
+    def _warn_without_endpoints(self, participants: list[bytes]) -> None:
+        prefixes = {guid[:GUID_PREFIX_BYTES] for guid in [*self.discovery.guids.values()]}
+        if not self._closed and any(
+            is_secured_fast_dds(one) and one[:GUID_PREFIX_BYTES] not in prefixes for one in participants
+        ):
+            get_root_logger().warning(_NO_ENDPOINTS)
 
     def _request_samples(self, writers: list[DiscoveredEndpoint]) -> None:
         readers: defaultdict[tuple[str, str], list[bytes]] = defaultdict(list)

@@ -13,6 +13,7 @@ Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 from __future__ import annotations
 
 import struct
+import threading
 from typing import TYPE_CHECKING, TypeAlias
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
@@ -36,8 +37,10 @@ FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 _HASHED_BIT = 0x80
 """First bit of a secured participant's GUID, a hash of the subject of its certificate (docs/internals/dds.md 12)."""
-_secured_fast_dds: set[bytes] = set()
-"""GUID prefixes of secured participants on Fast DDS, which properties of the participants tell."""
+_secured_fast_dds: dict[bytes, set[int]] = {}
+"""Builtin readers that have reported a secured participant on Fast DDS, by GUID prefix (docs/internals/dds.md 12)."""
+_secured_lock = threading.Lock()
+"""Guards changes of `_secured_fast_dds`."""
 SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
 _READER_BIT = 0x04
@@ -55,9 +58,7 @@ _LARGE_BYTES = 1024
 
 def uses_sample_identity(guid: bytes) -> bool:
     """Return True if a client or server with that endpoint uses sample identities, and not headers."""
-    return guid.startswith(FAST_DDS_VENDOR) or (
-        bool(_secured_fast_dds) and guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
-    )
+    return guid.startswith(FAST_DDS_VENDOR) or (bool(_secured_fast_dds) and is_secured_fast_dds(guid))
 
 
 def has_hashed_guid(guid: bytes) -> bool:
@@ -65,9 +66,15 @@ def has_hashed_guid(guid: bytes) -> bool:
     return bool(guid[0] & _HASHED_BIT)
 
 
-def add_secured_fast_dds(guid: bytes) -> None:
-    """Record that a participant with a hashed GUID is on Fast DDS."""
-    _secured_fast_dds.add(guid[:GUID_PREFIX_BYTES])
+def is_secured_fast_dds(guid: bytes) -> bool:
+    """Return True if a participant or endpoint is that of a secured participant on Fast DDS."""
+    return guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
+
+
+def add_secured_fast_dds(guid: bytes, reader: int) -> None:
+    """Record that a participant with a hashed GUID is on Fast DDS, as a builtin reader has reported."""
+    with _secured_lock:
+        _secured_fast_dds.setdefault(guid[:GUID_PREFIX_BYTES], set()).add(reader)
 
 
 def has_secured_fast_dds() -> bool:
@@ -75,9 +82,14 @@ def has_secured_fast_dds() -> bool:
     return bool(_secured_fast_dds)
 
 
-def discard_secured_fast_dds(guid: bytes) -> None:
-    """Forget a lost participant."""
-    _secured_fast_dds.discard(guid[:GUID_PREFIX_BYTES])
+def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
+    """Forget a participant that a builtin reader has lost, or all of a reader that was deleted."""
+    with _secured_lock:
+        for prefix in [guid[:GUID_PREFIX_BYTES]] if guid else [*_secured_fast_dds]:
+            readers = _secured_fast_dds.get(prefix, set())
+            readers.discard(reader)
+            if not readers:
+                _secured_fast_dds.pop(prefix, None)
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
@@ -217,27 +229,32 @@ class ClientCorrelation:
         self._reader = reader
         self._own_ids: tuple[ClientId, ...] = (handle, reader, writer)
         """Ids by which replies may name the client."""
-        self._uses_sample_identity = False
+        self.uses_sample_identity = False
+        """True while a matched server is on Fast DDS."""
         self._answered = AnsweredServers()
 
     def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
         """Set the GUIDs of the servers' request readers; `uses_sample_identity` is a result of `find_servers`."""
-        self._uses_sample_identity = uses_sample_identity
+        self.uses_sample_identity = uses_sample_identity
         self._answered.set_request_readers(readers)
 
-    def request(self, message: bytes, number: int) -> tuple[bytes, SampleIdentity | None]:
+    def request(
+        self, message: bytes, number: int, *, always_identified: bool = False
+    ) -> tuple[bytes, SampleIdentity | None]:
         """Build a request.
 
         A sample identity costs time, and only a server that does not know the client's reply reader needs it. After all
-        servers have replied it is omitted: they identify a request by writer GUID and sequence number.
+        servers have replied it is omitted, unless `always_identified`: they identify a request by writer GUID and
+        sequence number.
 
         Returns:
             The payload, and the identity to send as inline QoS; None if the payload has a header or the identity is
             not needed.
         """
-        if not self._uses_sample_identity:
+        if not self.uses_sample_identity:
             return add_request_header(message, self._handle, number), None
-        return message, None if self._answered.all_answered() else (self._reader, number)
+        is_needed = always_identified or not self._answered.all_answered()
+        return message, (self._reader, number) if is_needed else None
 
     def reply(self, data: Payload, server: bytes | None) -> tuple[int, bytes] | None:
         """Return the number of the request and the message of a reply; None if it is for another client.

@@ -15,6 +15,7 @@ from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, Reader
 from rosidl_py_gen.runtime.transport.dds import discovery_info_message
+from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,
@@ -46,8 +47,8 @@ _HUMBLE_FOUND = (
     "later distributions. "
 )
 _WARNINGS = {
-    False: "So this process announces its nodes in the format of Humble from now on; tools of later distributions do "
-    "not list them. Set ROS_DISTRO=humble to use that format from the start, or another ROS_DOMAIN_ID",
+    False: "So this process announces its nodes in the format of Humble, and tools of later distributions list none. "
+    "Set ROS_DISTRO=humble to use that format whoever comes, or another ROS_DOMAIN_ID",
     True: "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble, or another "
     "ROS_DOMAIN_ID",
 }
@@ -57,9 +58,10 @@ _WARNINGS = {
 class DiscoveryInfoTopic:
     """Writer and reader of `ros_discovery_info` of a participant.
 
-    Announcements have the layout of Humble if that distribution is selected, or if none is selected and a participant
-    of Humble is present: a node of Humble on Fast DDS reads a number from the name of a node in the usual layout, and
-    may allocate all memory (docs/internals/protocol.md 6.5).
+    A node of Humble on Fast DDS reads numbers from names and GIDs in the usual layout, and may allocate all memory.
+    Later distributions read no nodes in the layout of Humble (docs/internals/protocol.md 6.5). So without a selected
+    distribution, announcements have the layout of Humble until a participant of a later one is present, and while one
+    of Humble is: a new participant gets the last announcement before its own arrives here.
     """
 
     def __init__(
@@ -75,7 +77,9 @@ class DiscoveryInfoTopic:
         """Discovered writers of the topic."""
         self._undecided: dict[bytes, NodesAnnounced] = {}
         """Announcements in the layout of Humble, by writer, that were read before the discovery of their writer."""
-        self._humble_writers: set[bytes] = set()
+        self._layouts: dict[bytes, bool | None] = {}
+        """True if the reader beside a writer needs the layout of Humble; None if it reads both, as ours does."""
+        self._wrote_humble = False
         self._has_warned = False
         self._closed = False
         self._unheard_writers: set[bytes] = set()
@@ -94,8 +98,14 @@ class DiscoveryInfoTopic:
         self._nodes = tuple(nodes.values())
         self._write()
 
+    def _is_humble_wanted(self) -> bool:
+        if self._ros_distro:
+            return self._ros_distro == _HUMBLE
+        layouts = self._layouts.values()
+        return True in layouts or False not in layouts
+
     def _write(self) -> None:
-        is_humble = self._ros_distro == _HUMBLE or (not self._ros_distro and bool(self._humble_writers))
+        is_humble = self._wrote_humble = self._is_humble_wanted()
         self._writer.write(discovery_info_message.encode(self._participant.guid, self._nodes, is_humble=is_humble))
 
     def read(self) -> None:
@@ -105,6 +115,16 @@ class DiscoveryInfoTopic:
 
     def forward_events(self, events: list[DiscoveryEvent]) -> None:
         """Pass discovery events to the sink, and expect a sample of each new writer of the topic."""
+        writers = {
+            event.guid: bool(event.type_hash)
+            for event in events
+            if isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name == DISCOVERY_TOPIC
+        }
+        for guid, has_hash in writers.items():
+            # At once, because its reader gets our last message now. Those on Cyclone DDS may be of this package.
+            if guid not in self._heard_writers and (not has_hash or uses_sample_identity(guid)):
+                self._set_layout(guid, not has_hash)
+        self._writer_has_hash |= writers
         self._sink(events)
         for event in events:
             if isinstance(event, EntityLost):
@@ -112,11 +132,12 @@ class DiscoveryInfoTopic:
                 self._unheard_writers.discard(event.guid)
                 self._writer_has_hash.pop(event.guid, None)
                 self._undecided.pop(event.guid, None)
-                self._set_humble(event.guid, False)
-            elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name == DISCOVERY_TOPIC:
-                self._writer_has_hash[event.guid] = bool(event.type_hash)
+                self._layouts.pop(event.guid, None)
+                self._write_if_changed()
+            elif isinstance(event, DiscoveredEndpoint) and event.guid in writers:
                 if undecided := self._undecided.pop(event.guid, None):
-                    self._set_humble(event.guid, not event.type_hash)
+                    self._set_layout(event.guid, None if event.type_hash else True)
+                    self._warn_of(not event.type_hash)
                     self._sink([replace(undecided, is_humble=not event.type_hash)])
                 self._expect_message(event.guid)
 
@@ -129,17 +150,19 @@ class DiscoveryInfoTopic:
             return False
         return None if writer not in self._writer_has_hash else not self._writer_has_hash[writer]
 
-    def _set_humble(self, writer: bytes, is_humble: bool) -> None:
-        if is_humble is (writer in self._humble_writers):
-            return
-        (self._humble_writers.add if is_humble else self._humble_writers.discard)(writer)
-        if self._closed or self._ros_distro == _HUMBLE:
-            return
-        if is_humble and not self._has_warned:
+    def _set_layout(self, writer: bytes, is_humble: bool | None) -> None:
+        if self._layouts.get(writer, False) is not None:  # a context of this package may change its own layout
+            self._layouts[writer] = is_humble
+            self._write_if_changed()
+
+    def _write_if_changed(self) -> None:
+        if self._nodes and not self._closed and self._wrote_humble is not self._is_humble_wanted():
+            self._write()
+
+    def _warn_of(self, is_humble: bool | None) -> None:
+        if is_humble and not (self._has_warned or self._closed or self._ros_distro == _HUMBLE):
             self._has_warned = True
             internal_logger().warning(_HUMBLE_FOUND + _WARNINGS[bool(self._ros_distro)])
-        if not self._ros_distro and len(self._humble_writers) == is_humble:  # the first came, or the last has left
-            self._write()
 
     def _expect_message(self, writer: bytes) -> None:
         loop = current_loop()
@@ -176,7 +199,8 @@ class DiscoveryInfoTopic:
                 internal_logger().warning(f"ignored a graph message of participant {prefix.hex('.')}: {err}")
                 continue
             is_humble = self._is_humble(guid, message)
-            self._set_humble(guid, bool(is_humble))
+            self._set_layout(guid, None if message.is_humble and is_humble is False else message.is_humble)
+            self._warn_of(is_humble)
             announced = NodesAnnounced(message.participant_guid, tuple(message.nodes), is_humble)
             events.append(announced)
             if message.is_humble and is_humble is None:

@@ -67,11 +67,16 @@ class DdsClient(EndpointPairClient):
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
         self._sent = 0
 
+    @property
+    def gid(self) -> bytes:
+        """Identification that events of the servers contain, too: Fast DDS has the GUID of the reply reader."""
+        return self.endpoints[0] if self._correlation.uses_sample_identity else self._gid
+
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._servers_version != self._peers.version:
             self.servers()
         number, writer = self._sent + 1, self._request_writer
-        message, identity = self._correlation.request(data, number)
+        message, identity = self._correlation.request(data, number, always_identified=self.is_introspected)
         try:
             is_sent = writer.write(message) if identity is None else writer.write_with_identity(message, identity)
         except Exception:

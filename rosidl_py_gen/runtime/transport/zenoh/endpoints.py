@@ -235,15 +235,21 @@ class ZenohReader:
 
     def accept_type_hash(self, type_hash: str) -> None:
         if not self._closed and type_hash not in self._other_infos:
-            key = f"{self._key.rpartition('/')[0]}/{type_hash}"
+            key = self._key_of(type_hash)
             try:
                 self._declare_all(key, type_hash)
             except zenoh.ZError as error:
                 internal_logger().warning(f"Zenoh could not subscribe to {key}, the key of another definition: {error}")
             else:
-                self._other_infos[type_hash] = replace(self.info, type_hash=type_hash)
+                self._other_infos[type_hash] = self._info_of(type_hash)
                 if self._closed:  # by another thread
                     self._undeclare()
+
+    def _key_of(self, type_hash: str) -> str:
+        return f"{self._key.rpartition('/')[0]}/{type_hash}"
+
+    def _info_of(self, type_hash: str) -> DiscoveredEndpoint:
+        return replace(self.info, type_hash=type_hash)
 
     def type_hash_of(self, handle: int) -> str:
         return self._hashes.get(handle, "")

@@ -86,7 +86,7 @@ class ZenohParticipant:
 
     def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
         self.session = session
-        self._is_humble = is_humble
+        self.is_humble = is_humble
         self._domain_id = domain_id
         self._enclave = enclave
         self._zid = str(session.zid())
@@ -111,15 +111,17 @@ class ZenohParticipant:
 
     def create_reader(self, spec: EndpointSpec) -> ZenohReader:
         is_volatile = spec.qos.durability is not Durability.TRANSIENT_LOCAL
-        has_buffer = spec.has_buffer and is_volatile and not self._is_humble
+        has_buffer = spec.has_buffer and is_volatile and not self.is_humble
         description = self._describe_topic(EntityKind.SUBSCRIPTION, spec, CPU_BACKEND if has_buffer else "")
         return self._create(ZenohReader, description, ignore_local=spec.ignore_local, has_buffer=has_buffer)
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohClient:
-        return self._create(ZenohClient, self._describe_service(EntityKind.CLIENT, service, qos, node))
+        description = self._describe_service(EntityKind.CLIENT, service, qos, node)
+        return self._create(ZenohClient, description, service=service)
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohServer:
-        return self._create(ZenohServer, self._describe_service(EntityKind.SERVER, service, qos, node))
+        description = self._describe_service(EntityKind.SERVER, service, qos, node)
+        return self._create(ZenohServer, description, service=service)
 
     def _describe_topic(self, kind: EntityKind, spec: EndpointSpec, backends: str = "") -> _Description:
         name = f"/{spec.name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
@@ -141,7 +143,7 @@ class ZenohParticipant:
     ) -> _Description:
         if self._closed:
             raise ClosedError("this participant is closed")
-        if self._is_humble:
+        if self.is_humble:
             type_hash = ""
         profile = read_qos(qos_text(qos))
         assert profile is not None
@@ -152,7 +154,7 @@ class ZenohParticipant:
         key = data_key(self._domain_id, name, type, type_hash)
         return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
 
-    def _create(self, kind: type[_EndpointT], description: _Description, **options: bool) -> _EndpointT:
+    def _create(self, kind: type[_EndpointT], description: _Description, **options: Any) -> _EndpointT:
         """Create an endpoint, then announce it."""
         key, text, infos = description
         endpoint = None

@@ -5,7 +5,10 @@ because its servers died, is reported to the client. A server retains unanswered
 or too many others follow. A query has the timeout of its call, because Zenoh retains 1 kB of each until the timeout,
 answered or not; a client cancels a query that it abandons.
 
-Source: docs/internals/zenoh.md 6.
+Keys contain the hash of the service. A server also answers on the keys of other definitions that it converts
+(`accept_type_hash`); a client calls servers with another definition if there is none with its own.
+
+Source: docs/internals/zenoh.md 2.4 and 6.
 """
 
 from __future__ import annotations
@@ -13,15 +16,17 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import zenoh
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
-from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability
+from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability, no_conversion
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
@@ -29,6 +34,7 @@ from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, partic
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.service_api import ServiceConversion, ServiceSpec
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9
@@ -48,12 +54,24 @@ _MAX_ERROR_CHARS = 300
 _time_ns = time.time_ns
 
 
+class _OfPeer(NamedTuple):
+    """Received bytes in the definition of a peer."""
+
+    type_hash: str
+    data: bytes
+
+
 class _ZenohServiceEndpoint(ZenohReader):
     """Common part of clients and servers, which are a reader and a writer in the graph (`infos`)."""
 
-    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
+    def __init__(
+        self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str, *, service: ServiceSpec
+    ) -> None:
         reader, writer = infos
+        self._find_conversion = service.conversion
+        self.matches_by_hash = not owner.is_humble
         self.gid = reader.guid
+        self.is_introspected = False
         self.endpoints = reader.guid, writer.guid
         self._writer_info = writer
         self._key = key
@@ -64,7 +82,34 @@ class _ZenohServiceEndpoint(ZenohReader):
         return items.popleft() if items else None
 
     def connected(self) -> list[bytes]:
-        return list(self._owner.graph.connected(self.info))
+        return list(self._connected(self.info))
+
+    def _connected(self, own: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
+        """Return the matched endpoints of all definitions that are accepted."""
+        found = self._owner.graph.connected(own)
+        for type_hash in self._other_infos:
+            found |= self._owner.graph.connected(replace(own, service_hash=type_hash))
+        return found
+
+    def _info_of(self, type_hash: str) -> DiscoveredEndpoint:
+        return replace(self.info, service_hash=type_hash)
+
+    def _conversion(self, type_hash: str) -> ServiceConversion:
+        conversion = self._find_conversion(type_hash)
+        if conversion is None:  # only accepted hashes have keys, so another thread has closed the endpoint
+            raise ClosedError(f"the client or server of {self.info.topic_key.name} is closed")
+        return conversion
+
+    def close(self) -> None:
+        super().close()
+        self._find_conversion = no_conversion  # Zenoh may retain handlers, and with them the node
+
+    def _received(self, received: _OfPeer) -> bytes | DecodeError:
+        """Return a message in the own definition."""
+        try:
+            return self._conversion(received.type_hash).received(received.data)
+        except DecodeError as error:
+            return error
 
     def all_acknowledged(self) -> bool:
         return True
@@ -73,7 +118,9 @@ class _ZenohServiceEndpoint(ZenohReader):
 class ZenohClient(_ZenohServiceEndpoint):
     """Client of a service on Zenoh."""
 
-    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
+    def __init__(
+        self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str, *, service: ServiceSpec
+    ) -> None:
         self._sent = 0
         self._in_flight: dict[int, _InFlightQuery] = {}
         self._answered: deque[int] = deque()
@@ -85,16 +132,39 @@ class ZenohClient(_ZenohServiceEndpoint):
         self._writer_by_session: dict[bytes, bytes] = {}
         self._matching_version = -1
         """Change count of the graph at which a server was reachable; a check in Zenoh takes 40 us."""
+        self._reachable_hash = ""
+        """Hash of the key of the reachable server; empty for the own one."""
         self._default_timeout_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
-        super().__init__(owner, infos, key)
+        self._queriers: dict[str, Any] = {}
+        super().__init__(owner, infos, key, service=service)
 
     def _declare(self, key: str, type_hash: str = "") -> Any:
-        self._querier = self._owner.session.declare_querier(
+        querier = self._queriers[type_hash] = self._owner.session.declare_querier(
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
         )
-        return self._querier
+        return querier
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        super().accept_type_hash(type_hash)
+        self._servers_version = self._matching_version = -1
+
+    def take(self) -> Any:
+        reply = super().take()
+        if reply is not None and reply[1].__class__ is _OfPeer:
+            return reply[0], self._received(reply[1]), reply[2]
+        return reply
+
+    def _find_reachable(self) -> str | None:
+        """Return the hash of the key of a reachable server, None if none is reachable.
+
+        Servers with a token precede, because those without are leaving, or convert; then those with the own definition.
+        """
+        reachable = [key for key, querier in self._queriers.items() if querier.matching_status.matching]
+        connected = self._owner.graph.connected
+        with_token = (key for key in reachable if connected(self._info_of(key) if key else self.info))
+        return next(iter((*with_token, *reachable)), None)
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._closed:
@@ -103,18 +173,22 @@ class ZenohClient(_ZenohServiceEndpoint):
         # seconds with the GIL.
         changes = self._owner.graph.changes
         if changes != self._matching_version:
-            if not self._querier.matching_status.matching:
+            reachable = self._find_reachable()
+            if reachable is None:
                 return None
-            self._matching_version = changes
+            self._reachable_hash, self._matching_version = reachable, changes
+        type_hash, key = self._reachable_hash, self._key
+        if type_hash:
+            key, data = self._key_of(type_hash), self._conversion(type_hash).sent(data)
         number = self._sent + 1
-        query = self._in_flight[number] = _InFlightQuery(self, number)
+        query = self._in_flight[number] = _InFlightQuery(self, number, type_hash)
         query_timeout_s = self._default_timeout_s
         if timeout_s is not None:
             query_timeout_s = min(timeout_s + _QUERY_TIMEOUT_MARGIN_S, _NO_TIMEOUT_S)
         callback, attachment = zenoh_handler(query.on_reply, query.on_end), pack(number, _time_ns(), self.guid)
         try:
             self._owner.session.get(
-                self._key,
+                key,
                 callback,
                 target=zenoh.QueryTarget.ALL_COMPLETE,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -170,7 +244,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         changes = graph.version()
         if changes == self._servers_version:
             return
-        readers, writers = graph.connected(self._writer_info), graph.connected(self.info)
+        readers, writers = self._connected(self._writer_info), self._connected(self.info)
         writer_by_session = {writer.participant_guid: writer.guid for writer in writers.values()}
         is_available = any(reader.participant_guid in writer_by_session for reader in readers.values())
         clients = graph.endpoints_on_same_side(self._writer_info).values()
@@ -202,11 +276,12 @@ class ZenohClient(_ZenohServiceEndpoint):
 class _InFlightQuery:
     """Query that has not ended; Zenoh calls `on_reply` and `on_end`, which must not block or log."""
 
-    __slots__ = ("_client", "_number", "_reason", "is_over", "token")
+    __slots__ = ("_client", "_number", "_reason", "_type_hash", "is_over", "token")
 
-    def __init__(self, client: ZenohClient, number: int) -> None:
+    def __init__(self, client: ZenohClient, number: int, type_hash: str) -> None:
         self._client = client
         self._number = number
+        self._type_hash = type_hash
         self.is_over = False
         self._reason: tuple[str, ...] = ()
         self.token = zenoh.CancellationToken()
@@ -222,7 +297,8 @@ class _InFlightQuery:
         data = sample.payload.to_bytes()
         if self._client.read_attachment(sample) is not None and len(data) >= HEADER_BYTES:
             self.is_over = True
-            self._client.receive((self._number, data, self._client.replying_server(reply)))
+            received = _OfPeer(self._type_hash, data) if self._type_hash else data
+            self._client.receive((self._number, received, self._client.replying_server(reply)))
 
     def on_end(self) -> None:
         """Report a query that has ended without a reply."""
@@ -248,35 +324,48 @@ _RequestOrigin: TypeAlias = "tuple[bytes, int]"
 class _UnansweredQuery(NamedTuple):
     query: Any
     size_bytes: int
+    type_hash: str
+    """Hash of the key; empty for the own one."""
 
 
 class ZenohServer(_ZenohServiceEndpoint):
     """Server of a service on Zenoh; it retains unanswered queries."""
 
-    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
+    def __init__(
+        self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str, *, service: ServiceSpec
+    ) -> None:
         self._queries: dict[_RequestOrigin, _UnansweredQuery] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
         self._window = ReplyWindow(None)
         self._window_version = -1
-        super().__init__(owner, infos, key)
+        super().__init__(owner, infos, key, service=service)
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        super().accept_type_hash(type_hash)
+        self._window_version = -1
 
     def take(self) -> Any:
         request = super().take()
-        if request is not None and self._is_limited():
+        if request is None:
+            return None
+        if self._is_limited():
             self._window.on_request(request[0][0])
+        if request[1].__class__ is _OfPeer:
+            return request[0], self._received(request[1]), *request[2:]
         return request
 
     def _is_limited(self) -> bool:
         graph = self._owner.graph
         if graph.changes != self._window_version:
             self._window_version = graph.version()
-            readers = graph.connected(self._writer_info)
+            readers = self._connected(self._writer_info)
             self._window.set_readers(reader.qos for reader in readers.values())
         return self._window.limit > 0
 
     def _declare(self, key: str, type_hash: str = "") -> Any:
-        return self._owner.session.declare_queryable(key, zenoh_handler(self._take), complete=True)
+        take = partial(self._take, type_hash=type_hash)
+        return self._owner.session.declare_queryable(key, zenoh_handler(take), complete=True)
 
     def _take(self, query: Any, type_hash: str = "") -> None:
         attachment = self.read_attachment(query)
@@ -285,10 +374,11 @@ class ZenohServer(_ZenohServiceEndpoint):
             query.drop()
             return
         number, source_ns, gid = attachment
-        if not self._store_query((gid, number), _UnansweredQuery(query, len(data))):
+        if not self._store_query((gid, number), _UnansweredQuery(query, len(data), type_hash)):
             query.drop()
             return
-        self.receive(((gid, number), data, paired_gid(gid), source_ns, _time_ns()))
+        received = _OfPeer(type_hash, data) if type_hash else data
+        self.receive(((gid, number), received, paired_gid(gid), source_ns, _time_ns()))
 
     def _store_query(self, origin: _RequestOrigin, query: _UnansweredQuery) -> bool:
         """Store a query and discard the oldest if there are too many; return False for a repeated request."""
@@ -301,17 +391,16 @@ class ZenohServer(_ZenohServiceEndpoint):
             while len(self._queries) > 1 and (len(self._queries) > _MAX_QUERIES or self._queries_bytes > _MAX_BYTES):
                 discarded.append(self.pop_query(next(iter(self._queries))))
         for old in filter(None, discarded):
-            old.drop()
+            old.query.drop()
         return True
 
-    def pop_query(self, origin: _RequestOrigin) -> Any | None:
+    def pop_query(self, origin: _RequestOrigin) -> _UnansweredQuery | None:
         """Remove and return the query to be answered; None if it was discarded."""
         with self._queries_lock:
             entry = self._queries.pop(origin, None)
-            if entry is None:
-                return None
-            self._queries_bytes -= entry.size_bytes
-            return entry.query
+            if entry is not None:
+                self._queries_bytes -= entry.size_bytes
+            return entry
 
     def send(self, to: _RequestOrigin, data: bytes) -> bool:
         if self._closed:
@@ -320,13 +409,17 @@ class ZenohServer(_ZenohServiceEndpoint):
         is_limited = self._is_limited()
         if is_limited and not self._window.is_open(gid):
             return False
-        query = self.pop_query(to)
-        if query is None:  # discarded, or answered before
+        entry = self.pop_query(to)
+        if entry is None:  # discarded, or answered before
             return True
         if is_limited:
             self._window.on_sent(gid)
+        query, _, type_hash = entry
         try:
-            query.reply(self._key, data, attachment=pack(number, _time_ns(), gid))
+            key = self._key
+            if type_hash:
+                key, data = self._key_of(type_hash), self._conversion(type_hash).sent(data)
+            query.reply(key, data, attachment=pack(number, _time_ns(), gid))
         except zenoh.ZError as error:
             subject = f"Zenoh could not send a response of {len(data)} bytes on {self.info.topic_key.name}"
             raise TransportError(f"{subject}: {error}") from None
@@ -347,8 +440,8 @@ class ZenohServer(_ZenohServiceEndpoint):
         """Discard the requests of a client that has disappeared, or all."""
         with self._queries_lock:
             origins = [origin for origin in self._queries if client in (None, origin[0])]
-        for query in filter(None, map(self.pop_query, origins)):
-            query.drop()
+        for entry in filter(None, map(self.pop_query, origins)):
+            entry.query.drop()
 
     def close(self) -> None:
         super().close()

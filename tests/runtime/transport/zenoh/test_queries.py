@@ -40,7 +40,7 @@ class Pair:
     async def first_request(self) -> tuple[tuple[bytes, int], Any]:
         await until(lambda: self.reader._queries)
         identity = next(iter(self.reader._queries))
-        return identity, self.reader.pop_query(identity)
+        return identity, self.reader.pop_query(identity).query
 
 
 @pytest.fixture

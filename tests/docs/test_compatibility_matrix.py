@@ -1,0 +1,49 @@
+"""The cells of the compatibility table are what recorded tests have shown."""
+
+from __future__ import annotations
+
+import ast
+import json
+from functools import cache
+
+import pytest
+from support.compatibility_matrix import CELLS, DISTROS, FEATURES, PAGE, RESULTS, ROOT, named_tests, page
+
+COMMAND = "python tests/support/compatibility_matrix.py"
+
+
+@cache
+def functions(path: str) -> dict[str, list[str]]:
+    """Return the test functions of a file with their decorators."""
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return {
+        node.name: [ast.unparse(one) for one in node.decorator_list] for node in tree.body if isinstance(node, kinds)
+    }
+
+
+def test_the_table_is_current() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert page(text) == text, f"run: {COMMAND} --table"
+
+
+def test_cells_are_known_distributions_and_features() -> None:
+    for distros in CELLS.values():
+        assert tuple(distros) == DISTROS
+        assert all(set(cells) <= set(FEATURES) for cells in distros.values())
+
+
+@pytest.mark.parametrize("test", named_tests())
+def test_a_test_of_the_table_exists_and_is_not_skipped(test: str) -> None:
+    path, _, name = test.partition("::")
+    name, _, parameters = name.partition("[")
+    decorators = functions(path).get(name)
+    assert decorators is not None, f"{path} has no function {name}"
+    assert not any(word in one for one in decorators for word in ("mark.skip(", "mark.xfail"))
+    assert not any("only_with" in one and parameters not in one for one in decorators)
+
+
+def test_all_of_them_have_passed_when_they_were_recorded() -> None:
+    results = json.loads(RESULTS.read_text(encoding="utf-8"))
+    assert sorted(results) == named_tests(), f"run: {COMMAND}"
+    assert {test: counts for test, counts in results.items() if set(counts) != {"passed"}} == {}

@@ -1,0 +1,59 @@
+"""Programs for rclpy with ROS_DISTRO=lyrical."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from support.node_fixtures import domain_id
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.real_time("programs are processes")
+PROGRAM = """
+import time, rclpy
+from lifecycle_msgs.msg import TransitionEvent
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+class Managed(LifecycleNode):
+    def on_configure(self, state):
+        return TransitionCallbackReturn.SUCCESS
+
+def spin_until(condition):
+    end = time.monotonic() + 20
+    while not condition() and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+rclpy.init()
+node, seen = Managed("managed"), []
+node.create_subscription(TransitionEvent, "~/transition_event", seen.append, 10)
+spin_until(lambda: node._rosidl_transition_events.get_subscription_count() > 0)
+node.trigger_configure()
+spin_until(lambda: len(seen) == 2)
+for event in seen:
+    stamp = event.stamp.sec > 0 if hasattr(event, "stamp") else event.timestamp
+    print(stamp, event.transition.id, event.transition.label, event.goal_state.label)
+"""
+
+
+@pytest.mark.parametrize(
+    ("distro", "expected"),
+    [
+        ("lyrical", ["True 1 configure configuring", "True 10 transition_success inactive"]),
+        ("jazzy", ["0 0  configuring", "0 0  inactive"]),
+    ],
+)
+def test_lifecycle_events_have_the_definition_of_the_distribution(
+    tmp_path: Path, distro: str, expected: list[str]
+) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM, encoding="utf-8")
+    settings = {"ROS_DISTRO": distro, "ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
+    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", str(program)]
+    done = subprocess.run(command, env={**kept, **settings}, capture_output=True, text=True, timeout=100, check=False)
+    assert done.stdout.splitlines() == expected, done.stderr

@@ -1,0 +1,218 @@
+"""Services and actions of another definition: their keys contain another hash (docs/internals/zenoh.md 2.4)."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import struct
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from support.node_fixtures import until
+
+from rosidl_py_gen import compile_definition, get_message, type_hash
+from rosidl_py_gen.base.descriptions import individual_descriptions
+from rosidl_py_gen.cdr.type_queries import type_description
+from rosidl_py_gen.errors import DecodeError, EncodeError
+from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
+from rosidl_py_gen.type_loading import peer_definitions
+from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition
+
+if TYPE_CHECKING:
+    from support.node_fixtures import World
+    from support.zenoh_peer import Peer
+
+Range: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")
+HumbleRange: Any = get_message("sensor_msgs/msg/Range", distro="humble")
+BOTH = "sensor_msgs/Range seen\nint32 a\n---\nsensor_msgs/Range seen\nint32 b\n"
+_numbers = itertools.count()
+
+
+def two(text: str) -> tuple[Any, Any]:
+    """Return the classes of a service that uses Range of Jazzy, and of Humble."""
+    name = f"sonar_msgs/srv/Zonar{next(_numbers)}"
+    return compile_definition(name, text), compile_definition(name, text + HUMBLE_RANGE)
+
+
+HUMBLE_RANGE = f"""
+{"=" * 80}
+MSG: sensor_msgs/Range
+std_msgs/Header header
+uint8 radiation_type
+float32 field_of_view
+float32 min_range
+float32 max_range
+float32 range
+"""
+
+
+def key_of(cls: Any) -> str:
+    return f"sonar_msgs::srv::dds_::{cls._TYPE.name.rpartition('/')[2]}_/{cls._TYPE.hash}"
+
+
+def body(seen: Any, number: int) -> bytes:
+    """Return a request or response without its header: the bytes that a peer of that definition sends."""
+    header = struct.pack("<iIIB", 0, 0, 1, 0) + b"\0"
+    floats = [seen.field_of_view, seen.min_range, seen.max_range, seen.range]
+    floats += [seen.variance] if hasattr(seen, "variance") else []
+    data = header + bytes([seen.radiation_type]) + b"\0"
+    return data + struct.pack(f"<{len(floats)}fi", *floats, number)
+
+
+async def test_a_client_of_humbles_definition_is_served_in_its_bytes(zenoh: World, peer: Peer) -> None:
+    ours, theirs = two(BOTH)
+    node = zenoh.node("ours")
+    server = node.create_service(
+        ours, "/s", lambda request: ours.Response(seen=Range(range=request.seen.range + 1, variance=9.0), b=request.a)
+    )
+    peer.tell("SC", "/s", key_of(theirs))
+    await until(lambda: len(server._transport_server._declarations) == 2)
+    responses = peer.call("/s", key_of(theirs), body(HumbleRange(range=3.0), 7))
+    await until(lambda: bool(responses))
+    assert responses == [body(HumbleRange(range=4.0), 7)]
+    assert server.converted == 1
+    assert len(server.matched_clients()) == 2
+    responses = peer.call("/s", key_of(ours), body(Range(range=3.0, variance=2.0), 7))
+    await until(lambda: bool(responses))
+    assert responses == [body(Range(range=4.0, variance=9.0), 7)] and server.converted == 1
+
+
+async def test_a_server_of_humbles_definition_is_called_in_its_bytes(
+    zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours, theirs = two(BOTH)
+    asked: list[bytes] = []
+
+    def respond(request: bytes) -> bytes:
+        asked.append(request)
+        return body(HumbleRange(range=5.0), 8)
+
+    peer.serve("/s", key_of(theirs), respond)
+    node = zenoh.node("ours")
+    client = node.create_client(ours, "/s")
+    assert await client.wait_for_service(5)
+    request = ours.Request(seen=Range(range=3.0, variance=2.0), a=7)
+    for _ in range(2):
+        assert await client.call(request, 5) == ours.Response(seen=Range(range=5.0), b=8)
+    assert asked == [body(HumbleRange(range=3.0), 7)] * 2 and client.converted == 2
+    await until(lambda: "are converted" in caplog.text)
+    (said,) = [record.message for record in caplog.records if "are converted" in record.message]
+    assert said == (
+        f"requests and responses of /s are converted for node /peer: its definition of {ours._TYPE.name} is that of "
+        f"humble, {type_hash(theirs)}; here it is {type_hash(ours)}; received, set to the default: "
+        "sensor_msgs/msg/Range.variance; sent, dropped: sensor_msgs/msg/Range.variance"
+    )
+    assert "no messages" not in caplog.text
+
+
+async def test_a_server_of_the_own_definition_is_preferred(zenoh: World, peer: Peer) -> None:
+    ours, theirs = two(BOTH)
+    asked: list[bytes] = []
+    peer.serve("/s", key_of(theirs), lambda request: asked.append(request) or body(HumbleRange(), 1))
+    node = zenoh.node("ours")
+    client = node.create_client(ours, "/s")
+    assert (await client.call(ours.Request(), 5)).b == 1
+    server = zenoh.node("same").create_service(ours, "/s", lambda request: ours.Response(b=2))
+    await until(lambda: len(client._transport_client.connected()) == 2)
+    assert (await client.call(ours.Request(), 5)).b == 2
+    server.close()
+    await until(lambda: len(client._transport_client.connected()) == 1)
+    assert (await client.call(ours.Request(), 5)).b == 1
+    assert len(asked) == 2
+
+
+async def test_bytes_that_the_peers_definition_does_not_have(
+    zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours, theirs = two(BOTH)
+    node = zenoh.node("ours")
+    server = node.create_service(ours, "/served", lambda request: ours.Response())
+    peer.tell("SC", "/served", key_of(theirs))
+    await until(lambda: len(server._transport_server._declarations) == 2)
+    peer.call("/served", key_of(theirs), b"\7")
+    await until(lambda: "dropped a request to /served that is not a sonar_msgs/srv/Zonar" in caplog.text)
+    peer.serve("/called", key_of(theirs), lambda request: b"\7")
+    client = node.create_client(ours, "/called")
+    with pytest.raises(DecodeError, match=r"_Response\.seen\.header\.stamp\.sec: at byte 4"):
+        await client.call(ours.Request(), 5)
+
+
+async def test_services_with_different_definitions_in_one_context(zenoh: World) -> None:
+    ours, theirs = two("sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
+    context = zenoh.context()
+    alice, bob = zenoh.node("alice", context=context), zenoh.node("bob", context=context)
+    alice.create_service(theirs, "s", lambda request: theirs.Response(seen=request.seen))
+    client = bob.create_client(ours, "s")
+    assert (await client.call(ours.Request(seen=Range(range=3.0, variance=5.0)), 5)).seen == Range(range=3.0)
+
+
+@pytest.mark.parametrize("strict", ["alice", "bob", "both"])
+async def test_a_strict_end_leaves_the_conversion_to_the_other_one(
+    zenoh: World, strict: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours, theirs = two("sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
+    modes: dict[str, Any] = {name: "error" if strict in (name, "both") else "convert" for name in ("alice", "bob")}
+    alice, bob = (zenoh.node(name, type_hash_check=mode) for name, mode in modes.items())
+    server = alice.create_service(theirs, "s", lambda request: theirs.Response(seen=request.seen))
+    client = bob.create_client(ours, "s")
+    if modes["bob"] == "error":
+        with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
+            await client.call(ours.Request(), 0.5)
+        assert "no messages on /s from node /bob to node /alice: their definitions of" in caplog.text
+        return
+    assert (await client.call(ours.Request(seen=Range(range=3.0, variance=5.0)), 5)).seen == Range(range=3.0)
+    assert (server.converted, client.converted) == (0, 1)
+
+
+async def test_a_service_that_cannot_be_converted_is_refused_by_name(
+    zenoh: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    name = f"known_msgs/srv/Known{next(_numbers)}"
+    ours, theirs = compile_definition(name, "string x\n---\n"), compile_definition(name, "int32 x\n---\n")
+    individuals = individual_descriptions(type_description(theirs))
+    definition = PeerDefinition(name, type_hash(theirs), ("humble",), individuals)
+    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(ours)), {type_hash(theirs): definition})
+    alice, bob = zenoh.pair()
+    alice.create_service(theirs, "s", lambda request: theirs.Response())
+    client = bob.create_client(ours, "s")
+    with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
+        await client.call(ours.Request(), 0.5)
+    said = f"requests and responses of the definition of {name} of humble cannot be converted: {name}_Request.x: "
+    assert said + "string cannot become int32" in caplog.text
+
+
+async def test_a_response_that_does_not_fit_the_other_definition_ends_the_call(
+    zenoh: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    name = f"known_msgs/srv/Known{next(_numbers)}"
+    ours, theirs = compile_definition(name, "---\nint32 x\n"), compile_definition(name, "---\nuint8 x\n")
+    definition = PeerDefinition(name, type_hash(theirs), ("humble",), individual_descriptions(type_description(theirs)))
+    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(ours)), {type_hash(theirs): definition})
+    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(theirs)), {})
+    alice, bob = zenoh.pair()
+    server = alice.create_service(ours, "s", lambda request: ours.Response(x=256))
+    client = bob.create_client(theirs, "s")
+    await until(lambda: bob.count_services("s") == 1 and len(server._transport_server._declarations) == 2)
+    future = client.send_request(theirs.Request())
+    with pytest.raises(ServerLostError):
+        await asyncio.wrap_future(future)
+    assert "_Response.x: expected" in caplog.text
+
+
+async def test_a_request_that_does_not_fit_the_other_definition_is_an_error(
+    zenoh: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"known_msgs/srv/Known{next(_numbers)}"
+    ours, theirs = compile_definition(name, "int32 x\n---\n"), compile_definition(name, "uint8 x\n---\n")
+    individuals = individual_descriptions(type_description(theirs))
+    definition = PeerDefinition(name, type_hash(theirs), ("humble",), individuals)
+    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(ours)), {type_hash(theirs): definition})
+    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(theirs)), {})
+    alice, bob = zenoh.pair()
+    asked: list[int] = []
+    alice.create_service(theirs, "s", lambda request: asked.append(request.x) or theirs.Response())
+    client = bob.create_client(ours, "s")
+    await client.call(ours.Request(x=255), 5)
+    with pytest.raises(EncodeError, match="256"):
+        await client.call(ours.Request(x=256), 5)
+    assert asked == [255]

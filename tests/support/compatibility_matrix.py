@@ -1,0 +1,323 @@
+"""The table of distributions, middlewares and features in `docs/reference/compatibility.md`, and the tests behind it.
+
+Each filled cell names tests that ran with such a peer. ``python tests/support/compatibility_matrix.py`` runs all of
+them, writes their outcomes into `tests/golden/compatibility_results.json`, and the table into the page; with
+``--table`` it writes the table only. `docs/test_compatibility_matrix.py` compares, and checks that the tests exist and
+are not skipped. An end such as ``[jazzy`` selects the tests whose parameters begin so.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections import Counter, defaultdict
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "reference" / "compatibility.md"
+RESULTS = ROOT / "tests" / "golden" / "compatibility_results.json"
+DISTROS = ("Humble", "Jazzy", "Kilted", "Lyrical")
+FEATURES = ("topics", "services", "actions", "parameters", "lifecycle", "graph", "type hash", "security", "bags")
+UNTESTED = "not tested"
+HEAD = f"|Feature|{'|'.join(DISTROS)}|\n|---|{'---|' * len(DISTROS)}\n"
+_TABLE = re.compile(rf"(?<={re.escape(HEAD)})(?:\|.*\n)+")
+
+
+class Cell(NamedTuple):
+    """Kind of peer, and the tests with it.
+
+    Attributes:
+        peer: ``rclpy``: nodes of that distribution; ``program``: a program with the DDS library of that distribution,
+            or one of the same protocol; ``bytes``: peers that the tests make of bytes in the format of rmw, or with
+            the definitions and announcements of that distribution.
+    """
+
+    peer: str
+    tests: tuple[str, ...]
+
+
+def rclpy(distro: str, *tests: str) -> Cell:
+    return Cell("rclpy", tuple(f"tests/interop_rclpy/{test}[{distro}" for test in tests))
+
+
+NOT_SUPPORTED = Cell("no", ())
+
+
+def of_rclpy(distro: str) -> dict[str, Cell]:
+    return {
+        "topics": rclpy(
+            distro,
+            "test_topics.py::test_random_messages_arrive_as_sent",
+            "test_topics.py::test_a_megabyte_arrives_whole",
+            "test_topics.py::test_our_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is",
+            "test_topics.py::test_their_latched_messages_reach_us_as_deep_as_the_history_is",
+        ),
+        "services": rclpy(
+            distro,
+            "test_services.py::test_our_client_calls_their_server",
+            "test_services.py::test_our_server_answers_their_client",
+        ),
+        "actions": rclpy(
+            distro,
+            "test_actions.py::test_a_goal_of_ours_ends_as_their_server_says",
+            "test_actions.py::test_a_goal_of_theirs_ends_as_our_server_says",
+        ),
+        "parameters": rclpy(
+            distro,
+            "test_parameters.py::test_our_client_sets_their_parameters",
+            "test_parameters.py::test_their_client_sets_our_parameters",
+        ),
+        "lifecycle": rclpy(
+            distro,
+            "test_lifecycle.py::test_we_drive_their_lifecycle_node",
+            "test_lifecycle.py::test_they_drive_our_lifecycle_node",
+        ),
+        "graph": rclpy(
+            distro,
+            "test_graph.py::test_nodes_see_each_other",
+            "test_graph.py::test_they_see_our_topics_and_services_come_and_go",
+            "test_graph.py::test_we_see_their_topics_and_services_come_and_go",
+        ),
+        "type hash": rclpy(
+            distro,
+            "test_graph.py::test_they_see_type_hash_gid_and_qos_of_our_endpoints",
+            "test_graph.py::test_we_see_type_hash_and_qos_of_their_endpoints",
+        ),
+        "bags": rclpy(distro, "test_command_line.py::test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them"),
+    }
+
+
+_PEERS = "tests/interop/test_peers.py::"
+_SECURITY = "tests/interop/test_security.py::"
+_ZENOH = "tests/runtime/transport/zenoh/"
+_DEFINITIONS = "tests/runtime/entities/test_peer_definitions.py::"
+_HUMBLE_ZENOH = f"{_ZENOH}test_humble.py::"
+_LYRICAL_ZENOH = f"{_ZENOH}test_lyrical.py::"
+_CYCLONE = {
+    "topics": Cell("program", (f"{_PEERS}test_cyclone_echoes",)),
+    "services": Cell(
+        "program",
+        (f"{_PEERS}test_our_client_calls_a_cyclone_server", f"{_PEERS}test_a_cyclone_client_calls_our_server"),
+    ),
+    "security": Cell("program", (f"{_SECURITY}test_a_program_on_cyclone",)),
+}
+"""Cyclone DDS 0.10, which rmw_cyclonedds of Humble, Jazzy and Kilted uses."""
+_ZENOH_PEERS = "tests/interop_zenoh/test_peers.py::"
+_RMW_ZENOH = {
+    "topics": Cell("bytes", (f"{_ZENOH_PEERS}test_topics_and_services_work_both_ways",)),
+    "services": Cell("bytes", (f"{_ZENOH_PEERS}test_topics_and_services_work_both_ways",)),
+    "graph": Cell("bytes", (f"{_ZENOH_PEERS}test_the_peer_reads_our_tokens",)),
+    "type hash": Cell("bytes", (f"{_ZENOH_PEERS}test_the_peer_reads_our_tokens",)),
+    "security": NOT_SUPPORTED,
+}
+_SECURED_FAST_DDS = {
+    "security": Cell("program", (f"{_SECURITY}test_services_with_fast_dds", f"{_SECURITY}test_topics_with_fast_dds"))
+}
+CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
+    "Fast DDS": {
+        "Humble": {
+            "topics": Cell(
+                "program",
+                (f"{_PEERS}test_fast_dds_echoes", f"{_PEERS}test_fast_dds_latched_samples_reach_late_joiners"),
+            ),
+            "services": Cell(
+                "program",
+                (
+                    f"{_PEERS}test_fast_dds_servers_as_humble_has_them_are_called",
+                    f"{_PEERS}test_fast_dds_clients_as_humble_has_them_are_served",
+                ),
+            ),
+            "type hash": NOT_SUPPORTED,
+            "graph": Cell(
+                "bytes",
+                (
+                    "tests/runtime/transport/test_humble_graph.py::"
+                    "test_the_format_is_that_of_humble_until_a_later_distribution_is_there_and_while_humble_is",
+                ),
+            ),
+            "bags": Cell(
+                "bytes",
+                tuple(
+                    f"tests/bags/test_recorded_distributions.py::{test}"
+                    for test in ("test_a_database_of_humble", "test_mcap_files_state_the_distribution")
+                ),
+            ),
+            **_SECURED_FAST_DDS,
+        },
+        "Jazzy": {**of_rclpy("jazzy"), **_SECURED_FAST_DDS},
+        "Kilted": of_rclpy("kilted"),
+        "Lyrical": {
+            "topics": Cell(
+                "bytes",
+                (
+                    "tests/runtime/transport/test_type_information.py::"
+                    "test_endpoints_of_lyrical_with_buffer_backends_are_ordinary_ones",
+                ),
+            ),
+            "type hash": Cell("bytes", (f"{_DEFINITIONS}test_an_event_of_lyrical_is_not_misread[dds",)),
+            "lifecycle": Cell(
+                "bytes",
+                (
+                    "tests/runtime/lifecycle/test_lifecycle.py::"
+                    "test_events_of_lyrical_have_its_definition_with_time_and_transition[dds",
+                ),
+            ),
+        },
+    },
+    "Cyclone DDS": {
+        "Humble": {**_CYCLONE, "type hash": NOT_SUPPORTED},
+        "Jazzy": _CYCLONE,
+        "Kilted": _CYCLONE,
+        "Lyrical": {
+            "topics": Cell(
+                "program",
+                (
+                    "tests/runtime/transport/test_type_information.py::"
+                    "test_peers_that_announce_type_information_match_by_name",
+                ),
+            ),
+            **dict.fromkeys(
+                ("services", "type hash"),
+                Cell(
+                    "program",
+                    (
+                        "tests/runtime/transport/test_type_information.py::"
+                        "test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_called",
+                    ),
+                ),
+            ),
+        },
+    },
+    "Zenoh": {
+        "Humble": {
+            "topics": Cell(
+                "bytes", (f"{_HUMBLE_ZENOH}test_topics_and_services_of_humble_work_both_ways_in_its_format",)
+            ),
+            "services": Cell(
+                "bytes", (f"{_HUMBLE_ZENOH}test_topics_and_services_of_humble_work_both_ways_in_its_format",)
+            ),
+            "actions": Cell(
+                "bytes",
+                (
+                    f"{_HUMBLE_ZENOH}test_a_goal_for_a_server_of_humble",
+                    f"{_HUMBLE_ZENOH}test_a_goal_of_a_client_of_humble",
+                ),
+            ),
+            "graph": Cell("bytes", (f"{_HUMBLE_ZENOH}test_humble_reads_every_token_of_its_format",)),
+            "type hash": NOT_SUPPORTED,
+            "security": NOT_SUPPORTED,
+        },
+        "Jazzy": _RMW_ZENOH,
+        "Kilted": _RMW_ZENOH,
+        "Lyrical": {
+            "topics": Cell(
+                "bytes",
+                (
+                    f"{_LYRICAL_ZENOH}test_a_publisher_of_lyrical_reaches_our_subscriptions",
+                    f"{_LYRICAL_ZENOH}test_our_publishers_reach_subscriptions_of_lyrical",
+                ),
+            ),
+            "graph": Cell(
+                "bytes", (f"{_LYRICAL_ZENOH}test_only_volatile_subscriptions_of_such_messages_say_what_they_take",)
+            ),
+            "type hash": Cell("bytes", (f"{_DEFINITIONS}test_an_event_of_lyrical_is_not_misread[zenoh",)),
+            "security": NOT_SUPPORTED,
+            "lifecycle": Cell(
+                "bytes",
+                (
+                    "tests/runtime/lifecycle/test_lifecycle.py::"
+                    "test_events_of_lyrical_have_its_definition_with_time_and_transition[zenoh",
+                ),
+            ),
+        },
+    },
+}
+"""Cells by middleware, distribution and feature; what is not here is not tested."""
+
+
+def named_tests() -> list[str]:
+    """All tests that cells name."""
+    cells = (cell for of in CELLS.values() for features in of.values() for cell in features.values())
+    return sorted({test for cell in cells for test in cell.tests})
+
+
+def rows() -> Iterator[str]:
+    """The rows of the table."""
+    for middleware, distros in CELLS.items():
+        yield f"|**{middleware}**|{'|' * len(DISTROS)}\n"
+        for feature in FEATURES:
+            cells = (distros[distro].get(feature) for distro in DISTROS)
+            yield f"|{feature}|{'|'.join(cell.peer if cell else UNTESTED for cell in cells)}|\n"
+
+
+def page(text: str) -> str:
+    """The text of the page with the present table."""
+    assert _TABLE.search(text), f"{PAGE} has no table with the header {HEAD}"
+    return _TABLE.sub(lambda _: "".join(rows()), text)
+
+
+# --- recording --------------------------------------------------------------------------------------------------------
+
+
+class Recorder:
+    """Plugin of pytest that runs the named tests only, and counts their outcomes."""
+
+    def __init__(self) -> None:
+        self.outcomes: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        self._names: dict[str, str] = {}
+
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        for item in items:
+            found = next((test for test in named_tests() if selects(test, item.nodeid)), None)
+            if found is not None:
+                self._names[item.nodeid] = found
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in self._names])
+        items[:] = [item for item in items if item.nodeid in self._names]
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call" or report.outcome != "passed":
+            self.outcomes[self._names[report.nodeid]][report.outcome] += 1
+
+
+def selects(test: str, nodeid: str) -> bool:
+    """Return True if a name in a cell means a test."""
+    return nodeid == test or nodeid.startswith(test if "[" in test else f"{test}[")
+
+
+def _run(folder: str, result: Path) -> None:
+    """Run the tests of a folder in this process."""
+    import pytest
+
+    recorder = Recorder()
+    files = sorted({test.partition("::")[0] for test in named_tests() if test.startswith(folder)})
+    pytest.main(["-q", "-p", "no:cacheprovider", "--all-transports", *files], plugins=[recorder])
+    result.write_text(json.dumps(recorder.outcomes), encoding="utf-8")
+
+
+def record() -> None:
+    """Run all named tests, each folder in a process of its own, and write their outcomes."""
+    outcomes: dict[str, dict[str, int]] = {}
+    for folder in sorted({"/".join(test.split("/")[:2]) + "/" for test in named_tests()}):
+        with tempfile.TemporaryDirectory() as scratch:
+            result = Path(scratch, "result.json")
+            subprocess.run([sys.executable, __file__, folder, result], cwd=ROOT, check=True)
+            outcomes |= json.loads(result.read_text(encoding="utf-8"))
+    RESULTS.write_text(json.dumps(outcomes, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 3:
+        _run(sys.argv[1], Path(sys.argv[2]))
+    else:
+        if "--table" not in sys.argv:
+            record()
+        PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
