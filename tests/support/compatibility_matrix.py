@@ -3,7 +3,8 @@
 Each filled cell names tests that ran with such a peer. ``python tests/support/compatibility_matrix.py`` runs all of
 them, writes their outcomes into `tests/golden/compatibility_results.json`, and the table into the page; with
 ``--table`` it writes the table only. `docs/test_compatibility_matrix.py` compares, and checks that the tests exist and
-are not skipped. An end such as ``[jazzy`` selects the tests whose parameters begin so.
+are not skipped. No package index has Humble: results with it stay as they were unless ROSIDL_PEER_HUMBLE is set. An end
+such as ``[jazzy`` selects the tests whose parameters begin so.
 """
 
 from __future__ import annotations
@@ -125,32 +126,8 @@ _SECURED_FAST_DDS = {
 CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
     "Fast DDS": {
         "Humble": {
-            "topics": Cell(
-                "program",
-                (f"{_PEERS}test_fast_dds_echoes", f"{_PEERS}test_fast_dds_latched_samples_reach_late_joiners"),
-            ),
-            "services": Cell(
-                "program",
-                (
-                    f"{_PEERS}test_fast_dds_servers_as_humble_has_them_are_called",
-                    f"{_PEERS}test_fast_dds_clients_as_humble_has_them_are_served",
-                ),
-            ),
+            **of_rclpy("humble"),
             "type hash": NOT_SUPPORTED,
-            "graph": Cell(
-                "bytes",
-                (
-                    "tests/runtime/transport/test_humble_graph.py::"
-                    "test_the_format_is_that_of_humble_until_a_later_distribution_is_there_and_while_humble_is",
-                ),
-            ),
-            "bags": Cell(
-                "bytes",
-                tuple(
-                    f"tests/bags/test_recorded_distributions.py::{test}"
-                    for test in ("test_a_database_of_humble", "test_mcap_files_state_the_distribution")
-                ),
-            ),
             **_SECURED_FAST_DDS,
         },
         "Jazzy": {**of_rclpy("jazzy"), **_SECURED_FAST_DDS},
@@ -250,6 +227,11 @@ def named_tests() -> list[str]:
     return sorted({test for cell in cells for test in cell.tests})
 
 
+def rclpy_of_humble() -> list[str]:
+    """Names of the tests with rclpy of Humble."""
+    return [test for test in named_tests() if test.endswith("[humble")]
+
+
 def rows() -> Iterator[str]:
     """The rows of the table."""
     for middleware, distros in CELLS.items():
@@ -305,7 +287,8 @@ def _run(folder: str, result: Path) -> None:
 
 def record() -> None:
     """Run all named tests, each folder in a process of its own, and write their outcomes."""
-    outcomes: dict[str, dict[str, int]] = {}
+    before = json.loads(RESULTS.read_text(encoding="utf-8"))
+    outcomes: dict[str, dict[str, int]] = {test: before[test] for test in before if test in rclpy_of_humble()}
     for folder in sorted({"/".join(test.split("/")[:2]) + "/" for test in named_tests()}):
         with tempfile.TemporaryDirectory() as scratch:
             result = Path(scratch, "result.json")
