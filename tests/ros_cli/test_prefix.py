@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from support.prefix_workspace import RECORDED, answers, listing, write_workspace
 from support.program_processes import started
 
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import build, build_prefix, package_plan
+from rosidl_py_gen.ros_cli.prefix import build, build_prefix, executables, package_plan
 from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
 
 MANIFEST = "<package><name>{}</name><version>1.0.0</version></package>"
@@ -185,12 +186,13 @@ def test_without_out_the_prefix_is_in_the_cache(workspace: Path, tmp_path: Path)
 def test_bundled_packages_complete_the_workspace(
     workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bundled = {"py_plain": {"talk": "json:loads", "more": "platform:main"}, "not_here": {"x": "missing_module.x:main"}}
-    monkeypatch.setattr(build, "BUNDLED", bundled)
+    monkeypatch.setitem(executables.BUNDLED, "py_plain", {"talk": "json:loads", "more": "platform:main"})
     made = build_prefix([workspace], tmp_path / "out")
     assert started(made.folder / "lib/py_plain/talk", **made.environment()).stdout == "talk\n"
     assert (made.folder / "lib/py_plain/more").is_file()
-    assert not (made.folder / "share/not_here").exists()
+    for package, names in executables.BUNDLED.items():
+        assert all((made.folder / "lib" / package / name).is_file() for name in names)
+        assert package == "py_plain" or all(map(find_spec, (one.partition(":")[0] for one in names.values())))
 
 
 # --- Python -----------------------------------------------------------------------------------------------------------
@@ -273,7 +275,7 @@ DAMAGED = {
     "absolute": ({"setup.py": "setup(data_files=[('/tmp/x', ['a.txt'])])"}, '"/tmp/x/a.txt" is not a path below'),
     "upwards": (
         {"setup.py": "setup(data_files=[('share/../../x', ['a.txt'])])"},
-        '"share/../../x/a.txt" is not a path',
+        '"../x/a.txt" is not a path',
     ),
     "source": (
         {"setup.py": "setup(data_files=[('share/odd', ['../a', '/etc/passwd'])])"},
@@ -378,7 +380,7 @@ def test_links_and_states_in_the_prefix_lead_nowhere(workspace: Path, tmp_path: 
     (out / "share/py_plain").symlink_to(outside)
     (out / "setup.sh").unlink()
     (out / "setup.sh").symlink_to(outside / "file")
-    (out / build._STATE).write_text(json.dumps(["../outside/file", "share/py_plain/file", 1, "/x", "setup.sh"]))
+    (out / build._STATE).write_text("../outside/file\nshare/py_plain/file\n1\n/x\nsetup.sh")
     made = build_prefix([workspace], out)
     assert tree(outside) == {"file": b"stays"}
     assert any("share/py_plain is not a folder" in problem for problem in made.problems)

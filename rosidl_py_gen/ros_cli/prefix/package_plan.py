@@ -10,7 +10,9 @@ import os
 import posixpath
 import re
 import sys
+from collections.abc import Callable
 from fnmatch import fnmatchcase
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -18,33 +20,26 @@ from typing import NamedTuple
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, read_text
-from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.ros_cli.prefix import executables, wrappers
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
-from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
-from rosidl_py_gen.type_loading.share_folder import Install, installs_of
+from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
 INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
 """Python packages that the import hook provides, in place of those of the workspace."""
 _MAX_FILES = 20_000
-"""Maximum number of files that a package installs, and of directory entries that are read for them."""
+"""Maximum number of files that a package installs; as many directory entries are read for them."""
 _MAX_COPY_BYTES = 16 << 20
 _MAX_PLACE = 1024
-_UNENCODABLE = re.compile("[\ud800-\udc7f\udd00-\udfff]")
-"""Characters that no file name has; others in this range are bytes that are not UTF-8."""
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
 _TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament_auto_add_library")
 _BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
 """Not that of ROS 1: packages for both have one build type with the condition `$ROS_VERSION == 1`."""
 _LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
-_SCRIPTS_FOLDER = re.compile(
-    r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$base/|\$\{base\}/)?(\S+)", re.MULTILINE
-)
-_PYTHON_WORD = re.compile(r"[\w.+!-]{1,200}")
+_SCRIPTS_FOLDER = re.compile(r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$\{?base\}?/)?(\S+)", re.MULTILINE)
 _VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
 
 
@@ -61,12 +56,8 @@ class PrefixFile(NamedTuple):
         return 0o755 if self.is_program else 0o644
 
 
-class _TooManyError(Exception):
-    """A package installs too many files."""
-
-
 class PackagePlan:
-    """Files that a package installs; errors of its rules are `problems`.
+    """Files that a package installs.
 
     Attributes:
         name: name of the package.
@@ -83,12 +74,8 @@ class PackagePlan:
         self.missing: list[str] = []
         self.has_targets = False
         self._is_complete = True  # all install rules were read
-        try:
-            self._read(interfaces)
-        except _TooManyError:
-            self._problem(f"it installs more than {_MAX_FILES} files; the others are skipped")
-        except OSError as error:
-            self._problem(f"{error.filename or folder} cannot be read: {error.strerror or error}")
+        self._left = 2 * _MAX_FILES
+        self._read_all(interfaces)
         self.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
         self.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
 
@@ -103,16 +90,11 @@ class PackagePlan:
         return f"{self.name}: without {', '.join(self.missing) or 'its libraries'}; with {usable}"
 
     def _problem(self, text: str) -> None:
-        self.problems.append(f"{self.name} ({display_path(self._folder)}): {text}")
+        text = f"{self.name} ({display_path(self._folder)}): {text}"
+        self.problems += [text] if text not in self.problems else []
 
-    def _read(self, interfaces: dict[RosName, Path]) -> None:
-        names = []
-        for interface, path in interfaces.items():
-            names.append(f"{interface.kind}/{path.name}")
-            self._add(f"share/{self.name}/{names[-1]}", PrefixFile(path))
-        if names:
-            lines = os.fsencode("\n".join(sorted(names)))
-            self._add(f"{INDEX}/rosidl_interfaces/{self.name}", PrefixFile(content=lines))
+    def _read_all(self, interfaces: dict[RosName, Path]) -> None:
+        self._read(partial(self._add_interfaces, interfaces))
         manifest = _text(self._folder, "package.xml")
         version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
         self._version = version[1] if version else "0.0.0"
@@ -121,26 +103,27 @@ class PackagePlan:
         if is_cmake and is_python and kind:
             is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
         self._is_complete = is_cmake or is_python
-        try:
-            if is_python:
-                self._read_setup()
-            if is_cmake:
-                self._read_cmake()
-        except (CommandError, UnreadableError) as error:
-            self._is_complete = False
-            self._problem(str(error))
+        if is_python:
+            self._read(self._read_setup)
+        if is_cmake:
+            self._read(self._read_cmake)
         if not self._is_complete:
-            self._link_sources()
+            self._read(self._link_sources)
+
+    def _read(self, rules: Callable[[], None]) -> None:
+        """Call a function that reads rules; an error is a problem."""
+        try:
+            rules()
+        except (RosidlError, OSError) as error:
+            self._is_complete = False
+            text = f"{error.filename} cannot be read: {error.strerror}" if isinstance(error, OSError) else str(error)
+            self._problem(text)
 
     def _link_sources(self) -> None:
         """Link the files of the source folder below ``share``, except those that known rules install there."""
         share = f"share/{self.name}/"
         installed = {file.source for place, file in self.files.items() if place.startswith(share)}
-        try:
-            paths = files_below(self._folder)
-        except UnreadableError as error:
-            return self._problem(error.reason)
-        for path in paths:
+        for path in files_below(self._folder):
             is_code = path.split("/")[0] in _CODE_FOLDERS or "/" not in path
             if not is_code and self._folder / path not in installed and share + path not in self.files:
                 self._add(share + path, PrefixFile(self._folder / path))
@@ -149,99 +132,100 @@ class PackagePlan:
 
     def _add(self, place: str, file: PrefixFile) -> None:
         """Add a file at a path below the prefix; other paths, and paths of other files, are problems."""
+        self._spend(1)
         if UNKNOWN in place:
             self._is_complete = False
             return None
         path = inside(place)
-        if path is None or len(path) > _MAX_PLACE or "\n" in path or _UNENCODABLE.search(path):
+        if path is None or len(path) > _MAX_PLACE or not path.isprintable():
             return self._problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
         old, self.files[path] = self.files.get(path, file), file
         if old.source != file.source:
             self._problem(f"two files would be {path}; the last one is used, {display_path(file.source or path)}")
-        if len(self.files) > _MAX_FILES:
-            raise _TooManyError
+
+    def _spend(self, count: int) -> None:
+        self._left -= count
+        if self._left < 0:
+            raise UnreadableError(f"it installs more than {_MAX_FILES} files; the others are skipped")
 
     def _source(self, path: str) -> Path | None:
         """Return a file or folder of the package that is installed; None, and a problem, if it is elsewhere."""
-        path = posixpath.normpath(path.removeprefix(f"{self._folder}/"))
         if UNKNOWN in path:
             self._is_complete = False
-        elif path in (".", str(self._folder)):
-            return self._folder
-        elif inside(path) is not None:
-            return self._folder / path
+        elif (place := "." if posixpath.normpath(path) == "." else inside(path)) is not None:
+            return self._folder / place
         else:
             self._problem(f'"{path[:200]}" is not in the package folder; it is skipped')
         return None
 
+    def _add_interfaces(self, interfaces: dict[RosName, Path]) -> None:
+        places = {f"{interface.kind}/{path.name}": path for interface, path in interfaces.items()}
+        for place, path in places.items():
+            self._add(f"share/{self.name}/{place}", PrefixFile(path))
+        if places:
+            lines = os.fsencode("\n".join(sorted(places)))
+            self._add(f"{INDEX}/rosidl_interfaces/{self.name}", PrefixFile(content=lines))
+
     def _add_file(self, place: str, source: Path, is_program: bool = False) -> None:
         """Add a file; scripts below ``lib`` become programs that run with this Python."""
         is_below_lib = place.startswith(("lib/", "bin/")) and not place.startswith(SITE_PACKAGES)
-        file = PrefixFile(source)
-        if (is_program and source.suffix == ".py") or (is_below_lib and wrappers.is_python_program(source)):
+        file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
+        is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
+        if is_named or (is_below_lib and executables.is_python_program(source)):
             file = PrefixFile(source, wrappers.of_file(source), is_program=True)
-        elif is_program and not os.access(source, os.X_OK):
-            with source.open("rb") as opened:
-                file = PrefixFile(source, opened.read(_MAX_COPY_BYTES), is_program=True)
-        self._add(place, file)
+        elif is_program and not is_executable:
+            if source.stat().st_size > _MAX_COPY_BYTES:
+                return self._problem(f"{display_path(source)} is too large for a copy, and is not executable: chmod +x")
+            file = PrefixFile(source, source.read_bytes(), is_program=True)
+        return self._add(place, file)
 
     def _add_entry_points(self, scripts_folder: str) -> dict[str, list[str]]:
         """Add programs of console scripts; returns the entry points by group."""
         groups: dict[str, list[str]] = {}
-        for source, found, root in executables.entry_points(self._folder):
-            for group, lines in found.items():
+        for points in executables.entry_points(self._folder):
+            for group, lines in points[1].items():
                 groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
-            for one in executables.console_scripts(found, source, self._folder / root, self._problem):
-                content = wrappers.of_function(one.module or "", one.function or "")
+            for one in executables.console_scripts(*points, self._problem):
+                content = wrappers.of_function(one.module, one.function)
                 if inside(one.name) and "/" not in one.name:
                     self._add(f"{scripts_folder}/{one.name}", PrefixFile(content=content, is_program=True))
                 else:
                     self._problem(f'"{one.name[:200]}" is not the name of an executable; it is skipped')
         return groups
 
-    def _add_metadata(self, name: str, version: str, groups: dict[str, list[str]]) -> None:
+    def _add_metadata(self, name: object, version: object, groups: dict[str, list[str]]) -> None:
         """Add the metadata of a Python distribution, in which other programs find entry points."""
-        folder = f"{SITE_PACKAGES}/{re.sub(r'[^A-Za-z0-9.]+', '_', name)}-{version}.dist-info"
-        text = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
-        self._add(f"{folder}/METADATA", PrefixFile(content=text.encode(errors="replace")))
+        name, version = (one if isinstance(one, str) else "" for one in (name, version))
+        place = "-".join(re.sub(r"[^\w.]+", "_", one)[:80] for one in (name or self.name, version or self._version))
         sections = (f"[{group}]\n" + "".join(f"{line}\n" for line in lines) for group, lines in groups.items())
-        if text := "\n".join(sections):
-            self._add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode(errors="replace")))
+        texts = {
+            "METADATA": f"Metadata-Version: 2.1\nName: {name or self.name}\nVersion: {version or self._version}\n",
+            "entry_points.txt": "\n".join(sections),
+        }
+        for file, text in texts.items():
+            if text:
+                content = text.encode(errors="replace")
+                self._add(f"{SITE_PACKAGES}/{place}.dist-info/{file}", PrefixFile(content=content))
 
     # --- setup.py, setup.cfg and pyproject.toml -----------------------------------------------------------------------
 
     def _read_setup(self) -> None:
         given: dict[str, object] = {}
         if (self._folder / "setup.py").is_file():
-            try:
-                for call in setup_calls(read_text(self._folder, "setup.py"), self._folder):
-                    given |= call
-            except SetupSyntaxError as error:
-                raise CommandError(f"setup.py: {error}") from error
+            for call in executables.setup_arguments(self._folder / "setup.py"):
+                given |= call
         found = _SCRIPTS_FOLDER.search(_text(self._folder, "setup.cfg"))
         scripts_folder = found[1] if found else "bin"
         groups = self._add_entry_points(scripts_folder)
         if given.get("entry_points", {}) is None:
             self._problem("the entry points of setup.py cannot be read without running it; they are skipped")
-        name, version = given.get("name"), given.get("version")
-        self._add_metadata(
-            name if isinstance(name, str) and _PYTHON_WORD.fullmatch(name) else self.name,
-            version if isinstance(version, str) and _PYTHON_WORD.fullmatch(version) else self._version,
-            groups,
-        )
+        self._add_metadata(given.get("name"), given.get("version"), groups)
         self._add_modules(given)
         for path in _texts(given.get("scripts")):
             if (script := self._source(path)) is not None and script.is_file():
                 self._add_file(f"{scripts_folder}/{script.name}", script, is_program=True)
-        rows = given.get("data_files", [])
-        for row in rows if isinstance(rows, list) else [None]:
-            match row:
-                case [str(place), list(paths)] if all(isinstance(path, str) for path in paths):
-                    for source in filter(None, map(self._source, paths)):
-                        if source.is_file():
-                            self._add_file(posixpath.join(re.sub(r"[\\/]+", "/", place), source.name), source)
-                case _:
-                    self._is_complete = False
+        for install in setup_installs(self._folder, given):
+            self._install(install)
 
     def _add_modules(self, given: dict[str, object]) -> None:
         """Add links to the Python packages and modules."""
@@ -266,7 +250,7 @@ class PackagePlan:
 
     def _read_cmake(self) -> None:
         script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"))
-        for install in installs_of(script, self._folder):
+        for install in cmake_installs(self._folder, script):
             self._install(install)
         executable: list[str] = []
         installed: set[str] = set()
@@ -292,7 +276,7 @@ class PackagePlan:
                 source = self._source(options.get("PACKAGE_DIR", name))
                 if source is not None and source.is_dir() and name not in COMPANIONS:
                     scripts = options.get("SCRIPTS_DESTINATION")
-                    self._add_metadata(name, self._version, self._add_entry_points(scripts) if scripts else {})
+                    self._add_metadata(name, "", self._add_entry_points(scripts) if scripts else {})
                     self._add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
             case "ament_python_install_module", [path, *_]:
                 place = posixpath.join(SITE_PACKAGES, options.get("DESTINATION_SUFFIX", ""))
@@ -327,14 +311,11 @@ class PackagePlan:
                 self._install_folder(install, source, posixpath.join(install.destination, below))
 
     def _install_folder(self, install: Install, top: Path, destination: str) -> None:
-        left = _MAX_FILES
         waiting = [("", top)]
         for below, folder in waiting:  # grows inside the loop
             with os.scandir(folder) as scan:
                 entries = sorted(scan, key=lambda entry: entry.name)
-            left -= len(entries)
-            if left < 0:
-                raise _TooManyError
+            self._spend(len(entries))
             for entry in entries:
                 path = posixpath.join(below, entry.name)
                 is_folder = entry.is_dir(follow_symlinks=False)
