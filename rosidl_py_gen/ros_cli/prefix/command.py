@@ -34,17 +34,10 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
 
     made = build_prefix(map(Path, sources) if sources else current_sources(), Path(out))
     if as_json:
+        packages = {name: str(folder) for name, folder in made.packages.items()}
         skipped = [{"name": one.name, "executables": one.missing, "text": one.text} for one in made.skipped]
-        terminal_output.document(
-            {
-                "folder": str(made.folder),
-                "packages": {name: str(folder) for name, folder in made.packages.items()},
-                "skipped": skipped,
-                "problems": [*made.problems],
-                "created": made.created,
-                "removed": made.removed,
-            }
-        )
+        others = {"folder": str(made.folder), "packages": packages, "skipped": skipped}
+        terminal_output.document(vars(made) | others)
     else:
         for problem in made.problems:
             terminal_output.note(f"warning: {problem}")

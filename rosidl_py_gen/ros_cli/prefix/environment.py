@@ -31,9 +31,7 @@ def files(prefix: Path, interface_packages: Iterable[str]) -> dict[str, PrefixFi
         raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
     texts = {
         "COLCON_IGNORE": "",
-        "setup.sh": _posix_script(prefix),
-        "setup.bash": f". {shlex.quote(str(prefix / 'setup.sh'))}\n",
-        "setup.zsh": f". {shlex.quote(str(prefix / 'setup.sh'))}\n",
+        **dict.fromkeys(("setup.sh", "setup.bash", "setup.zsh"), _posix_script(prefix)),
         "setup.fish": _fish_script(prefix),
         f"{SITE_PACKAGES}/sitecustomize.py": _python_module(interface_packages),
     }
@@ -54,18 +52,11 @@ def _folders(prefix: Path) -> dict[str, Path]:
 
 def _posix_script(prefix: Path) -> str:
     lines = [f"export {name}={value}" for name, value in _FIXED.items()]
-    given = _distribution()
-    if ASSUMED_VARIABLE in given:
-        lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {ASSUMED_VARIABLE}={DEFAULT}')
-    lines += [
-        f'[ -n "${{{name}:-}}" ] || export {name}={value}' for name, value in given.items() if name != ASSUMED_VARIABLE
-    ]
+    for name, value in _distribution().items():
+        lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {name}={value}')
     for name, folder in _folders(prefix).items():
-        quoted = shlex.quote(str(folder))
-        lines.append(f'case ":${{{name}:-}}:" in')
-        lines.append(f"  *:{quoted}:*) ;;")
-        lines.append(f'  *) export {name}={quoted}"${{{name}:+:${{{name}}}}}" ;;')
-        lines.append("esac")
+        quoted, old = shlex.quote(str(folder)), f"${{{name}:+:${{{name}}}}}"
+        lines.append(f'case "{old}:" in *:{quoted}:*) ;; *) export {name}={quoted}"{old}" ;; esac')
     return "\n".join(lines) + "\n"
 
 
@@ -82,6 +73,5 @@ def _fish_script(prefix: Path) -> str:
 
 def _python_module(interface_packages: Iterable[str]) -> str:
     names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
-    text = _TEMPLATE.read_text(encoding="utf-8")
-    listed = ", ".join(map(repr, sorted({*names, *interface_packages, *COMPANIONS, "rosidl_parser"})))
-    return text.replace("frozenset(())", f"frozenset(({listed}))")
+    names |= {*interface_packages, *COMPANIONS, "rosidl_parser"}
+    return _TEMPLATE.read_text(encoding="utf-8").replace("frozenset(())", f"frozenset({sorted(names)})")

@@ -12,7 +12,6 @@ import re
 import sys
 from collections.abc import Callable
 from fnmatch import fnmatchcase
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -35,11 +34,11 @@ _MAX_COPY_BYTES = 16 << 20
 _MAX_PLACE = 1024
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
-_TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament_auto_add_library")
 _BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
 """Not that of ROS 1: packages for both have one build type with the condition `$ROS_VERSION == 1`."""
 _LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
 _SCRIPTS_FOLDER = re.compile(r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$\{?base\}?/)?(\S+)", re.MULTILINE)
+_NOT_IN_NAMES = re.compile(r"[^\w.]+")
 _VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
 
 
@@ -73,9 +72,23 @@ class PackagePlan:
         self.problems: list[str] = []
         self.missing: list[str] = []
         self.has_targets = False
-        self._is_complete = True  # all install rules were read
         self._left = 2 * _MAX_FILES
-        self._read_all(interfaces)
+        self._interfaces = interfaces
+        manifest = _text(folder, "package.xml")
+        version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
+        self._version = version[1] if version else "0.0.0"
+        is_cmake = (folder / "CMakeLists.txt").is_file()
+        is_python = any((folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
+        if is_cmake and is_python and kind:
+            is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
+        self._is_complete = is_cmake or is_python  # all install rules were read
+        self._read(self._add_interfaces)
+        if is_python:
+            self._read(self._read_setup)
+        if is_cmake:
+            self._read(self._read_cmake)
+        if not self._is_complete:
+            self._read(self._link_sources)
         self.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
         self.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
 
@@ -92,23 +105,6 @@ class PackagePlan:
     def _problem(self, text: str) -> None:
         text = f"{self.name} ({display_path(self._folder)}): {text}"
         self.problems += [text] if text not in self.problems else []
-
-    def _read_all(self, interfaces: dict[RosName, Path]) -> None:
-        self._read(partial(self._add_interfaces, interfaces))
-        manifest = _text(self._folder, "package.xml")
-        version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
-        self._version = version[1] if version else "0.0.0"
-        is_cmake = (self._folder / "CMakeLists.txt").is_file()
-        is_python = any((self._folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
-        if is_cmake and is_python and kind:
-            is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
-        self._is_complete = is_cmake or is_python
-        if is_python:
-            self._read(self._read_setup)
-        if is_cmake:
-            self._read(self._read_cmake)
-        if not self._is_complete:
-            self._read(self._link_sources)
 
     def _read(self, rules: Callable[[], None]) -> None:
         """Call a function that reads rules; an error is a problem."""
@@ -158,8 +154,8 @@ class PackagePlan:
             self._problem(f'"{path[:200]}" is not in the package folder; it is skipped')
         return None
 
-    def _add_interfaces(self, interfaces: dict[RosName, Path]) -> None:
-        places = {f"{interface.kind}/{path.name}": path for interface, path in interfaces.items()}
+    def _add_interfaces(self) -> None:
+        places = {f"{interface.kind}/{path.name}": path for interface, path in self._interfaces.items()}
         for place, path in places.items():
             self._add(f"share/{self.name}/{place}", PrefixFile(path))
         if places:
@@ -195,17 +191,14 @@ class PackagePlan:
 
     def _add_metadata(self, name: object, version: object, groups: dict[str, list[str]]) -> None:
         """Add the metadata of a Python distribution, in which other programs find entry points."""
-        name, version = (one if isinstance(one, str) else "" for one in (name, version))
-        place = "-".join(re.sub(r"[^\w.]+", "_", one)[:80] for one in (name or self.name, version or self._version))
-        sections = (f"[{group}]\n" + "".join(f"{line}\n" for line in lines) for group, lines in groups.items())
+        used = [str(name or self.name), str(version or self._version)]
+        folder = f"{SITE_PACKAGES}/{'-'.join(re.sub(_NOT_IN_NAMES, '_', one)[:80] for one in used)}.dist-info"
         texts = {
-            "METADATA": f"Metadata-Version: 2.1\nName: {name or self.name}\nVersion: {version or self._version}\n",
-            "entry_points.txt": "\n".join(sections),
+            "METADATA": "Metadata-Version: 2.1\nName: {}\nVersion: {}\n".format(*used),
+            "entry_points.txt": "\n".join("\n".join((f"[{group}]", *lines, "")) for group, lines in groups.items()),
         }
         for file, text in texts.items():
-            if text:
-                content = text.encode(errors="replace")
-                self._add(f"{SITE_PACKAGES}/{place}.dist-info/{file}", PrefixFile(content=content))
+            self._add(f"{folder}/{file}", PrefixFile(content=text.encode(errors="replace")))
 
     # --- setup.py, setup.cfg and pyproject.toml -----------------------------------------------------------------------
 
@@ -233,18 +226,16 @@ class PackagePlan:
         folders = {key: path for key, path in found.items() if isinstance(path, str)} if isinstance(found, dict) else {}
         root = folders.get("", "src" if not given and (self._folder / "src").is_dir() else "")
         if isinstance(given.get("packages"), list):
-            names = {name.partition(".")[0] for name in _texts(given["packages"])}
+            names = {*_texts(given["packages"])}
         else:
             names = {file.parent.name for file in (self._folder / root).glob("*/__init__.py")} - {"test", "tests"}
-        places = {name: folders.get(name) or posixpath.join(root, name) for name in sorted(names - COMPANIONS)}
-        for name in _texts(given.get("py_modules")):
-            if name.partition(".")[0] not in names:
-                path = name.replace(".", "/") + ".py"
-                places[path] = posixpath.join(root, path)
-        for place, path in places.items():
-            source = self._source(path)
-            if source is not None and (source.is_file() if place.endswith(".py") else source.is_dir()):
-                self._add(f"{SITE_PACKAGES}/{place}", PrefixFile(source))
+        names |= {*_texts(given.get("py_modules"))}
+        for name in sorted({name.partition(".")[0] for name in names} - COMPANIONS):
+            source = self._source(folders.get(name) or posixpath.join(root, name))
+            if source is not None and source.is_dir():
+                self._add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
+            elif source is not None and (module := source.with_name(f"{source.name}.py")).is_file():
+                self._add(f"{SITE_PACKAGES}/{name}.py", PrefixFile(module))
 
     # --- CMakeLists.txt -----------------------------------------------------------------------------------------------
 
@@ -252,22 +243,20 @@ class PackagePlan:
         script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"))
         for install in cmake_installs(self._folder, script):
             self._install(install)
-        executable: list[str] = []
-        installed: set[str] = set()
-        for command, words in script.calls:
-            texts = [word.text for word in words]
-            if command in _TARGETS:
+        calls = [(command, [word.text for word in words]) for command, words in script.calls]
+        installed = {
+            text for command, texts in calls if (command, *texts[:1]) == ("install", "TARGETS") for text in texts
+        }
+        for command, texts in calls:
+            if command.endswith(("add_executable", "add_library")):
                 self.has_targets |= {"INTERFACE", "IMPORTED", "ALIAS"}.isdisjoint(texts[1:])
-                executable += texts[:1] if command.endswith("executable") else []
-                installed |= {*texts[:1]} if command.startswith("ament_auto") else set()
-            elif command == "install" and texts[:1] == ["TARGETS"]:
-                installed |= {*texts[1:]}
+                is_installed = command.startswith("ament_auto") or not installed.isdisjoint((*texts[:1], UNKNOWN))
+                self.missing += texts[:1] if is_installed and command.endswith("executable") else []
             elif command == "add_subdirectory":
                 self._is_complete = False
             else:
                 self._read_command(command, texts)
-        known = (name for name in executable if UNKNOWN not in name)
-        self.missing += dict.fromkeys(name for name in known if name in installed or UNKNOWN in installed)
+        self.missing = [name for name in dict.fromkeys(self.missing) if UNKNOWN not in name]
 
     def _read_command(self, command: str, texts: list[str]) -> None:
         options = dict(pairwise(texts[1:]))
@@ -301,12 +290,10 @@ class PackagePlan:
             return  # headers are for compilers
         for path in install.paths:
             source = self._source(path)
-            if source is None:
-                continue
-            if install.kind != "DIRECTORY" and source.is_file():
+            if source is not None and install.kind != "DIRECTORY" and source.is_file():
                 place = posixpath.join(install.destination, install.rename or source.name)
                 self._add_file(place, source, is_program=install.kind == "PROGRAMS")
-            elif install.kind == "DIRECTORY" and source.is_dir():
+            elif source is not None and install.kind == "DIRECTORY" and source.is_dir():
                 below = "" if path.endswith(("/", ".")) else source.name
                 self._install_folder(install, source, posixpath.join(install.destination, below))
 
