@@ -131,12 +131,8 @@ class _Reader:
             return None
         found = self._glob(os.path.join(where, "*", "__init__.py")) or []
         names = [os.path.basename(os.path.dirname(file)) for file in found]
-        return [
-            name
-            for name in names
-            if [any(fnmatchcase(name, str(one)) for one in patterns) for patterns in (included, excluded)]
-            == [True, False]
-        ]
+        names = [name for name in names if any(fnmatchcase(name, str(pattern)) for pattern in included)]
+        return [name for name in names if not any(fnmatchcase(name, str(pattern)) for pattern in excluded)]
 
     def _glob(self, pattern: str, *, is_deep: bool = False) -> list[str] | None:
         """Return the files of the package that match a pattern; None if it leads out of the package's folder."""

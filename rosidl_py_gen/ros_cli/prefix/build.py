@@ -19,7 +19,7 @@ from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, works
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import environment, executables, wrappers
-from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PackagePlan, PrefixFile
+from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PROGRAM, PackagePlan, PrefixFile
 from rosidl_py_gen.type_loading.share_folder import cached_folder
 
 _STATE = ".rosidl-py-prefix"
@@ -134,7 +134,7 @@ def _bundled_files() -> dict[str, PrefixFile]:
     for package in (*executables.BUNDLED, *_ON_PACKAGE_INDEX):
         for name, one in (executables.of_bundled(package) or executables.of_distribution(package)).items():
             manifest = f'<package format="3">\n  <name>{package}</name>\n  <version>0.0.0</version>\n</package>\n'
-            program = PrefixFile(content=wrappers.of_function(one.module, one.function), is_program=True)
+            program = PrefixFile(None, wrappers.of_function(one.module, one.function), PROGRAM)
             found[f"{INDEX}/packages/{package}"] = PrefixFile(content=b"")
             found[f"share/{package}/package.xml"] = PrefixFile(content=manifest.encode())
             found[f"lib/{package}/{name}"] = program

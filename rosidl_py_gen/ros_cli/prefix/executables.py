@@ -72,8 +72,12 @@ def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str
     group, and the folder of the modules relative to `folder`. Raises `CommandError` if a file cannot be read.
     """
     for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
-        if (folder / name).is_file():
-            yield folder / name, *reader(folder / name)
+        if (source := folder / name).is_file():
+            try:
+                groups, root = reader(read_text(folder, name), folder)
+            except (UnreadableError, SetupSyntaxError, configparser.Error) as error:
+                raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
+            yield source, groups, root
 
 
 def console_scripts(
@@ -134,25 +138,10 @@ def of_prefixes(package: str) -> dict[str, Executable]:
     return executables
 
 
-def setup_arguments(source: Path) -> list[dict[str, object]]:
-    """Return the keyword arguments of each call of `setup` in a setup.py. Raises `CommandError`."""
-    try:
-        return setup_calls(_text(source), source.parent)
-    except SetupSyntaxError as error:
-        raise CommandError(f"{source}: {error}") from error
-
-
-def _text(source: Path) -> str:
-    try:
-        return read_text(source.parent, source.name)
-    except UnreadableError as error:
-        raise CommandError(f"{source}: {error.reason}") from error
-
-
-def _setup_py(source: Path) -> tuple[dict[str, list[str]], str]:
+def _setup_py(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
     groups: dict[str, list[str]] = {}
     root = ""
-    for arguments in setup_arguments(source):
+    for arguments in setup_calls(text, folder):
         points = arguments.get("entry_points")
         given = _sections(points) if isinstance(points, str) else points
         for group, lines in given.items() if isinstance(given, dict) else ():
@@ -164,26 +153,23 @@ def _setup_py(source: Path) -> tuple[dict[str, list[str]], str]:
     return groups, root
 
 
-def _setup_cfg(source: Path) -> tuple[dict[str, list[str]], str]:
+def _setup_cfg(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
     parser = configparser.ConfigParser(interpolation=None, strict=False)
-    try:
-        parser.read_string(_text(source))
-    except configparser.Error as error:
-        raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
+    parser.read_string(text)
     root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
     points = parser["options.entry_points"].items() if "options.entry_points" in parser else ()
     return {group: lines.splitlines() for group, lines in points}, root[1] if root else ""
 
 
-def _pyproject(source: Path) -> tuple[dict[str, list[str]], str]:
+def _pyproject(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
     """Return the entry points of ``[project]``; Python 3.10 has no TOML parser."""
     groups = {}
-    for section, texts in _sections(_text(source)).items():
+    for section, texts in _sections(text).items():
         group = _PYPROJECT_GROUPS.get(section, section.removeprefix(_PYPROJECT_PREFIX).strip("\"'"))
         if section in _PYPROJECT_GROUPS or section.startswith(_PYPROJECT_PREFIX):
             lines = (_TOML_LINE.fullmatch(line) for line in texts)
             groups[group] = [f"{one[1] or one[2] or one[3]} = {one[4] or one[5] or ''}" for one in lines if one]
-    return groups, "" if not (source.parent / "src").is_dir() else "src"
+    return groups, "src" if (folder / "src").is_dir() else ""
 
 
 def _sections(text: str) -> dict[str, list[str]]:

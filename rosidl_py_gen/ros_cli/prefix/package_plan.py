@@ -22,6 +22,7 @@ from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.ros_cli.prefix import executables, wrappers
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
+from rosidl_py_gen.type_loading.setup_py import setup_calls
 from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
@@ -43,16 +44,15 @@ _VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
 
 
 class PrefixFile(NamedTuple):
-    """A file of a prefix: a link to `source`, or a file with `content`."""
+    """A file of a prefix: a link to `source`, or a file with `content` and the permissions `mode`."""
 
     source: Path | None = None
     content: bytes | None = None
-    is_program: bool = False
+    mode: int = 0o644
 
-    @property
-    def mode(self) -> int:
-        """Permissions of a file with `content`."""
-        return 0o755 if self.is_program else 0o644
+
+PROGRAM = 0o755
+"""Permissions of a program."""
 
 
 class PackagePlan:
@@ -97,7 +97,7 @@ class PackagePlan:
         """Line about a package with C++ code: the missing executables, and what the prefix has of it."""
         share = [place for place in self.files if place.startswith(f"share/{self.name}/")]
         launch = sum(_LAUNCH_FILE.search(place) is not None for place in share)
-        programs = sum(file.is_program for file in self.files.values())
+        programs = sum(file.mode == PROGRAM for file in self.files.values())
         counts = {"launch file": launch, "share file": len(share) - launch, "Python program": programs}
         usable = ", ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
         return f"{self.name}: without {', '.join(self.missing) or 'its libraries'}; with {usable}"
@@ -168,11 +168,11 @@ class PackagePlan:
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
         is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
         if is_named or (is_below_lib and executables.is_python_program(source)):
-            file = PrefixFile(source, wrappers.of_file(source), is_program=True)
+            file = PrefixFile(source, wrappers.of_file(source), PROGRAM)
         elif is_program and not is_executable:
             if source.stat().st_size > _MAX_COPY_BYTES:
                 return self._problem(f"{display_path(source)} is too large for a copy, and is not executable: chmod +x")
-            file = PrefixFile(source, source.read_bytes(), is_program=True)
+            file = PrefixFile(source, source.read_bytes(), PROGRAM)
         return self._add(place, file)
 
     def _add_entry_points(self, scripts_folder: str) -> dict[str, list[str]]:
@@ -184,7 +184,7 @@ class PackagePlan:
             for one in executables.console_scripts(*points, self._problem):
                 content = wrappers.of_function(one.module, one.function)
                 if inside(one.name) and "/" not in one.name:
-                    self._add(f"{scripts_folder}/{one.name}", PrefixFile(content=content, is_program=True))
+                    self._add(f"{scripts_folder}/{one.name}", PrefixFile(None, content, PROGRAM))
                 else:
                     self._problem(f'"{one.name[:200]}" is not the name of an executable; it is skipped')
         return groups
@@ -203,13 +203,12 @@ class PackagePlan:
     # --- setup.py, setup.cfg and pyproject.toml -----------------------------------------------------------------------
 
     def _read_setup(self) -> None:
-        given: dict[str, object] = {}
-        if (self._folder / "setup.py").is_file():
-            for call in executables.setup_arguments(self._folder / "setup.py"):
-                given |= call
         found = _SCRIPTS_FOLDER.search(_text(self._folder, "setup.cfg"))
         scripts_folder = found[1] if found else "bin"
         groups = self._add_entry_points(scripts_folder)
+        given: dict[str, object] = {}
+        for call in setup_calls(_text(self._folder, "setup.py"), self._folder):
+            given |= call
         if given.get("entry_points", {}) is None:
             self._problem("the entry points of setup.py cannot be read without running it; they are skipped")
         self._add_metadata(given.get("name"), given.get("version"), groups)
