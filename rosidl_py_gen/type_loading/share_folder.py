@@ -28,10 +28,9 @@ from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_
 from rosidl_py_gen.type_loading.cache_files import cache_home
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 
-_LIST_ENDS = ("DESTINATION", "PERMISSIONS", "CONFIGURATIONS", "COMPONENT", "RENAME", "OPTIONAL", "TYPE", "PATTERN")
-_MORE_LIST_ENDS = (
-    *("REGEX", "FILES_MATCHING", "FILE_PERMISSIONS", "DIRECTORY_PERMISSIONS", "EXCLUDE_FROM_ALL"),
-    *("USE_SOURCE_PERMISSIONS", "MESSAGE_NEVER"),
+_LIST_END = re.compile(
+    "DESTINATION|((FILE|DIRECTORY|USE_SOURCE)_)?PERMISSIONS|CONFIGURATIONS|COMPONENT|RENAME|OPTIONAL|TYPE|PATTERN|REGEX"
+    "|FILES_MATCHING|EXCLUDE_FROM_ALL|MESSAGE_NEVER"
 )
 _MAX_ENTRIES = 20_000
 """Maximum number of links of one share folder."""
@@ -64,9 +63,8 @@ class Install:
         """Yield the path below `destination`, and the path below `folder`, of each file and folder that exists."""
         for path in self.paths:
             place = inside(path)
-            if place is None or not (self.folder / place).exists():
-                continue
-            if self.kind != "DIRECTORY" and not (self.folder / place).is_file():
+            exists = Path.exists if self.kind == "DIRECTORY" else Path.is_file
+            if place is None or not exists(self.folder / place):
                 continue
             if self.kind == "DIRECTORY" and path.endswith("/"):
                 yield from ((name, posixpath.join(place, name)) for name in _names(self.folder / place))
@@ -85,7 +83,7 @@ def cmake_installs(folder: Path, script: CMakeScript | None = None) -> list[Inst
         texts = [word.text for word in words]
         if name != "install" or texts[:1] not in (["FILES"], ["PROGRAMS"], ["DIRECTORY"]):
             continue
-        paths = tuple(takewhile(lambda text: text not in (*_LIST_ENDS, *_MORE_LIST_ENDS), texts[1:]))
+        paths = tuple(takewhile(lambda text: not _LIST_END.fullmatch(text), texts[1:]))
         options = dict(pairwise(texts))
         destination = options.get("DESTINATION", UNKNOWN)
         filters = tuple(

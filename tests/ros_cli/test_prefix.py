@@ -270,7 +270,7 @@ DAMAGED = {
     "entry points": ({"setup.py": "setup(entry_points=points())"}, "the entry points of setup.py cannot be read"),
     "executable": (
         {"setup.py": "setup(entry_points={'console_scripts': ['../../x = a:b']})"},
-        '"../../x" is not the name of an executable',
+        '"bin/../../x" is not a path below the prefix',
     ),
     "absolute": ({"setup.py": "setup(data_files=[('/tmp/x', ['a.txt'])])"}, '"/tmp/x/a.txt" is not a path below'),
     "upwards": (

@@ -11,14 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
-from rosidl_py_gen.base.names import RosName, is_package_name
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
-from rosidl_py_gen.compiler.frontend.package_files import mentions_interfaces
-from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
-from rosidl_py_gen.errors import RosidlError, display_path
+from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import environment, executables, wrappers
+from rosidl_py_gen.ros_cli.prefix import environment, executables
 from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PROGRAM, PackagePlan, PrefixFile
 from rosidl_py_gen.type_loading.share_folder import cached_folder
 
@@ -70,19 +67,18 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
     problems: list[str] = []
     packages = _find_packages(folders, problems)
     prefix = cached_folder("prefix", (sys.executable, *folders)) if out is None else Path(os.path.abspath(out))
-    interfaces = {name: _interfaces(name, folder, problems) for name, folder in packages.items()}
-    files = environment.files(prefix, (name for name, found in interfaces.items() if found))
-    plans = [PackagePlan(name, folder, interfaces[name]) for name, folder in packages.items()]
+    plans = [PackagePlan(name, folder) for name, folder in packages.items()]
+    files = environment.files(
+        prefix, (one.name for one in plans if f"{INDEX}/rosidl_interfaces/{one.name}" in one.files)
+    )
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
         problems += plan.problems
         for place, file in plan.files.items():
-            if place in files and files[place] != file:
+            if files.setdefault(place, file) != file:
                 problems.append(f"{plan.name}: {place} is a file of {owners[place]}, too; that one is used")
-            else:
-                files[place], owners[place] = file, plan.name
-    for place, file in _bundled_files().items():
-        files.setdefault(place, file)
+            owners.setdefault(place, plan.name)
+    files = _bundled_files() | files
     try:
         created, removed = _Writer(prefix).write(files, problems)
     except OSError as error:
@@ -119,22 +115,13 @@ def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
     return packages
 
 
-def _interfaces(name: str, folder: Path, problems: list[str]) -> dict[RosName, Path]:
-    try:
-        if is_package_name(name) and (holds_interfaces(folder) or mentions_interfaces(folder)):
-            return Package(name, folder, "", from_source=True).files
-    except RosidlError as error:
-        problems.append(f"{name}: {error}")
-    return {}
-
-
 def _bundled_files() -> dict[str, PrefixFile]:
     """Return files of packages whose executables are bundled or installed by pip."""
     found: dict[str, PrefixFile] = {}
     for package in (*executables.BUNDLED, *_ON_PACKAGE_INDEX):
         for name, one in (executables.of_bundled(package) or executables.of_distribution(package)).items():
             manifest = f'<package format="3">\n  <name>{package}</name>\n  <version>0.0.0</version>\n</package>\n'
-            program = PrefixFile(None, wrappers.of_function(one.module, one.function), PROGRAM)
+            program = PrefixFile(None, one.program(), PROGRAM)
             found[f"{INDEX}/packages/{package}"] = PrefixFile(content=b"")
             found[f"share/{package}/package.xml"] = PrefixFile(content=manifest.encode())
             found[f"lib/{package}/{name}"] = program

@@ -10,6 +10,7 @@ from __future__ import annotations
 import configparser
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,21 @@ BUNDLED: dict[str, dict[str, str]] = {
 """ROS packages whose executables are part of this package, each as ``module:function``."""
 
 
+_RUN_FUNCTION = """from {module} import {first}
+
+if __name__ == "__main__":
+    sys.exit({function}())
+"""
+_RUN_FILE = """__file__ = {file!a}
+sys.path.insert(0, {folder!a})
+with open(__file__, "rb") as _script:
+    _code = compile(_script.read(), __file__, "exec", dont_inherit=True)
+exec(_code)
+"""
+_MAX_SHEBANG = 120
+"""Maximum length of the first line of a program; Linux reads 127 bytes before 5.1."""
+
+
 @dataclass(frozen=True)
 class Executable:
     """Script, or function of a module.
@@ -52,17 +68,28 @@ class Executable:
     module: str | None = None
     function: str | None = None
 
+    def program(self) -> bytes:
+        """Return a program that runs the script in its folder, or ends with the function's result, with this Python."""
+        first = f"#!{sys.executable}"
+        if len(os.fsencode(first)) > _MAX_SHEBANG or any(map(str.isspace, first)) or not first.isascii():
+            quoted = sys.executable.replace("\\", "\\\\").replace('"', '\\"').replace("$", "\\$").replace("`", "\\`")
+            first = f"""#!/bin/sh\n'''exec' "{quoted}" "$0" "$@"\n' '''"""  # sh starts Python, for which it is a text
+        if self.file is not None:
+            text = _RUN_FILE.format(file=str(self.file), folder=str(self.file.parent))
+        else:
+            name = str(self.function)
+            text = _RUN_FUNCTION.format(module=self.module, first=name.partition(".")[0], function=name)
+        return os.fsencode(f"{first}\n# Written by rosidl-py prefix.\nimport sys\n\n{text}")
+
 
 def of_sources(folder: Path) -> dict[str, Executable]:
     """Return the executables of a source package by name. Raises `CommandError` if a file cannot be read."""
-    executables: dict[str, Executable] = {}
+    found: list[Executable] = []
     for points in entry_points(folder):
-        for one in console_scripts(*points, lambda text: terminal_output.note(f"warning: {text}")):
-            executables.setdefault(one.name, one)
+        found += console_scripts(*points, lambda text: terminal_output.note(f"warning: {text}"))
     if (folder / "CMakeLists.txt").is_file():
-        for one in _programs(folder):
-            executables.setdefault(one.name, one)
-    return executables
+        found += _programs(folder)
+    return {one.name: one for one in reversed(found)}
 
 
 def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str]]:

@@ -16,11 +16,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.names import is_package_name
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, read_text
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, mentions_interfaces, read_text
+from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.errors import RosidlError, display_path
-from rosidl_py_gen.ros_cli.prefix import executables, wrappers
+from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 from rosidl_py_gen.type_loading.setup_py import setup_calls
 from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
@@ -32,7 +33,6 @@ COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
 _MAX_FILES = 20_000
 """Maximum number of files that a package installs; as many directory entries are read for them."""
 _MAX_COPY_BYTES = 16 << 20
-_MAX_PLACE = 1024
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
 _BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
@@ -66,14 +66,14 @@ class PackagePlan:
         has_targets: there is C++ code.
     """
 
-    def __init__(self, name: str, folder: Path, interfaces: dict[RosName, Path]) -> None:
+    def __init__(self, name: str, folder: Path) -> None:
         self.name, self._folder = name, folder
         self.files: dict[str, PrefixFile] = {}
         self.problems: list[str] = []
         self.missing: list[str] = []
         self.has_targets = False
         self._left = 2 * _MAX_FILES
-        self._interfaces = interfaces
+        self._read(self._add_interfaces)
         manifest = _text(folder, "package.xml")
         version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
         self._version = version[1] if version else "0.0.0"
@@ -82,7 +82,6 @@ class PackagePlan:
         if is_cmake and is_python and kind:
             is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
         self._is_complete = is_cmake or is_python  # all install rules were read
-        self._read(self._add_interfaces)
         if is_python:
             self._read(self._read_setup)
         if is_cmake:
@@ -133,7 +132,7 @@ class PackagePlan:
             self._is_complete = False
             return None
         path = inside(place)
-        if path is None or len(path) > _MAX_PLACE or not path.isprintable():
+        if path is None or not path.isprintable():
             return self._problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
         old, self.files[path] = self.files.get(path, file), file
         if old.source != file.source:
@@ -155,7 +154,10 @@ class PackagePlan:
         return None
 
     def _add_interfaces(self) -> None:
-        places = {f"{interface.kind}/{path.name}": path for interface, path in self._interfaces.items()}
+        if not is_package_name(self.name) or not (holds_interfaces(self._folder) or mentions_interfaces(self._folder)):
+            return
+        found = Package(self.name, self._folder, "", from_source=True).files
+        places = {f"{interface.kind}/{path.name}": path for interface, path in found.items()}
         for place, path in places.items():
             self._add(f"share/{self.name}/{place}", PrefixFile(path))
         if places:
@@ -168,7 +170,8 @@ class PackagePlan:
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
         is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
         if is_named or (is_below_lib and executables.is_python_program(source)):
-            file = PrefixFile(source, wrappers.of_file(source), PROGRAM)
+            script = executables.Executable(source.name, source.parent, source, file=source)
+            file = PrefixFile(source, script.program(), PROGRAM)
         elif is_program and not is_executable:
             if source.stat().st_size > _MAX_COPY_BYTES:
                 return self._problem(f"{display_path(source)} is too large for a copy, and is not executable: chmod +x")
@@ -182,11 +185,7 @@ class PackagePlan:
             for group, lines in points[1].items():
                 groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
             for one in executables.console_scripts(*points, self._problem):
-                content = wrappers.of_function(one.module, one.function)
-                if inside(one.name) and "/" not in one.name:
-                    self._add(f"{scripts_folder}/{one.name}", PrefixFile(None, content, PROGRAM))
-                else:
-                    self._problem(f'"{one.name[:200]}" is not the name of an executable; it is skipped')
+                self._add(f"{scripts_folder}/{one.name}", PrefixFile(None, one.program(), PROGRAM))
         return groups
 
     def _add_metadata(self, name: object, version: object, groups: dict[str, list[str]]) -> None:
@@ -213,10 +212,8 @@ class PackagePlan:
             self._problem("the entry points of setup.py cannot be read without running it; they are skipped")
         self._add_metadata(given.get("name"), given.get("version"), groups)
         self._add_modules(given)
-        for path in _texts(given.get("scripts")):
-            if (script := self._source(path)) is not None and script.is_file():
-                self._add_file(f"{scripts_folder}/{script.name}", script, is_program=True)
-        for install in setup_installs(self._folder, given):
+        scripts = Install(self._folder, "PROGRAMS", tuple(_texts(given.get("scripts"))), scripts_folder)
+        for install in (scripts, *setup_installs(self._folder, given)):
             self._install(install)
 
     def _add_modules(self, given: dict[str, object]) -> None:
