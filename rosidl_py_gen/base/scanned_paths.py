@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextvars import ContextVar
-from typing import TypeVar
+from typing import Any
 
-_Result = TypeVar("_Result")
 Stamp = tuple[int, ...] | None
 """Times of change in ns, inode, and size of a file or folder; None if it does not exist."""
 _stamps = ContextVar[dict[str, Stamp] | None]("stamps", default=None)
@@ -28,7 +27,7 @@ def note(path: str | os.PathLike[str]) -> None:
         stamps[text] = stamp(text)
 
 
-def recorded(search: Callable[[], _Result]) -> tuple[dict[str, Stamp], _Result]:
+def recorded(search: Callable[[], Any]) -> tuple[dict[str, Stamp], Any]:
     """Return the stamps of all paths that a search notes in this thread, and its result."""
     stamps: dict[str, Stamp] = {}
     token = _stamps.set(stamps)

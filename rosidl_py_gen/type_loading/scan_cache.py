@@ -24,7 +24,6 @@ from rosidl_py_gen.compiler.frontend.workspace import Workspace
 from rosidl_py_gen.errors import Diagnostic
 from rosidl_py_gen.type_loading import code_cache
 
-_SUFFIX = ".scan"
 _MAX_FILES = 200
 _MIN_AGE_NS = 2_000_000_000
 """Minimum time since the last change of a path. Of two changes in shorter succession, the second may get the time of
@@ -91,8 +90,8 @@ def _cached(settings: object, scan: Callable[[], Any]) -> Any:
     folder = code_cache.own_folder()
     if folder is None or not place:
         return scan()
-    name = code_cache.digest(f"{code_cache.version()} {place} {settings!r}".encode(errors="surrogatepass"))
-    file = folder / (name + _SUFFIX)
+    words = f"{code_cache.version()} {place} {settings!r}"
+    file = folder / f"{code_cache.digest(words.encode(errors='surrogatepass'))}.scan"
     with suppress(OSError, ValueError, EOFError, TypeError):
         stamps, result = marshal.loads(code_cache.read_checked(file))
         if all(stamp(path) == old for path, old in stamps.items()):

@@ -119,20 +119,20 @@ class _Reader:
             ):
                 return self._value(part) if name == same else None
             case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name)) if name in _FIND_NAMES:
-                return self._packages(node)
+                return self._packages(node, "__init__.py" if name == "find_packages" else "*")
         return None
 
-    def _packages(self, node: ast.Call) -> object:
+    def _packages(self, node: ast.Call, wanted: str) -> object:
         """Return the result of `find_packages` without inner packages."""
         given = dict(zip(("where", "exclude", "include"), map(self._value, node.args), strict=False))
         given |= {word.arg: self._value(word.value) for word in node.keywords if word.arg is not None}
         where, excluded, included = given.get("where", "."), given.get("exclude", []), given.get("include", ["*"])
         if not (isinstance(where, str) and isinstance(excluded, list) and isinstance(included, list)):
             return None
-        found = self._glob(os.path.join(where, "*", "__init__.py")) or []
-        names = [os.path.basename(os.path.dirname(file)) for file in found]
-        names = [name for name in names if any(fnmatchcase(name, str(pattern)) for pattern in included)]
-        return [name for name in names if not any(fnmatchcase(name, str(pattern)) for pattern in excluded)]
+        found = self._glob(os.path.join(where, "*", wanted)) or []
+        names = dict.fromkeys(os.path.basename(os.path.dirname(file)) for file in found)
+        kept = [name for name in names if any(fnmatchcase(name, str(pattern)) for pattern in included)]
+        return [name for name in kept if not any(fnmatchcase(name, str(pattern)) for pattern in excluded)]
 
     def _glob(self, pattern: str, *, is_deep: bool = False) -> list[str] | None:
         """Return the files of the package that match a pattern; None if it leads out of the package's folder."""

@@ -86,11 +86,8 @@ def cmake_installs(folder: Path, script: CMakeScript | None = None) -> list[Inst
         paths = tuple(takewhile(lambda text: not _LIST_END.fullmatch(text), texts[1:]))
         options = dict(pairwise(texts))
         destination = options.get("DESTINATION", UNKNOWN)
-        filters = tuple(
-            (text, texts[index + 2 : index + 3] == ["EXCLUDE"])
-            for index, (word, text) in enumerate(pairwise(texts))
-            if word == "PATTERN"
-        )
+        named = zip(texts, texts[1:], [*texts[2:], ""], strict=False)
+        filters = tuple((pattern, after == "EXCLUDE") for word, pattern, after in named if word == "PATTERN")
         only_matching = "FILES_MATCHING" in texts and "REGEX" not in texts
         place, rename = posixpath.normpath(destination), options.get("RENAME", "")
         found.append(Install(folder, texts[0], paths, place, rename, filters, only_matching))

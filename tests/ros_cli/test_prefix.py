@@ -195,6 +195,15 @@ def test_bundled_packages_complete_the_workspace(
         assert package == "py_plain" or all(map(find_spec, (one.partition(":")[0] for one in names.values())))
 
 
+def test_a_bundled_executable_of_a_package_with_code_is_not_missing(tmp_path: Path) -> None:
+    rules = "add_executable(static_transform_publisher a.cpp)\nadd_executable(other a.cpp)\n"
+    rules += "install(TARGETS static_transform_publisher other DESTINATION lib/tf2_ros)"
+    write(tmp_path / "tf2_ros", {"package.xml": MANIFEST.format("tf2_ros"), "CMakeLists.txt": rules})
+    made = build_prefix([tmp_path / "tf2_ros"], tmp_path / "out")
+    assert [one.missing for one in made.skipped] == [["other"]]
+    assert (made.folder / "lib/tf2_ros/static_transform_publisher").is_file()
+
+
 # --- Python -----------------------------------------------------------------------------------------------------------
 
 
@@ -255,6 +264,26 @@ def test_a_flattened_file_is_not_linked_twice(tmp_path: Path) -> None:
     write(tmp_path / "odd", files)
     build_prefix([tmp_path / "odd"], tmp_path / "out")
     assert sorted(tree(tmp_path / "out/share/odd")) == ["a.launch.py", "package.xml"]
+
+
+def test_namespace_packages_are_linked(tmp_path: Path) -> None:
+    setup = "setup(packages=find_namespace_packages(where='src', exclude=['skipped']), package_dir={'': 'src'})"
+    files = {"setup.py": setup, "src/spaced/inner/a.py": "", "src/plain/__init__.py": "", "src/skipped/a.py": ""}
+    write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **files})
+    made = build_prefix([tmp_path / "odd"], tmp_path / "out")
+    links = [path.name for path in (made.folder / SITE_PACKAGES).iterdir() if path.is_symlink()]
+    assert sorted(links) == ["plain", "spaced"]
+
+
+def test_a_large_program_that_is_not_executable_is_not_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(package_plan, "_MAX_COPY_BYTES", 20)
+    rules = "install(PROGRAMS small large DESTINATION lib/odd)"
+    files = {"CMakeLists.txt": rules, "small": "#!/bin/sh\necho 1\n", "large": "#!/bin/sh\n" + "#" * 20}
+    write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **files})
+    made = build_prefix([tmp_path / "odd"], tmp_path / "out")
+    assert os.listdir(made.folder / "lib/odd") == ["small"]
+    assert started(made.folder / "lib/odd/small").stdout == "1\n"
+    assert len(made.problems) == 1 and made.problems[0].endswith("is not executable: chmod +x")
 
 
 # --- damaged and hostile workspaces -----------------------------------------------------------------------------------

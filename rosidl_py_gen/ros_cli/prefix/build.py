@@ -51,11 +51,11 @@ class Prefix:
         return environment.variables(self.folder)
 
 
-def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
+def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Prefix:
     """Create or update the prefix of all packages below some folders.
 
     Args:
-        sources: package folders, folders of packages, or workspaces.
+        sources: package folders, folders of packages, or workspaces; None for the workspace of the current folder.
         out: folder of the prefix; None for a folder of the cache that belongs to `sources`.
 
     Raises:
@@ -63,14 +63,17 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
     """
     if os.name == "nt":
         raise CommandError("a prefix needs links and executable scripts; use WSL, or rosidl-py run without a prefix")
+    if sources is None:
+        around = workspace_around(Path.cwd())
+        if around is None or not around.packages:
+            raise CommandError("there is no package in or around the current folder; give the folder of a workspace")
+        sources = around.roots
     folders = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
     problems: list[str] = []
     packages = _find_packages(folders, problems)
     prefix = cached_folder("prefix", (sys.executable, *folders)) if out is None else Path(os.path.abspath(out))
     plans = [PackagePlan(name, folder) for name, folder in packages.items()]
-    files = environment.files(
-        prefix, (one.name for one in plans if f"{INDEX}/rosidl_interfaces/{one.name}" in one.files)
-    )
+    files = environment.files(prefix, plans)
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
         problems += plan.problems
@@ -87,14 +90,6 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
         plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
     skipped = tuple(plan for plan in plans if plan.has_targets)
     return Prefix(prefix, packages, skipped, tuple(problems), created, removed)
-
-
-def current_sources() -> list[Path]:
-    """Return the folders with the packages of the workspace around the current folder, for `build_prefix`."""
-    around = workspace_around(Path.cwd())
-    if around is None or not around.packages:
-        raise CommandError("there is no package in or around the current folder; give the folder of a workspace")
-    return around.roots
 
 
 def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
@@ -138,8 +133,7 @@ class _Writer:
 
     def __init__(self, prefix: Path) -> None:
         prefix.mkdir(parents=True, exist_ok=True)
-        self._prefix = prefix
-        self._real = Path(os.path.realpath(prefix))
+        self._prefix = prefix = Path(os.path.realpath(prefix))
         self._new = prefix / f".new-{os.getpid()}"
         self._state = prefix / _STATE
         self._old: set[str] = set()
@@ -174,7 +168,7 @@ class _Writer:
         """Write a file; returns False if it is up to date."""
         path = self._prefix / place
         if path.parent not in self._made:
-            if not self._is_real_folder(path.parent):
+            if os.path.realpath(path.parent) != str(path.parent):  # a link, which may lead out of the prefix
                 raise OSError(0, f"{os.path.dirname(place)} is not a folder")
             path.parent.mkdir(parents=True, exist_ok=True)
             self._made.add(path.parent)
@@ -196,14 +190,10 @@ class _Writer:
             self._new.symlink_to(file.source)
         self._new.replace(path)
 
-    def _is_real_folder(self, folder: Path) -> bool:
-        """Return True for a folder below the prefix, which may be missing, without links in its path."""
-        return os.path.realpath(folder) == str(self._real / folder.relative_to(self._prefix))
-
     def _remove(self, place: str) -> bool:
         """Remove a file and empty folders above it; returns False if it remains."""
         path = self._prefix / place
-        if not self._is_real_folder(path.parent):
+        if os.path.realpath(path.parent) != str(path.parent):
             return False
         with suppress(OSError):
             path.unlink()

@@ -30,9 +30,9 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
     from pathlib import Path
 
     from rosidl_py_gen.errors import display_path
-    from rosidl_py_gen.ros_cli.prefix import build_prefix, current_sources
+    from rosidl_py_gen.ros_cli.prefix import build_prefix
 
-    made = build_prefix(map(Path, sources) if sources else current_sources(), Path(out))
+    made = build_prefix(map(Path, sources) if sources else None, Path(out))
     if as_json:
         packages = {name: str(folder) for name, folder in made.packages.items()}
         skipped = [{"name": one.name, "executables": one.missing, "text": one.text} for one in made.skipped]
