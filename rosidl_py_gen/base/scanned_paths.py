@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import os
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextvars import ContextVar
+from typing import Any
 
 Stamp = tuple[int, ...] | None
 """Times of change in ns, inode, and size of a file or folder; None if it does not exist."""
-
-
-class _Recording(threading.local):
-    stamps: dict[str, Stamp] | None = None
-
-
-_recording = _Recording()
+_stamps = ContextVar[dict[str, Stamp] | None]("stamps", default=None)
 
 
 def stamp(path: str) -> Stamp:
@@ -28,17 +22,16 @@ def stamp(path: str) -> Stamp:
 
 def note(path: str | os.PathLike[str]) -> None:
     """Record a file or folder, which may be missing, before it is read."""
-    stamps = _recording.stamps
+    stamps = _stamps.get()
     if stamps is not None and (text := os.path.abspath(path)) not in stamps:
         stamps[text] = stamp(text)
 
 
-@contextmanager
-def recorded() -> Iterator[dict[str, Stamp]]:
-    """Return the stamps of all paths that this thread notes in the block; blocks must not be nested."""
+def recorded(search: Callable[[], Any]) -> tuple[dict[str, Stamp], Any]:
+    """Return the stamps of all paths that a search notes in this thread, and its result."""
     stamps: dict[str, Stamp] = {}
-    _recording.stamps = stamps
+    token = _stamps.set(stamps)
     try:
-        yield stamps
+        return stamps, search()
     finally:
-        _recording.stamps = None
+        _stamps.reset(token)

@@ -24,7 +24,6 @@ from rosidl_py_gen.compiler.frontend.workspace import Workspace
 from rosidl_py_gen.errors import Diagnostic
 from rosidl_py_gen.type_loading import code_cache
 
-_SUFFIX = ".scan"
 _MAX_FILES = 200
 _MIN_AGE_NS = 2_000_000_000
 """Minimum time since the last change of a path. Of two changes in shorter succession, the second may get the time of
@@ -42,10 +41,8 @@ def search(
     path: Sequence[str], workspace: Workspace | None, choice: DistributionChoice
 ) -> tuple[list[str], SearchPath]:
     """Return the folders with interfaces of `path` and of a workspace, and what `scan_search_path` finds with them."""
-    found: SearchPath | None = None
 
     def scan() -> Any:
-        nonlocal found
         # Names of files are cached for other distributions than the default only.
         bundled = [interfaces_dir()] if choice.name == DEFAULT else [place for place, *_ in os.walk(interfaces_dir())]
         for place in (*sys.path, *bundled):
@@ -59,11 +56,9 @@ def search(
     finders = [getattr(finder, "__name__", type(finder).__qualname__) for finder in sys.meta_path]
     environment = (os.environ.get("AMENT_PREFIX_PATH"), sys.path, sys.prefix, finders)
     folders, packages, hidden, searched, refused = _cached(("search", path, workspace, choice, environment), scan)
-    if found is None:
-        by_name = {row[0]: _package(*row) for row in packages}
-        problems = {name: Diagnostic(*values) for name, values in refused.items()}
-        found = SearchPath(by_name, [_package(*row) for row in hidden], searched, problems)
-    return folders, found
+    by_name = {row[0]: _package(*row) for row in packages}
+    problems = {name: Diagnostic(*values) for name, values in refused.items()}
+    return folders, SearchPath(by_name, [_package(*row) for row in hidden], searched, problems)
 
 
 def _folders(path: Sequence[str], workspace: Workspace | None) -> list[str]:
@@ -95,14 +90,13 @@ def _cached(settings: object, scan: Callable[[], Any]) -> Any:
     folder = code_cache.own_folder()
     if folder is None or not place:
         return scan()
-    name = code_cache.digest(f"{code_cache.version()} {place} {settings!r}".encode(errors="surrogatepass"))
-    file = folder / (name + _SUFFIX)
+    words = f"{code_cache.version()} {place} {settings!r}"
+    file = folder / f"{code_cache.digest(words.encode(errors='surrogatepass'))}.scan"
     with suppress(OSError, ValueError, EOFError, TypeError):
         stamps, result = marshal.loads(code_cache.read_checked(file))
         if all(stamp(path) == old for path, old in stamps.items()):
             return result
-    with recorded() as stamps:
-        result = scan()
+    stamps, result = recorded(scan)
     newest = max((max(one[:2]) for one in stamps.values() if one is not None), default=0)
     if newest < time_ns() - _MIN_AGE_NS:
         code_cache.store_checked(file, marshal.dumps((stamps, result)), max_files=_MAX_FILES)

@@ -11,10 +11,10 @@ import glob
 import os
 import re
 from fnmatch import fnmatchcase
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
+from rosidl_py_gen.compiler.frontend.cmake_reader import inside
 from rosidl_py_gen.errors import RosidlError
 
 _MAX_FILES = 10_000
@@ -42,11 +42,6 @@ def setup_calls(text: str, folder: Path) -> list[dict[str, object]]:
         return _Reader(folder).calls(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise SetupSyntaxError(str(error)) from error
-
-
-def is_below(path: str) -> bool:
-    """Return True for a relative path that does not lead out of its folder."""
-    return not os.path.isabs(path) and not os.path.normpath(path).startswith(os.pardir) and "\0" not in path
 
 
 class _Reader:
@@ -124,24 +119,26 @@ class _Reader:
             ):
                 return self._value(part) if name == same else None
             case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name)) if name in _FIND_NAMES:
-                return self._packages(node)
+                return self._packages(node, "__init__.py" if name == "find_packages" else "*")
         return None
 
-    def _packages(self, node: ast.Call) -> object:
+    def _packages(self, node: ast.Call, wanted: str) -> object:
         """Return the result of `find_packages` without inner packages."""
         given = dict(zip(("where", "exclude", "include"), map(self._value, node.args), strict=False))
         given |= {word.arg: self._value(word.value) for word in node.keywords if word.arg is not None}
         where, excluded, included = given.get("where", "."), given.get("exclude", []), given.get("include", ["*"])
         if not (isinstance(where, str) and isinstance(excluded, list) and isinstance(included, list)):
             return None
-        folder = self._folder / where
-        found = islice(sorted(folder.glob("*/__init__.py")), _MAX_FILES) if is_below(where) else ()
-        return [
-            name
-            for name in (file.parent.name for file in found)
-            if any(map(partial(fnmatchcase, name), map(str, included)))
-            and not any(map(partial(fnmatchcase, name), map(str, excluded)))
-        ]
+        found = self._glob(os.path.join(where, "*", wanted)) or []
+        names = dict.fromkeys(os.path.basename(os.path.dirname(file)) for file in found)
+        kept = [name for name in names if any(fnmatchcase(name, str(pattern)) for pattern in included)]
+        return [name for name in kept if not any(fnmatchcase(name, str(pattern)) for pattern in excluded)]
+
+    def _glob(self, pattern: str, *, is_deep: bool = False) -> list[str] | None:
+        """Return the files of the package that match a pattern; None if it leads out of the package's folder."""
+        path = inside(pattern.replace(os.sep, "/"))
+        found = None if path is None else glob.iglob(path, root_dir=self._folder, recursive=is_deep)
+        return None if found is None else sorted(islice(found, _MAX_FILES))
 
     def _list(self, parts: list[ast.expr]) -> list[object]:
         found: list[object] = []
@@ -160,11 +157,8 @@ class _Reader:
             return None
         if name == "join":
             return os.path.join(*texts)
-        pattern = os.path.normpath(texts[0])
-        if len(texts) > 1 or not is_below(pattern):
-            return None
         is_deep = any(word.arg == "recursive" for word in node.keywords)
-        return sorted(islice(glob.iglob(pattern, root_dir=self._folder, recursive=is_deep), _MAX_FILES))
+        return None if len(texts) > 1 else self._glob(texts[0], is_deep=is_deep)
 
 
 def _joined(pieces: list[object]) -> str | None:

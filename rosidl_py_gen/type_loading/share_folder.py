@@ -15,7 +15,7 @@ import posixpath
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,10 +28,9 @@ from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_
 from rosidl_py_gen.type_loading.cache_files import cache_home
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 
-_LIST_ENDS = ("DESTINATION", "PERMISSIONS", "CONFIGURATIONS", "COMPONENT", "RENAME", "OPTIONAL", "TYPE", "PATTERN")
-_MORE_LIST_ENDS = (
-    *("REGEX", "FILES_MATCHING", "FILE_PERMISSIONS", "DIRECTORY_PERMISSIONS", "EXCLUDE_FROM_ALL"),
-    *("USE_SOURCE_PERMISSIONS", "MESSAGE_NEVER"),
+_LIST_END = re.compile(
+    "DESTINATION|((FILE|DIRECTORY|USE_SOURCE)_)?PERMISSIONS|CONFIGURATIONS|COMPONENT|RENAME|OPTIONAL|TYPE|PATTERN|REGEX"
+    "|FILES_MATCHING|EXCLUDE_FROM_ALL|MESSAGE_NEVER"
 )
 _MAX_ENTRIES = 20_000
 """Maximum number of links of one share folder."""
@@ -40,7 +39,7 @@ _Tree = dict[str, "Path | _Tree"]
 
 @dataclass(frozen=True)
 class Install:
-    """A command ``install(FILES | PROGRAMS | DIRECTORY ...)`` of a CMakeLists.txt.
+    """A command ``install(FILES | PROGRAMS | DIRECTORY ...)`` of a CMakeLists.txt, or a row of data files of setup.py.
 
     Attributes:
         folder: of the package.
@@ -64,9 +63,8 @@ class Install:
         """Yield the path below `destination`, and the path below `folder`, of each file and folder that exists."""
         for path in self.paths:
             place = inside(path)
-            if place is None or not (self.folder / place).exists():
-                continue
-            if self.kind != "DIRECTORY" and not (self.folder / place).is_file():
+            exists = Path.exists if self.kind == "DIRECTORY" else Path.is_file
+            if place is None or not exists(self.folder / place):
                 continue
             if self.kind == "DIRECTORY" and path.endswith("/"):
                 yield from ((name, posixpath.join(place, name)) for name in _names(self.folder / place))
@@ -74,37 +72,39 @@ class Install:
                 yield self.rename or posixpath.basename(place), place
 
 
-def cmake_installs(folder: Path) -> list[Install]:
-    """Return what the CMakeLists.txt of a package installs.
+def cmake_installs(folder: Path, script: CMakeScript | None = None) -> list[Install]:
+    """Return what the CMakeLists.txt of a package installs; its regular expressions are taken to match all files.
 
     Raises:
         UnreadableError: the file cannot be read, or lists more than a package can have.
     """
-    return installs_of(CMakeScript(folder, read_text(folder, "CMakeLists.txt")), folder)
-
-
-def installs_of(script: CMakeScript, folder: Path) -> list[Install]:
-    """Return what a CMakeLists.txt installs. Regular expressions are not evaluated: they match all files."""
     found = []
-    for name, words in script.calls:
+    for name, words in (script or CMakeScript(folder, read_text(folder, "CMakeLists.txt"))).calls:
         texts = [word.text for word in words]
         if name != "install" or texts[:1] not in (["FILES"], ["PROGRAMS"], ["DIRECTORY"]):
             continue
-        paths = tuple(takewhile(lambda text: text not in (*_LIST_ENDS, *_MORE_LIST_ENDS), texts[1:]))
+        paths = tuple(takewhile(lambda text: not _LIST_END.fullmatch(text), texts[1:]))
         options = dict(pairwise(texts))
         destination = options.get("DESTINATION", UNKNOWN)
-        filters = tuple(
-            (text, texts[index + 2 : index + 3] == ["EXCLUDE"])
-            for index, (word, text) in enumerate(pairwise(texts))
-            if word == "PATTERN"
-        )
+        named = zip(texts, texts[1:], [*texts[2:], ""], strict=False)
+        filters = tuple((pattern, after == "EXCLUDE") for word, pattern, after in named if word == "PATTERN")
         only_matching = "FILES_MATCHING" in texts and "REGEX" not in texts
-        found.append(
-            Install(
-                *(folder, texts[0], paths, posixpath.normpath(destination), options.get("RENAME", "")),
-                *(filters, only_matching),
-            )
-        )
+        place, rename = posixpath.normpath(destination), options.get("RENAME", "")
+        found.append(Install(folder, texts[0], paths, place, rename, filters, only_matching))
+    return found
+
+
+def setup_installs(folder: Path, given: Mapping[str, object]) -> list[Install]:
+    """Return what the data files of a call of `setup` install; what cannot be determined is UNKNOWN."""
+    rows = given.get("data_files", [])
+    found = []
+    for row in rows if isinstance(rows, list) else [None]:
+        match row:
+            case [str(place), list(paths)]:
+                known = tuple(path if isinstance(path, str) else UNKNOWN for path in paths)
+                found.append(Install(folder, "FILES", known, posixpath.normpath(re.sub(r"[\\/]+", "/", place))))
+            case _:
+                found.append(Install(folder, "FILES", (UNKNOWN,), UNKNOWN))
     return found
 
 
@@ -124,8 +124,7 @@ def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | N
         is_same &= _insert(tree, [part for part in place.split("/") if part not in ("", ".")], source)
     if is_same:
         return folder
-    places = "\n".join(map(str, (folder, *(interfaces or {}).values())))
-    made = (cache_home() or temporary_home()) / "share" / hashlib.sha256(os.fsencode(places)).hexdigest()[:24] / name
+    made = cached_folder("share", (folder, *(interfaces or {}).values())) / name
     try:
         made.mkdir(mode=0o700, parents=True, exist_ok=True)
         _link(tree, made, [_MAX_ENTRIES])
@@ -134,8 +133,14 @@ def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | N
     return made
 
 
+def cached_folder(kind: str, words: Iterable[object]) -> Path:
+    """Return the folder of the cache for links that belong to some paths; it may not exist."""
+    name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
+    return (cache_home() or _temporary_home()) / kind / name
+
+
 @lru_cache(maxsize=1)
-def temporary_home() -> Path:
+def _temporary_home() -> Path:
     """Return a folder for links if caches are disabled; it is removed when the process ends."""
     home = tempfile.mkdtemp(prefix="rosidl-py-gen-")
     atexit.register(shutil.rmtree, home, ignore_errors=True)
@@ -151,23 +156,16 @@ def _names(folder: Path) -> list[str]:
 def _installed(name: str, folder: Path) -> Iterator[tuple[str, Path]]:
     """Yield the place below ``share/<name>`` and the source of each installed file or folder."""
     share = f"share/{name}"
+    installs: list[Install] = []
     with suppress(UnreadableError):
-        for one in cmake_installs(folder):
-            if (one.destination + "/").startswith(f"{share}/"):
-                for below, path in one.files():
-                    yield posixpath.join(one.destination[len(share) :].lstrip("/"), below), folder / path
+        installs += cmake_installs(folder)
     with suppress(UnreadableError, SetupSyntaxError):
         for given in setup_calls(read_text(folder, "setup.py"), folder):
-            rows = given.get("data_files")
-            for row in rows if isinstance(rows, list) else ():
-                if not (isinstance(row, list) and len(row) == 2 and isinstance(row[0], str)):
-                    continue
-                place = posixpath.normpath(re.sub(r"[\\/]+", "/", row[0]))
-                for path in row[1] if isinstance(row[1], list) and (place + "/").startswith(f"{share}/") else ():
-                    source = inside(path) if isinstance(path, str) else None
-                    if source is not None and (folder / source).is_file():
-                        below = posixpath.join(place[len(share) :].lstrip("/"), posixpath.basename(source))
-                        yield below, folder / source
+            installs += setup_installs(folder, given)
+    for one in installs:
+        if (one.destination + "/").startswith(f"{share}/"):
+            for below, path in one.files():
+                yield posixpath.join(one.destination[len(share) :].lstrip("/"), below), folder / path
 
 
 def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from support.prefix_workspace import RECORDED, answers, listing, write_workspace
 from support.program_processes import started
 
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import build, build_prefix, package_plan
+from rosidl_py_gen.ros_cli.prefix import build, build_prefix, executables, package_plan
 from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
 
 MANIFEST = "<package><name>{}</name><version>1.0.0</version></package>"
@@ -185,12 +186,22 @@ def test_without_out_the_prefix_is_in_the_cache(workspace: Path, tmp_path: Path)
 def test_bundled_packages_complete_the_workspace(
     workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bundled = {"py_plain": {"talk": "json:loads", "more": "platform:main"}, "not_here": {"x": "missing_module.x:main"}}
-    monkeypatch.setattr(build, "BUNDLED", bundled)
+    monkeypatch.setitem(executables.BUNDLED, "py_plain", {"talk": "json:loads", "more": "platform:main"})
     made = build_prefix([workspace], tmp_path / "out")
     assert started(made.folder / "lib/py_plain/talk", **made.environment()).stdout == "talk\n"
     assert (made.folder / "lib/py_plain/more").is_file()
-    assert not (made.folder / "share/not_here").exists()
+    for package, names in executables.BUNDLED.items():
+        assert all((made.folder / "lib" / package / name).is_file() for name in names)
+        assert package == "py_plain" or all(map(find_spec, (one.partition(":")[0] for one in names.values())))
+
+
+def test_a_bundled_executable_of_a_package_with_code_is_not_missing(tmp_path: Path) -> None:
+    rules = "add_executable(static_transform_publisher a.cpp)\nadd_executable(other a.cpp)\n"
+    rules += "install(TARGETS static_transform_publisher other DESTINATION lib/tf2_ros)"
+    write(tmp_path / "tf2_ros", {"package.xml": MANIFEST.format("tf2_ros"), "CMakeLists.txt": rules})
+    made = build_prefix([tmp_path / "tf2_ros"], tmp_path / "out")
+    assert [one.missing for one in made.skipped] == [["other"]]
+    assert (made.folder / "lib/tf2_ros/static_transform_publisher").is_file()
 
 
 # --- Python -----------------------------------------------------------------------------------------------------------
@@ -255,6 +266,26 @@ def test_a_flattened_file_is_not_linked_twice(tmp_path: Path) -> None:
     assert sorted(tree(tmp_path / "out/share/odd")) == ["a.launch.py", "package.xml"]
 
 
+def test_namespace_packages_are_linked(tmp_path: Path) -> None:
+    setup = "setup(packages=find_namespace_packages(where='src', exclude=['skipped']), package_dir={'': 'src'})"
+    files = {"setup.py": setup, "src/spaced/inner/a.py": "", "src/plain/__init__.py": "", "src/skipped/a.py": ""}
+    write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **files})
+    made = build_prefix([tmp_path / "odd"], tmp_path / "out")
+    links = [path.name for path in (made.folder / SITE_PACKAGES).iterdir() if path.is_symlink()]
+    assert sorted(links) == ["plain", "spaced"]
+
+
+def test_a_large_program_that_is_not_executable_is_not_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(package_plan, "_MAX_COPY_BYTES", 20)
+    rules = "install(PROGRAMS small large DESTINATION lib/odd)"
+    files = {"CMakeLists.txt": rules, "small": "#!/bin/sh\necho 1\n", "large": "#!/bin/sh\n" + "#" * 20}
+    write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **files})
+    made = build_prefix([tmp_path / "odd"], tmp_path / "out")
+    assert os.listdir(made.folder / "lib/odd") == ["small"]
+    assert started(made.folder / "lib/odd/small").stdout == "1\n"
+    assert len(made.problems) == 1 and made.problems[0].endswith("is not executable: chmod +x")
+
+
 # --- damaged and hostile workspaces -----------------------------------------------------------------------------------
 
 DAMAGED = {
@@ -268,12 +299,12 @@ DAMAGED = {
     "entry points": ({"setup.py": "setup(entry_points=points())"}, "the entry points of setup.py cannot be read"),
     "executable": (
         {"setup.py": "setup(entry_points={'console_scripts': ['../../x = a:b']})"},
-        '"../../x" is not the name of an executable',
+        '"bin/../../x" is not a path below the prefix',
     ),
     "absolute": ({"setup.py": "setup(data_files=[('/tmp/x', ['a.txt'])])"}, '"/tmp/x/a.txt" is not a path below'),
     "upwards": (
         {"setup.py": "setup(data_files=[('share/../../x', ['a.txt'])])"},
-        '"share/../../x/a.txt" is not a path',
+        '"../x/a.txt" is not a path',
     ),
     "source": (
         {"setup.py": "setup(data_files=[('share/odd', ['../a', '/etc/passwd'])])"},
@@ -378,7 +409,7 @@ def test_links_and_states_in_the_prefix_lead_nowhere(workspace: Path, tmp_path: 
     (out / "share/py_plain").symlink_to(outside)
     (out / "setup.sh").unlink()
     (out / "setup.sh").symlink_to(outside / "file")
-    (out / build._STATE).write_text(json.dumps(["../outside/file", "share/py_plain/file", 1, "/x", "setup.sh"]))
+    (out / build._STATE).write_text("../outside/file\nshare/py_plain/file\n1\n/x\nsetup.sh")
     made = build_prefix([workspace], out)
     assert tree(outside) == {"file": b"stays"}
     assert any("share/py_plain is not a folder" in problem for problem in made.problems)

@@ -35,12 +35,9 @@ _HARMLESS = re.compile(  # prefixes of commands that change no list
     "message|set |unset|find_|return|if|else|end|target_|ament_|link_|rosidl_|rclcpp_|catkin_|include_|set_[pt]"
     "|add_(lib|exec|comp|def|dep|custom|test|link)|list (sort|reverse|remove_d)"
 )
-_RECORDED = frozenset(
-    (
-        *(GENERATE, "install", "add_executable", "add_launch_test", "add_library", "ament_add_pytest_test"),
-        *("ament_auto_add_executable", "ament_auto_add_library", "ament_auto_package", "ament_index_register_resource"),
-        *("ament_python_install_module", "ament_python_install_package", "pluginlib_export_plugin_description_file"),
-    )
+_RECORDED = re.compile(
+    f"{GENERATE}|install|(ament_auto_)?add_(executable|library)|add_launch_test|ament_add_pytest_test|ament_auto_package"
+    "|ament_index_register_resource|ament_python_install_(module|package)|pluginlib_export_plugin_description_file"
 )
 _INSTALL_FOLDERS = {
     "CMAKE_INSTALL_PREFIX": ".",
@@ -114,7 +111,7 @@ class CMakeScript:
             self._read(name, words, words[0].text.upper() if words else "")
 
     def _read(self, name: str, words: list[CMakeArgument], first: str) -> None:
-        if name in _RECORDED:
+        if _RECORDED.fullmatch(name):
             self.calls.append((name, self._expand(*words)))
         if name in (GENERATE, "install"):
             self._spend(_ACCESS_COST // 5 * len(self.calls[-1][1]))

@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
-from rosidl_py_gen.base.names import RosName, is_package_name
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
-from rosidl_py_gen.compiler.frontend.package_files import mentions_interfaces
-from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
-from rosidl_py_gen.errors import RosidlError, display_path
+from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import environment, wrappers
-from rosidl_py_gen.ros_cli.prefix.bundled import BUNDLED, ON_PACKAGE_INDEX
-from rosidl_py_gen.ros_cli.prefix.executables import of_distribution
-from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PackagePlan, PrefixFile
-from rosidl_py_gen.type_loading.cache_files import cache_home
-from rosidl_py_gen.type_loading.share_folder import temporary_home
+from rosidl_py_gen.ros_cli.prefix import environment, executables
+from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PROGRAM, PackagePlan, PrefixFile
+from rosidl_py_gen.type_loading.share_folder import cached_folder
 
-_STATE = ".rosidl-py-prefix.json"
-"""File of a prefix with the paths of the files that this module has written."""
-_MAX_STATE_BYTES = 64 << 20
+_STATE = ".rosidl-py-prefix"
+"""File of a prefix with the paths of the files that this module has written, one on a line."""
+_ON_PACKAGE_INDEX = ("xacro",)
+"""Packages of the package index that launch files use by their ROS names, if they are installed."""
 _NAME = re.compile(r"[A-Za-z0-9][\w-]{0,200}", re.ASCII)
 
 
@@ -59,11 +51,11 @@ class Prefix:
         return environment.variables(self.folder)
 
 
-def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
+def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Prefix:
     """Create or update the prefix of all packages below some folders.
 
     Args:
-        sources: package folders, folders of packages, or workspaces.
+        sources: package folders, folders of packages, or workspaces; None for the workspace of the current folder.
         out: folder of the prefix; None for a folder of the cache that belongs to `sources`.
 
     Raises:
@@ -71,36 +63,33 @@ def build_prefix(sources: Iterable[Path], out: Path | None = None) -> Prefix:
     """
     if os.name == "nt":
         raise CommandError("a prefix needs links and executable scripts; use WSL, or rosidl-py run without a prefix")
+    if sources is None:
+        around = workspace_around(Path.cwd())
+        if around is None or not around.packages:
+            raise CommandError("there is no package in or around the current folder; give the folder of a workspace")
+        sources = around.roots
     folders = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
     problems: list[str] = []
     packages = _find_packages(folders, problems)
-    prefix = _cache_folder(folders) if out is None else Path(os.path.abspath(out))
-    interfaces = {name: _interfaces(name, folder, problems) for name, folder in packages.items()}
-    files = environment.files(prefix, (name for name, found in interfaces.items() if found))
-    plans = [PackagePlan(name, folder, interfaces[name]) for name, folder in packages.items()]
+    prefix = cached_folder("prefix", (sys.executable, *folders)) if out is None else Path(os.path.abspath(out))
+    plans = [PackagePlan(name, folder) for name, folder in packages.items()]
+    files = environment.files(prefix, plans)
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
         problems += plan.problems
         for place, file in plan.files.items():
-            if place in files and files[place] != file:
+            if files.setdefault(place, file) != file:
                 problems.append(f"{plan.name}: {place} is a file of {owners[place]}, too; that one is used")
-            else:
-                files[place], owners[place] = file, plan.name
-    for place, file in _bundled_files().items():
-        files.setdefault(place, file)
-    created, removed = _Writer(prefix).write(files, problems)
+            owners.setdefault(place, plan.name)
+    files = _bundled_files() | files
+    try:
+        created, removed = _Writer(prefix).write(files, problems)
+    except OSError as error:
+        raise CommandError(f"{display_path(prefix)}: cannot be written: {error.strerror or error}") from error
     for plan in plans:
         plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
     skipped = tuple(plan for plan in plans if plan.has_targets)
     return Prefix(prefix, packages, skipped, tuple(problems), created, removed)
-
-
-def current_sources() -> list[Path]:
-    """Return the folders with the packages of the workspace around the current folder, for `build_prefix`."""
-    around = workspace_around(Path.cwd())
-    if around is None or not around.packages:
-        raise CommandError("there is no package in or around the current folder; give the folder of a workspace")
-    return around.roots
 
 
 def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
@@ -121,48 +110,19 @@ def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
     return packages
 
 
-def _interfaces(name: str, folder: Path, problems: list[str]) -> dict[RosName, Path]:
-    try:
-        if is_package_name(name) and (holds_interfaces(folder) or mentions_interfaces(folder)):
-            return Package(name, folder, "", from_source=True).files
-    except RosidlError as error:
-        problems.append(f"{name}: {error}")
-    return {}
-
-
 def _bundled_files() -> dict[str, PrefixFile]:
     """Return files of packages whose executables are bundled or installed by pip."""
-    functions = {
-        package: {name: target for name, target in names.items() if _exists(target.partition(":")[0])}
-        for package, names in BUNDLED.items()
-    }
-    for package in ON_PACKAGE_INDEX:
-        functions[package] = {name: f"{one.module}:{one.function}" for name, one in of_distribution(package).items()}
     found: dict[str, PrefixFile] = {}
-    for package, names in functions.items():
-        if not names:
-            continue
-        manifest = f'<package format="3">\n  <name>{package}</name>\n  <version>0.0.0</version>\n</package>\n'
-        found[f"{INDEX}/packages/{package}"] = PrefixFile(content=b"")
-        found[f"share/{package}/package.xml"] = PrefixFile(content=manifest.encode())
-        for name, target in names.items():
-            content = wrappers.of_function(*target.split(":"))
-            found[f"lib/{package}/{name}"] = PrefixFile(content=content, is_program=True)
-            if package in ON_PACKAGE_INDEX:  # launch files also run $(find-pkg-prefix xacro)/bin/xacro
-                found[f"bin/{name}"] = found[f"lib/{package}/{name}"]
+    for package in (*executables.BUNDLED, *_ON_PACKAGE_INDEX):
+        for name, one in (executables.of_bundled(package) or executables.of_distribution(package)).items():
+            manifest = f'<package format="3">\n  <name>{package}</name>\n  <version>0.0.0</version>\n</package>\n'
+            program = PrefixFile(None, one.program(), PROGRAM)
+            found[f"{INDEX}/packages/{package}"] = PrefixFile(content=b"")
+            found[f"share/{package}/package.xml"] = PrefixFile(content=manifest.encode())
+            found[f"lib/{package}/{name}"] = program
+            if package in _ON_PACKAGE_INDEX:  # launch files also run $(find-pkg-prefix xacro)/bin/xacro
+                found[f"bin/{name}"] = program
     return found
-
-
-def _exists(module: str) -> bool:
-    try:
-        return find_spec(module) is not None
-    except ModuleNotFoundError:
-        return False
-
-
-def _cache_folder(sources: list[Path]) -> Path:
-    words = "\n".join((sys.executable, *map(str, sources)))
-    return (cache_home() or temporary_home()) / "prefix" / hashlib.sha256(os.fsencode(words)).hexdigest()[:24]
 
 
 class _Writer:
@@ -172,61 +132,50 @@ class _Writer:
     """
 
     def __init__(self, prefix: Path) -> None:
-        self._prefix = prefix
+        prefix.mkdir(parents=True, exist_ok=True)
+        self._prefix = prefix = Path(os.path.realpath(prefix))
         self._new = prefix / f".new-{os.getpid()}"
-        self._folders: set[str] = set()
-        try:
-            prefix.mkdir(parents=True, exist_ok=True)
-            self._old = self._read_state()
-            if self._old is None and any(not one.name.startswith(".new-") for one in prefix.iterdir()):
-                text = "the folder is not empty, and rosidl-py prefix has not written it"
-                raise CommandError(f"{display_path(prefix)}: {text}; choose another one with --out")
-        except OSError as error:
-            raise CommandError(f"{display_path(prefix)}: cannot be written: {error.strerror or error}") from error
+        self._state = prefix / _STATE
+        self._old: set[str] = set()
+        self._made: set[Path] = set()
+        if self._state.is_file() and not self._state.is_symlink():
+            places = os.fsdecode(self._state.read_bytes()).split("\n")
+            self._old = {place for place in places if inside(place) == place}
+        elif any(not one.name.startswith(".new-") for one in prefix.iterdir()):
+            text = "the folder is not empty, and rosidl-py prefix has not written it"
+            raise CommandError(f"{display_path(prefix)}: {text}; choose another one with --out")
 
     def write(self, files: dict[str, PrefixFile], problems: list[str]) -> tuple[int, int]:
         """Write files; returns how many have changed and how many were removed."""
-        old = self._old or set()
-        removed = sum(self._remove(place) for place in sorted(old - files.keys(), reverse=True))
-        if not files.keys() <= old:  # first, so that an interrupted call leaves no unknown files
-            self._write_state(old | files.keys())
+        removed = sum(self._remove(place) for place in sorted(self._old - files.keys(), reverse=True))
+        if not files.keys() <= self._old:  # first, so that an interrupted call leaves no unknown files
+            self._write_state(self._old | files.keys())
         created = 0
         for place, file in files.items():
             try:
-                created += self._write_file(place, file, is_known=place in old)
+                created += self._write_file(place, file)
             except OSError as error:
                 problems.append(f"{place} cannot be written: {error.strerror or error}")
-        if old != files.keys():
-            self._write_state(set(files))
+        if self._old != files.keys():
+            self._write_state(files.keys())
         self._new.unlink(missing_ok=True)
         return created, removed
 
-    def _read_state(self) -> set[str] | None:
-        path = self._prefix / _STATE
-        if path.is_symlink() or not path.is_file():
-            return None
-        with path.open("rb") as file:
-            raw = file.read(_MAX_STATE_BYTES)
-        with suppress(ValueError, RecursionError):
-            state = json.loads(raw)
-            if isinstance(state, list):
-                return {place for place in state if isinstance(place, str) and inside(place) == place}
-        return set()
+    def _write_state(self, places: Iterable[str]) -> None:
+        self._replace(self._state, PrefixFile(content=os.fsencode("\n".join(sorted(places)))))
 
-    def _write_state(self, places: set[str]) -> None:
-        try:
-            self._replace(self._prefix / _STATE, PrefixFile(content=json.dumps(sorted(places), indent=0).encode()))
-        except OSError as error:
-            raise CommandError(f"{display_path(self._prefix)}: cannot be written: {error.strerror or error}") from error
-
-    def _write_file(self, place: str, file: PrefixFile, *, is_known: bool) -> bool:
+    def _write_file(self, place: str, file: PrefixFile) -> bool:
         """Write a file; returns False if it is up to date."""
         path = self._prefix / place
-        self._make_folder(os.path.dirname(place))
+        if path.parent not in self._made:
+            if os.path.realpath(path.parent) != str(path.parent):  # a link, which may lead out of the prefix
+                raise OSError(0, f"{os.path.dirname(place)} is not a folder")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._made.add(path.parent)
         exists = os.path.lexists(path)  # before the content, as another process may create it in between
         if exists and _is_current(path, file):
             return False
-        if exists and not is_known:
+        if exists and place not in self._old:
             raise OSError(0, "there is another file of this name, which is left alone")
         self._replace(path, file)
         return True
@@ -241,27 +190,14 @@ class _Writer:
             self._new.symlink_to(file.source)
         self._new.replace(path)
 
-    def _make_folder(self, place: str) -> None:
-        """Create a folder; raises OSError if a part of its path is a link or a file."""
-        if not place or place in self._folders:
-            return
-        self._make_folder(os.path.dirname(place))
-        path = self._prefix / place
-        with suppress(FileExistsError):
-            path.mkdir()
-        if path.is_symlink() or not path.is_dir():
-            raise OSError(0, f"{place} is not a folder")
-        self._folders.add(place)
-
     def _remove(self, place: str) -> bool:
-        """Remove a file and empty folders above it; returns False if it does not exist."""
+        """Remove a file and empty folders above it; returns False if it remains."""
         path = self._prefix / place
-        above = [folder for folder in path.parents if folder.is_relative_to(self._prefix)][:-1]
-        if any(folder.is_symlink() for folder in above) or (path.is_dir() and not path.is_symlink()):
+        if os.path.realpath(path.parent) != str(path.parent):
             return False
         with suppress(OSError):
             path.unlink()
-            for folder in above:
+            for folder in path.parents[: place.count("/")]:
                 folder.rmdir()
             return True
         return not os.path.lexists(path)

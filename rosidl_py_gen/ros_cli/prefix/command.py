@@ -30,21 +30,14 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
     from pathlib import Path
 
     from rosidl_py_gen.errors import display_path
-    from rosidl_py_gen.ros_cli.prefix import build_prefix, current_sources
+    from rosidl_py_gen.ros_cli.prefix import build_prefix
 
-    made = build_prefix(map(Path, sources) if sources else current_sources(), Path(out))
+    made = build_prefix(map(Path, sources) if sources else None, Path(out))
     if as_json:
+        packages = {name: str(folder) for name, folder in made.packages.items()}
         skipped = [{"name": one.name, "executables": one.missing, "text": one.text} for one in made.skipped]
-        terminal_output.document(
-            {
-                "folder": str(made.folder),
-                "packages": {name: str(folder) for name, folder in made.packages.items()},
-                "skipped": skipped,
-                "problems": [*made.problems],
-                "created": made.created,
-                "removed": made.removed,
-            }
-        )
+        others = {"folder": str(made.folder), "packages": packages, "skipped": skipped}
+        terminal_output.document(vars(made) | others)
     else:
         for problem in made.problems:
             terminal_output.note(f"warning: {problem}")

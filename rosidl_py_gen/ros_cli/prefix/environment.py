@@ -10,10 +10,9 @@ from pathlib import Path
 from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, DISTRIBUTIONS, ENVIRONMENT_VARIABLE, selected
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, SITE_PACKAGES, PrefixFile
+from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, SITE_PACKAGES, PackagePlan, PrefixFile
 
 _FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
-_TEMPLATE = Path(__file__).with_name("sitecustomize_template.py")
 
 
 def variables(prefix: Path) -> dict[str, str]:
@@ -25,17 +24,19 @@ def variables(prefix: Path) -> dict[str, str]:
     return found
 
 
-def files(prefix: Path, interface_packages: Iterable[str]) -> dict[str, PrefixFile]:
+def files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFile]:
     """Return the files at the top of a prefix, and the module ``sitecustomize``, by their paths."""
     if os.pathsep in str(prefix):
         raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
+    names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
+    names |= {plan.name for plan in plans if f"{INDEX}/rosidl_interfaces/{plan.name}" in plan.files}
+    names |= {*COMPANIONS, "rosidl_parser"}
+    template = Path(__file__).with_name("sitecustomize_template.py").read_text(encoding="utf-8")
     texts = {
         "COLCON_IGNORE": "",
-        "setup.sh": _posix_script(prefix),
-        "setup.bash": f". {shlex.quote(str(prefix / 'setup.sh'))}\n",
-        "setup.zsh": f". {shlex.quote(str(prefix / 'setup.sh'))}\n",
+        **dict.fromkeys(("setup.sh", "setup.bash", "setup.zsh"), _posix_script(prefix)),
         "setup.fish": _fish_script(prefix),
-        f"{SITE_PACKAGES}/sitecustomize.py": _python_module(interface_packages),
+        f"{SITE_PACKAGES}/sitecustomize.py": template.replace("frozenset(())", f"frozenset({sorted(names)})"),
     }
     return {place: PrefixFile(content=os.fsencode(text)) for place, text in texts.items()}
 
@@ -54,18 +55,11 @@ def _folders(prefix: Path) -> dict[str, Path]:
 
 def _posix_script(prefix: Path) -> str:
     lines = [f"export {name}={value}" for name, value in _FIXED.items()]
-    given = _distribution()
-    if ASSUMED_VARIABLE in given:
-        lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {ASSUMED_VARIABLE}={DEFAULT}')
-    lines += [
-        f'[ -n "${{{name}:-}}" ] || export {name}={value}' for name, value in given.items() if name != ASSUMED_VARIABLE
-    ]
+    for name, value in _distribution().items():
+        lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {name}={value}')
     for name, folder in _folders(prefix).items():
-        quoted = shlex.quote(str(folder))
-        lines.append(f'case ":${{{name}:-}}:" in')
-        lines.append(f"  *:{quoted}:*) ;;")
-        lines.append(f'  *) export {name}={quoted}"${{{name}:+:${{{name}}}}}" ;;')
-        lines.append("esac")
+        quoted, old = shlex.quote(str(folder)), f"${{{name}:+:${{{name}}}}}"
+        lines.append(f'case "{old}:" in *:{quoted}:*) ;; *) export {name}={quoted}"{old}" ;; esac')
     return "\n".join(lines) + "\n"
 
 
@@ -78,10 +72,3 @@ def _fish_script(prefix: Path) -> str:
         value = f"{quoted} $PATH" if name == "PATH" else f"(string join : -- {quoted} ${name})"
         lines.append(f'contains -- {quoted} (string split : -- "${name}"); or set -gx {name} {value}')
     return "\n".join(lines) + "\n"
-
-
-def _python_module(interface_packages: Iterable[str]) -> str:
-    names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
-    text = _TEMPLATE.read_text(encoding="utf-8")
-    listed = ", ".join(map(repr, sorted({*names, *interface_packages, *COMPANIONS, "rosidl_parser"})))
-    return text.replace("frozenset(())", f"frozenset(({listed}))")

@@ -10,13 +10,13 @@ from __future__ import annotations
 import configparser
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.prefix.bundled import BUNDLED
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 from rosidl_py_gen.type_loading.share_folder import cmake_installs
 
@@ -25,6 +25,27 @@ _TOML_LINE = re.compile(r"""\s*(?:"([^"]+)"|'([^']+)'|([\w-]+))\s*=\s*(?:"([^"\\
 _GROUP = "console_scripts"
 _PYPROJECT_PREFIX = "project.entry-points."
 _PYPROJECT_GROUPS = {"project.scripts": _GROUP, "project.gui-scripts": "gui_scripts"}
+BUNDLED: dict[str, dict[str, str]] = {
+    "joint_state_publisher": {"joint_state_publisher": "rosidl_py_gen.robot.joint_state_publisher:main"},
+    "robot_state_publisher": {"robot_state_publisher": "rosidl_py_gen.robot.robot_state_publisher:main"},
+    "tf2_ros": {"static_transform_publisher": "rosidl_py_gen.robot.static_transform_publisher:main"},
+}
+"""ROS packages whose executables are part of this package, each as ``module:function``."""
+
+
+_RUN_FUNCTION = """from {module} import {first}
+
+if __name__ == "__main__":
+    sys.exit({function}())
+"""
+_RUN_FILE = """__file__ = {file!a}
+sys.path.insert(0, {folder!a})
+with open(__file__, "rb") as _script:
+    _code = compile(_script.read(), __file__, "exec", dont_inherit=True)
+exec(_code)
+"""
+_MAX_SHEBANG = 120
+"""Maximum length of the first line of a program; Linux reads 127 bytes before 5.1."""
 
 
 @dataclass(frozen=True)
@@ -47,21 +68,28 @@ class Executable:
     module: str | None = None
     function: str | None = None
 
+    def program(self) -> bytes:
+        """Return a program that runs the script in its folder, or ends with the function's result, with this Python."""
+        first = f"#!{sys.executable}"
+        if len(os.fsencode(first)) > _MAX_SHEBANG or any(map(str.isspace, first)) or not first.isascii():
+            quoted = sys.executable.replace("\\", "\\\\").replace('"', '\\"').replace("$", "\\$").replace("`", "\\`")
+            first = f"""#!/bin/sh\n'''exec' "{quoted}" "$0" "$@"\n' '''"""  # sh starts Python, for which it is a text
+        if self.file is not None:
+            text = _RUN_FILE.format(file=str(self.file), folder=str(self.file.parent))
+        else:
+            name = str(self.function)
+            text = _RUN_FUNCTION.format(module=self.module, first=name.partition(".")[0], function=name)
+        return os.fsencode(f"{first}\n# Written by rosidl-py prefix.\nimport sys\n\n{text}")
+
 
 def of_sources(folder: Path) -> dict[str, Executable]:
     """Return the executables of a source package by name. Raises `CommandError` if a file cannot be read."""
-    executables: dict[str, Executable] = {}
-    for source, groups, root in entry_points(folder):
-        for one in console_scripts(groups, source, folder / root, _warn):
-            executables.setdefault(one.name, one)
+    found: list[Executable] = []
+    for points in entry_points(folder):
+        found += console_scripts(*points, lambda text: terminal_output.note(f"warning: {text}"))
     if (folder / "CMakeLists.txt").is_file():
-        for one in _programs(folder):
-            executables.setdefault(one.name, one)
-    return executables
-
-
-def _warn(text: str) -> None:
-    terminal_output.note(f"warning: {text}")
+        found += _programs(folder)
+    return {one.name: one for one in reversed(found)}
 
 
 def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str]]:
@@ -71,15 +99,32 @@ def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str
     group, and the folder of the modules relative to `folder`. Raises `CommandError` if a file cannot be read.
     """
     for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
-        if (folder / name).is_file():
-            yield folder / name, *reader(_text(folder, name), folder / name)
+        if (source := folder / name).is_file():
+            try:
+                groups, root = reader(read_text(folder, name), folder)
+            except (UnreadableError, SetupSyntaxError, configparser.Error) as error:
+                raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
+            yield source, groups, root
 
 
 def console_scripts(
-    groups: dict[str, list[str]], source: Path, folder: Path, problem: Callable[[str], None]
+    source: Path, groups: dict[str, list[str]], root: str, problem: Callable[[str], None]
 ) -> Iterator[Executable]:
     """Yield the console scripts of `entry_points`; calls `problem` with an error text for each other line."""
-    return _scripts(groups.get(_GROUP, ()), folder, source, problem)
+    for text in groups.get(_GROUP, ()):
+        if match := _ENTRY.fullmatch(text):
+            yield Executable(match[1], source.parent / root, source, module=match[2], function=match[3])
+        elif text.strip():
+            problem(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"; it is skipped')
+
+
+def is_python_program(file: Path) -> bool:
+    """Return True for a script that starts with the name of Python."""
+    if not file.is_file():  # opening a pipe would wait for its writer
+        return False
+    with file.open("rb") as opened:
+        line = opened.readline(200)
+    return line.startswith(b"#!") and b"python" in line
 
 
 def of_distribution(package: str) -> dict[str, Executable]:
@@ -90,16 +135,18 @@ def of_distribution(package: str) -> dict[str, Executable]:
         installed = distribution(package)
     except PackageNotFoundError:
         return {}
-    folder = Path(str(installed.locate_file("")))
-    texts = [f"{one.name} = {one.value}" for one in installed.entry_points if one.group == _GROUP]
-    return {one.name: one for one in _scripts(texts, folder, folder)}
+    scripts = {one.name: one.value for one in installed.entry_points if one.group == _GROUP}
+    return _functions(scripts, Path(str(installed.locate_file(""))))
 
 
 def of_bundled(package: str) -> dict[str, Executable]:
     """Return the executables that this package has for a ROS package."""
-    folder = Path(__file__).parents[3]
-    texts = [f"{name} = {value}" for name, value in BUNDLED.get(package, {}).items()]
-    return {one.name: one for one in _scripts(texts, folder, Path(__file__).parents[2])}
+    return _functions(BUNDLED.get(package, {}), Path(__file__).parents[3])
+
+
+def _functions(values: Mapping[str, str], folder: Path) -> dict[str, Executable]:
+    found = {name: _ENTRY.fullmatch(f"{name} = {value}") for name, value in values.items()}
+    return {name: Executable(name, folder, folder, None, one[2], one[3]) for name, one in found.items() if one}
 
 
 def of_prefixes(package: str) -> dict[str, Executable]:
@@ -118,55 +165,30 @@ def of_prefixes(package: str) -> dict[str, Executable]:
     return executables
 
 
-def _text(folder: Path, name: str) -> str:
-    try:
-        return read_text(folder, name)
-    except UnreadableError as error:
-        raise CommandError(f"{folder / name}: {error.reason}") from error
-
-
-def _scripts(
-    texts: Iterable[str], folder: Path, source: Path, problem: Callable[[str], None] = lambda text: None
-) -> Iterator[Executable]:
-    for text in texts:
-        if match := _ENTRY.fullmatch(text):
-            yield Executable(match[1], folder, source, module=match[2], function=match[3])
-        elif text.strip():
-            problem(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"; it is skipped')
-
-
-def _setup_py(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
-    try:
-        calls = setup_calls(text, source.parent)
-    except SetupSyntaxError as error:
-        raise CommandError(f"{source}: {error}") from error
+def _setup_py(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
     groups: dict[str, list[str]] = {}
     root = ""
-    for arguments in calls:
+    for arguments in setup_calls(text, folder):
         points = arguments.get("entry_points")
         given = _sections(points) if isinstance(points, str) else points
         for group, lines in given.items() if isinstance(given, dict) else ():
             lines = lines.splitlines() if isinstance(lines, str) else lines
-            known = [one for one in lines if isinstance(one, str)] if isinstance(lines, list | tuple) else []
-            groups.setdefault(group, []).extend(known)
+            groups.setdefault(group, []).extend(one for one in lines or () if isinstance(one, str))
         folders = arguments.get("package_dir")
         if isinstance(folders, dict) and isinstance(folders.get(""), str):
             root = folders[""]
     return groups, root
 
 
-def _setup_cfg(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
+def _setup_cfg(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
     parser = configparser.ConfigParser(interpolation=None, strict=False)
-    try:
-        parser.read_string(text)
-    except configparser.Error as error:
-        raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
+    parser.read_string(text)
     root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
     points = parser["options.entry_points"].items() if "options.entry_points" in parser else ()
     return {group: lines.splitlines() for group, lines in points}, root[1] if root else ""
 
 
-def _pyproject(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
+def _pyproject(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
     """Return the entry points of ``[project]``; Python 3.10 has no TOML parser."""
     groups = {}
     for section, texts in _sections(text).items():
@@ -174,7 +196,7 @@ def _pyproject(text: str, source: Path) -> tuple[dict[str, list[str]], str]:
         if section in _PYPROJECT_GROUPS or section.startswith(_PYPROJECT_PREFIX):
             lines = (_TOML_LINE.fullmatch(line) for line in texts)
             groups[group] = [f"{one[1] or one[2] or one[3]} = {one[4] or one[5] or ''}" for one in lines if one]
-    return groups, "" if not (source.parent / "src").is_dir() else "src"
+    return groups, "src" if (folder / "src").is_dir() else ""
 
 
 def _sections(text: str) -> dict[str, list[str]]:

@@ -10,63 +10,53 @@ import os
 import posixpath
 import re
 import sys
+from collections.abc import Callable
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.names import is_package_name
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, read_text
-from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import executables, wrappers
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, mentions_interfaces, read_text
+from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
+from rosidl_py_gen.errors import RosidlError, display_path
+from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
-from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
-from rosidl_py_gen.type_loading.share_folder import Install, installs_of
+from rosidl_py_gen.type_loading.setup_py import setup_calls
+from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
 INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
 """Python packages that the import hook provides, in place of those of the workspace."""
 _MAX_FILES = 20_000
-"""Maximum number of files that a package installs, and of directory entries that are read for them."""
+"""Maximum number of files that a package installs; as many directory entries are read for them."""
 _MAX_COPY_BYTES = 16 << 20
-_MAX_PLACE = 1024
-_UNENCODABLE = re.compile("[\ud800-\udc7f\udd00-\udfff]")
-"""Characters that no file name has; others in this range are bytes that are not UTF-8."""
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
-_TARGETS = ("add_executable", "add_library", "ament_auto_add_executable", "ament_auto_add_library")
 _BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
 """Not that of ROS 1: packages for both have one build type with the condition `$ROS_VERSION == 1`."""
 _LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
-_SCRIPTS_FOLDER = re.compile(
-    r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$base/|\$\{base\}/)?(\S+)", re.MULTILINE
-)
-_PYTHON_WORD = re.compile(r"[\w.+!-]{1,200}")
+_SCRIPTS_FOLDER = re.compile(r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$\{?base\}?/)?(\S+)", re.MULTILINE)
+_NOT_IN_NAMES = re.compile(r"[^\w.]+")
 _VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
 
 
 class PrefixFile(NamedTuple):
-    """A file of a prefix: a link to `source`, or a file with `content`."""
+    """A file of a prefix: a link to `source`, or a file with `content` and the permissions `mode`."""
 
     source: Path | None = None
     content: bytes | None = None
-    is_program: bool = False
-
-    @property
-    def mode(self) -> int:
-        """Permissions of a file with `content`."""
-        return 0o755 if self.is_program else 0o644
+    mode: int = 0o644
 
 
-class _TooManyError(Exception):
-    """A package installs too many files."""
+PROGRAM = 0o755
+"""Permissions of a program."""
 
 
 class PackagePlan:
-    """Files that a package installs; errors of its rules are `problems`.
+    """Files that a package installs.
 
     Attributes:
         name: name of the package.
@@ -76,19 +66,28 @@ class PackagePlan:
         has_targets: there is C++ code.
     """
 
-    def __init__(self, name: str, folder: Path, interfaces: dict[RosName, Path]) -> None:
+    def __init__(self, name: str, folder: Path) -> None:
         self.name, self._folder = name, folder
         self.files: dict[str, PrefixFile] = {}
         self.problems: list[str] = []
         self.missing: list[str] = []
         self.has_targets = False
-        self._is_complete = True  # all install rules were read
-        try:
-            self._read(interfaces)
-        except _TooManyError:
-            self._problem(f"it installs more than {_MAX_FILES} files; the others are skipped")
-        except OSError as error:
-            self._problem(f"{error.filename or folder} cannot be read: {error.strerror or error}")
+        self._left = 2 * _MAX_FILES
+        self._read(self._add_interfaces)
+        manifest = _text(folder, "package.xml")
+        version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
+        self._version = version[1] if version else "0.0.0"
+        is_cmake = (folder / "CMakeLists.txt").is_file()
+        is_python = any((folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
+        if is_cmake and is_python and kind:
+            is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
+        self._is_complete = is_cmake or is_python  # all install rules were read
+        if is_python:
+            self._read(self._read_setup)
+        if is_cmake:
+            self._read(self._read_cmake)
+        if not self._is_complete:
+            self._read(self._link_sources)
         self.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
         self.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
 
@@ -97,50 +96,29 @@ class PackagePlan:
         """Line about a package with C++ code: the missing executables, and what the prefix has of it."""
         share = [place for place in self.files if place.startswith(f"share/{self.name}/")]
         launch = sum(_LAUNCH_FILE.search(place) is not None for place in share)
-        programs = sum(file.is_program for file in self.files.values())
+        programs = sum(file.mode == PROGRAM for file in self.files.values())
         counts = {"launch file": launch, "share file": len(share) - launch, "Python program": programs}
         usable = ", ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
         return f"{self.name}: without {', '.join(self.missing) or 'its libraries'}; with {usable}"
 
     def _problem(self, text: str) -> None:
-        self.problems.append(f"{self.name} ({display_path(self._folder)}): {text}")
+        text = f"{self.name} ({display_path(self._folder)}): {text}"
+        self.problems += [text] if text not in self.problems else []
 
-    def _read(self, interfaces: dict[RosName, Path]) -> None:
-        names = []
-        for interface, path in interfaces.items():
-            names.append(f"{interface.kind}/{path.name}")
-            self._add(f"share/{self.name}/{names[-1]}", PrefixFile(path))
-        if names:
-            lines = os.fsencode("\n".join(sorted(names)))
-            self._add(f"{INDEX}/rosidl_interfaces/{self.name}", PrefixFile(content=lines))
-        manifest = _text(self._folder, "package.xml")
-        version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
-        self._version = version[1] if version else "0.0.0"
-        is_cmake = (self._folder / "CMakeLists.txt").is_file()
-        is_python = any((self._folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
-        if is_cmake and is_python and kind:
-            is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
-        self._is_complete = is_cmake or is_python
+    def _read(self, rules: Callable[[], None]) -> None:
+        """Call a function that reads rules; an error is a problem."""
         try:
-            if is_python:
-                self._read_setup()
-            if is_cmake:
-                self._read_cmake()
-        except (CommandError, UnreadableError) as error:
+            rules()
+        except (RosidlError, OSError) as error:
             self._is_complete = False
-            self._problem(str(error))
-        if not self._is_complete:
-            self._link_sources()
+            text = f"{error.filename} cannot be read: {error.strerror}" if isinstance(error, OSError) else str(error)
+            self._problem(text)
 
     def _link_sources(self) -> None:
         """Link the files of the source folder below ``share``, except those that known rules install there."""
         share = f"share/{self.name}/"
         installed = {file.source for place, file in self.files.items() if place.startswith(share)}
-        try:
-            paths = files_below(self._folder)
-        except UnreadableError as error:
-            return self._problem(error.reason)
-        for path in paths:
+        for path in files_below(self._folder):
             is_code = path.split("/")[0] in _CODE_FOLDERS or "/" not in path
             if not is_code and self._folder / path not in installed and share + path not in self.files:
                 self._add(share + path, PrefixFile(self._folder / path))
@@ -149,99 +127,94 @@ class PackagePlan:
 
     def _add(self, place: str, file: PrefixFile) -> None:
         """Add a file at a path below the prefix; other paths, and paths of other files, are problems."""
+        self._spend(1)
         if UNKNOWN in place:
             self._is_complete = False
             return None
         path = inside(place)
-        if path is None or len(path) > _MAX_PLACE or "\n" in path or _UNENCODABLE.search(path):
+        if path is None or not path.isprintable():
             return self._problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
         old, self.files[path] = self.files.get(path, file), file
         if old.source != file.source:
             self._problem(f"two files would be {path}; the last one is used, {display_path(file.source or path)}")
-        if len(self.files) > _MAX_FILES:
-            raise _TooManyError
+
+    def _spend(self, count: int) -> None:
+        self._left -= count
+        if self._left < 0:
+            raise UnreadableError(f"it installs more than {_MAX_FILES} files; the others are skipped")
 
     def _source(self, path: str) -> Path | None:
         """Return a file or folder of the package that is installed; None, and a problem, if it is elsewhere."""
-        path = posixpath.normpath(path.removeprefix(f"{self._folder}/"))
         if UNKNOWN in path:
             self._is_complete = False
-        elif path in (".", str(self._folder)):
-            return self._folder
-        elif inside(path) is not None:
-            return self._folder / path
+        elif (place := "." if posixpath.normpath(path) == "." else inside(path)) is not None:
+            return self._folder / place
         else:
             self._problem(f'"{path[:200]}" is not in the package folder; it is skipped')
         return None
 
+    def _add_interfaces(self) -> None:
+        if not is_package_name(self.name) or not (holds_interfaces(self._folder) or mentions_interfaces(self._folder)):
+            return
+        found = Package(self.name, self._folder, "", from_source=True).files
+        places = {f"{interface.kind}/{path.name}": path for interface, path in found.items()}
+        for place, path in places.items():
+            self._add(f"share/{self.name}/{place}", PrefixFile(path))
+        if places:
+            lines = os.fsencode("\n".join(sorted(places)))
+            self._add(f"{INDEX}/rosidl_interfaces/{self.name}", PrefixFile(content=lines))
+
     def _add_file(self, place: str, source: Path, is_program: bool = False) -> None:
         """Add a file; scripts below ``lib`` become programs that run with this Python."""
         is_below_lib = place.startswith(("lib/", "bin/")) and not place.startswith(SITE_PACKAGES)
-        file = PrefixFile(source)
-        if (is_program and source.suffix == ".py") or (is_below_lib and wrappers.is_python_program(source)):
-            file = PrefixFile(source, wrappers.of_file(source), is_program=True)
-        elif is_program and not os.access(source, os.X_OK):
-            with source.open("rb") as opened:
-                file = PrefixFile(source, opened.read(_MAX_COPY_BYTES), is_program=True)
-        self._add(place, file)
+        file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
+        is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
+        if is_named or (is_below_lib and executables.is_python_program(source)):
+            script = executables.Executable(source.name, source.parent, source, file=source)
+            file = PrefixFile(source, script.program(), PROGRAM)
+        elif is_program and not is_executable:
+            if source.stat().st_size > _MAX_COPY_BYTES:
+                return self._problem(f"{display_path(source)} is too large for a copy, and is not executable: chmod +x")
+            file = PrefixFile(source, source.read_bytes(), PROGRAM)
+        return self._add(place, file)
 
     def _add_entry_points(self, scripts_folder: str) -> dict[str, list[str]]:
         """Add programs of console scripts; returns the entry points by group."""
         groups: dict[str, list[str]] = {}
-        for source, found, root in executables.entry_points(self._folder):
-            for group, lines in found.items():
+        for points in executables.entry_points(self._folder):
+            for group, lines in points[1].items():
                 groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
-            for one in executables.console_scripts(found, source, self._folder / root, self._problem):
-                content = wrappers.of_function(one.module or "", one.function or "")
-                if inside(one.name) and "/" not in one.name:
-                    self._add(f"{scripts_folder}/{one.name}", PrefixFile(content=content, is_program=True))
-                else:
-                    self._problem(f'"{one.name[:200]}" is not the name of an executable; it is skipped')
+            for one in executables.console_scripts(*points, self._problem):
+                self._add(f"{scripts_folder}/{one.name}", PrefixFile(None, one.program(), PROGRAM))
         return groups
 
-    def _add_metadata(self, name: str, version: str, groups: dict[str, list[str]]) -> None:
+    def _add_metadata(self, name: object, version: object, groups: dict[str, list[str]]) -> None:
         """Add the metadata of a Python distribution, in which other programs find entry points."""
-        folder = f"{SITE_PACKAGES}/{re.sub(r'[^A-Za-z0-9.]+', '_', name)}-{version}.dist-info"
-        text = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
-        self._add(f"{folder}/METADATA", PrefixFile(content=text.encode(errors="replace")))
-        sections = (f"[{group}]\n" + "".join(f"{line}\n" for line in lines) for group, lines in groups.items())
-        if text := "\n".join(sections):
-            self._add(f"{folder}/entry_points.txt", PrefixFile(content=text.encode(errors="replace")))
+        used = [str(name or self.name), str(version or self._version)]
+        folder = f"{SITE_PACKAGES}/{'-'.join(re.sub(_NOT_IN_NAMES, '_', one)[:80] for one in used)}.dist-info"
+        texts = {
+            "METADATA": "Metadata-Version: 2.1\nName: {}\nVersion: {}\n".format(*used),
+            "entry_points.txt": "\n".join("\n".join((f"[{group}]", *lines, "")) for group, lines in groups.items()),
+        }
+        for file, text in texts.items():
+            self._add(f"{folder}/{file}", PrefixFile(content=text.encode(errors="replace")))
 
     # --- setup.py, setup.cfg and pyproject.toml -----------------------------------------------------------------------
 
     def _read_setup(self) -> None:
-        given: dict[str, object] = {}
-        if (self._folder / "setup.py").is_file():
-            try:
-                for call in setup_calls(read_text(self._folder, "setup.py"), self._folder):
-                    given |= call
-            except SetupSyntaxError as error:
-                raise CommandError(f"setup.py: {error}") from error
         found = _SCRIPTS_FOLDER.search(_text(self._folder, "setup.cfg"))
         scripts_folder = found[1] if found else "bin"
         groups = self._add_entry_points(scripts_folder)
+        given: dict[str, object] = {}
+        for call in setup_calls(_text(self._folder, "setup.py"), self._folder):
+            given |= call
         if given.get("entry_points", {}) is None:
             self._problem("the entry points of setup.py cannot be read without running it; they are skipped")
-        name, version = given.get("name"), given.get("version")
-        self._add_metadata(
-            name if isinstance(name, str) and _PYTHON_WORD.fullmatch(name) else self.name,
-            version if isinstance(version, str) and _PYTHON_WORD.fullmatch(version) else self._version,
-            groups,
-        )
+        self._add_metadata(given.get("name"), given.get("version"), groups)
         self._add_modules(given)
-        for path in _texts(given.get("scripts")):
-            if (script := self._source(path)) is not None and script.is_file():
-                self._add_file(f"{scripts_folder}/{script.name}", script, is_program=True)
-        rows = given.get("data_files", [])
-        for row in rows if isinstance(rows, list) else [None]:
-            match row:
-                case [str(place), list(paths)] if all(isinstance(path, str) for path in paths):
-                    for source in filter(None, map(self._source, paths)):
-                        if source.is_file():
-                            self._add_file(posixpath.join(re.sub(r"[\\/]+", "/", place), source.name), source)
-                case _:
-                    self._is_complete = False
+        scripts = Install(self._folder, "PROGRAMS", tuple(_texts(given.get("scripts"))), scripts_folder)
+        for install in (scripts, *setup_installs(self._folder, given)):
+            self._install(install)
 
     def _add_modules(self, given: dict[str, object]) -> None:
         """Add links to the Python packages and modules."""
@@ -249,41 +222,37 @@ class PackagePlan:
         folders = {key: path for key, path in found.items() if isinstance(path, str)} if isinstance(found, dict) else {}
         root = folders.get("", "src" if not given and (self._folder / "src").is_dir() else "")
         if isinstance(given.get("packages"), list):
-            names = {name.partition(".")[0] for name in _texts(given["packages"])}
+            names = {*_texts(given["packages"])}
         else:
             names = {file.parent.name for file in (self._folder / root).glob("*/__init__.py")} - {"test", "tests"}
-        places = {name: folders.get(name) or posixpath.join(root, name) for name in sorted(names - COMPANIONS)}
-        for name in _texts(given.get("py_modules")):
-            if name.partition(".")[0] not in names:
-                path = name.replace(".", "/") + ".py"
-                places[path] = posixpath.join(root, path)
-        for place, path in places.items():
-            source = self._source(path)
-            if source is not None and (source.is_file() if place.endswith(".py") else source.is_dir()):
-                self._add(f"{SITE_PACKAGES}/{place}", PrefixFile(source))
+        names |= {*_texts(given.get("py_modules"))}
+        for name in sorted({name.partition(".")[0] for name in names} - COMPANIONS):
+            source = self._source(folders.get(name) or posixpath.join(root, name))
+            if source is not None and source.is_dir():
+                self._add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
+            elif source is not None and (module := source.with_name(f"{source.name}.py")).is_file():
+                self._add(f"{SITE_PACKAGES}/{name}.py", PrefixFile(module))
 
     # --- CMakeLists.txt -----------------------------------------------------------------------------------------------
 
     def _read_cmake(self) -> None:
         script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"))
-        for install in installs_of(script, self._folder):
+        for install in cmake_installs(self._folder, script):
             self._install(install)
-        executable: list[str] = []
-        installed: set[str] = set()
-        for command, words in script.calls:
-            texts = [word.text for word in words]
-            if command in _TARGETS:
+        calls = [(command, [word.text for word in words]) for command, words in script.calls]
+        installed = {
+            text for command, texts in calls if (command, *texts[:1]) == ("install", "TARGETS") for text in texts
+        }
+        for command, texts in calls:
+            if command.endswith(("add_executable", "add_library")):
                 self.has_targets |= {"INTERFACE", "IMPORTED", "ALIAS"}.isdisjoint(texts[1:])
-                executable += texts[:1] if command.endswith("executable") else []
-                installed |= {*texts[:1]} if command.startswith("ament_auto") else set()
-            elif command == "install" and texts[:1] == ["TARGETS"]:
-                installed |= {*texts[1:]}
+                is_installed = command.startswith("ament_auto") or not installed.isdisjoint((*texts[:1], UNKNOWN))
+                self.missing += texts[:1] if is_installed and command.endswith("executable") else []
             elif command == "add_subdirectory":
                 self._is_complete = False
             else:
                 self._read_command(command, texts)
-        known = (name for name in executable if UNKNOWN not in name)
-        self.missing += dict.fromkeys(name for name in known if name in installed or UNKNOWN in installed)
+        self.missing = [name for name in dict.fromkeys(self.missing) if UNKNOWN not in name]
 
     def _read_command(self, command: str, texts: list[str]) -> None:
         options = dict(pairwise(texts[1:]))
@@ -292,7 +261,7 @@ class PackagePlan:
                 source = self._source(options.get("PACKAGE_DIR", name))
                 if source is not None and source.is_dir() and name not in COMPANIONS:
                     scripts = options.get("SCRIPTS_DESTINATION")
-                    self._add_metadata(name, self._version, self._add_entry_points(scripts) if scripts else {})
+                    self._add_metadata(name, "", self._add_entry_points(scripts) if scripts else {})
                     self._add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
             case "ament_python_install_module", [path, *_]:
                 place = posixpath.join(SITE_PACKAGES, options.get("DESTINATION_SUFFIX", ""))
@@ -317,24 +286,19 @@ class PackagePlan:
             return  # headers are for compilers
         for path in install.paths:
             source = self._source(path)
-            if source is None:
-                continue
-            if install.kind != "DIRECTORY" and source.is_file():
+            if source is not None and install.kind != "DIRECTORY" and source.is_file():
                 place = posixpath.join(install.destination, install.rename or source.name)
                 self._add_file(place, source, is_program=install.kind == "PROGRAMS")
-            elif install.kind == "DIRECTORY" and source.is_dir():
+            elif source is not None and install.kind == "DIRECTORY" and source.is_dir():
                 below = "" if path.endswith(("/", ".")) else source.name
                 self._install_folder(install, source, posixpath.join(install.destination, below))
 
     def _install_folder(self, install: Install, top: Path, destination: str) -> None:
-        left = _MAX_FILES
         waiting = [("", top)]
         for below, folder in waiting:  # grows inside the loop
             with os.scandir(folder) as scan:
                 entries = sorted(scan, key=lambda entry: entry.name)
-            left -= len(entries)
-            if left < 0:
-                raise _TooManyError
+            self._spend(len(entries))
             for entry in entries:
                 path = posixpath.join(below, entry.name)
                 is_folder = entry.is_dir(follow_symlinks=False)

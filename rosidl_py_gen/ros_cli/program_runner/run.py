@@ -161,6 +161,8 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
 
 
 def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
+    from rosidl_py_gen.ros_cli.prefix.executables import is_python_program
+
     by_name, places = _executables(package, paths)
     if not by_name and not places:
         searched = ", ".join(str(one.folder) for one in workspaces(paths))
@@ -178,19 +180,11 @@ def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]
     one = by_name[name]
     place = one.folder if one.file is None else one.file
     if one.file is not None:
-        if not _is_python(one.file):
+        if one.file.suffix != ".py" and not is_python_program(one.file):
             raise CommandError(f"{one.file} is not a Python program")
         return Program(str(one.file), tuple(arguments), str(one.file.resolve().parent), place, file=one.file)
     argv0 = str(one.folder / one.name)
     return Program(argv0, tuple(arguments), str(one.folder), place, module=one.module, function=one.function)
-
-
-def _is_python(file: Path) -> bool:
-    if file.suffix == ".py":
-        return True
-    with file.open("rb") as opened:
-        line = opened.readline(200)
-    return line.startswith(b"#!") and b"python" in line
 
 
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
