@@ -82,26 +82,20 @@ def read_xml(path: str) -> XmlElement:
     Raises:
         DefinitionError: the file cannot be read, is too large or nested too deeply, has a document type, or is not XML.
     """
-    source = XmlSource(display_path(path))
     data = read_file(path)
-    text = data.decode("utf-8", "replace")
-    return _TreeBuilder(XmlSource(source.path, tuple(text.split("\n")))).parse(data)
+    lines = data.decode("utf-8", "replace").split("\n")
+    return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
 
 
 def parse_fragment(text: str, path: str) -> XmlElement:
-    """Return an element without name whose children are the elements and comments of a text, which may be several.
+    """Return an element whose children are the elements and comments of a text; raises `DefinitionError`.
 
-    Names keep their prefixes. An encoding that the text declares is ignored, and white space before the declaration
-    allowed. `path` is for errors.
-
-    Raises:
-        DefinitionError: the text is nested too deeply, has a document type, or is not XML.
+    Names keep their prefixes. The encoding of a declaration is ignored. `path` is for errors.
     """
     # Everything stays in its line and column: the declaration becomes spaces, and the first line of the parser is ours.
     content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
-    builder = _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), first_line=2, namespaces=False)
-    return builder.parse(data)
+    return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), is_fragment=True).parse(data)
 
 
 def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
@@ -129,14 +123,14 @@ def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 class _TreeBuilder:
     """Handlers of an expat parser that build the tree of one file."""
 
-    def __init__(self, source: XmlSource, *, first_line: int = 1, namespaces: bool = True) -> None:
+    def __init__(self, source: XmlSource, *, is_fragment: bool = False) -> None:
         self._source = source
-        self._skipped_lines = first_line - 1
+        self._skipped_lines = int(is_fragment)
         self._open: list[XmlElement] = []
         self._texts: list[list[str]] = []
         self._count = 0
         self._root: XmlElement | None = None
-        self._parser = parser = expat.ParserCreate(namespace_separator="}" if namespaces else None)
+        self._parser = parser = expat.ParserCreate(namespace_separator=None if is_fragment else "}")
         parser.buffer_text = True
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end

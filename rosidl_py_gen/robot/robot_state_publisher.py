@@ -28,7 +28,7 @@ NAME = "robot_state_publisher"
 
 
 @dataclass
-class _Parameters:
+class RobotParameters:
     robot_description: str = ""
     publish_frequency: Annotated[float, Range(0.0, 1000.0)] = 20.0
     frame_prefix: str = ""
@@ -41,7 +41,7 @@ class RobotStatePublisher:
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context)
         self._parsed: dict[str, dict[str, Joint]] = {}
-        self._parameters = node.declare_parameters(_Parameters, validator=self._refusal)
+        self._parameters = node.declare_parameters(RobotParameters, validator=self._refusal)
         if not self._parameters.robot_description:
             arguments = node.context.arguments[1:]
             if not arguments:
@@ -59,17 +59,14 @@ class RobotStatePublisher:
         node.create_subscription(states, "joint_states", self._on_joint_state, SENSOR_DATA)
         node.add_post_set_callback(self._apply_parameters)
 
-    def _refusal(self, new: _Parameters) -> str | None:
+    def _refusal(self, new: RobotParameters) -> str | None:
         """Keep the joints of a description, or return why it is refused."""
         text = new.robot_description
-        is_at_start = not text and not self._parsed
-        if not is_at_start and text not in self._parsed:
-            try:
+        try:
+            if text not in self._parsed and (text or self._parsed):  # at the start, a file may replace no text
                 self._parsed = {text: parse_urdf(text)}
-            except DefinitionError as error:
-                reason = str(error.diagnostics[0])
-                self.node.logger.warning(reason)
-                return reason
+        except DefinitionError as error:
+            return str(error.diagnostics[0])
         return None
 
     def _apply_parameters(self, parameters: list[Parameter]) -> None:
