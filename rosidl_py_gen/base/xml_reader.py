@@ -77,11 +77,7 @@ class XmlElement:
 
 
 def read_xml(path: str) -> XmlElement:
-    """Return the root element of a file.
-
-    Raises:
-        DefinitionError: the file cannot be read, is too large or nested too deeply, has a document type, or is not XML.
-    """
+    """Return the root element of a file; raises `DefinitionError`, also for a document type."""
     data = read_file(path)
     lines = data.decode("utf-8", "replace").split("\n")
     return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
@@ -126,10 +122,10 @@ class _TreeBuilder:
     def __init__(self, source: XmlSource, *, is_fragment: bool = False) -> None:
         self._source = source
         self._skipped_lines = int(is_fragment)
-        self._open: list[XmlElement] = []
-        self._texts: list[list[str]] = []
+        self._document = XmlElement("")
+        self._open = [self._document]
+        self._texts: list[list[str]] = [[]]
         self._count = 0
-        self._root: XmlElement | None = None
         self._parser = parser = expat.ParserCreate(namespace_separator=None if is_fragment else "}")
         parser.buffer_text = True
         parser.StartElementHandler = self._start
@@ -137,8 +133,6 @@ class _TreeBuilder:
         parser.CharacterDataHandler = self._text
         parser.CommentHandler = self._comment
         parser.StartDoctypeDeclHandler = self._refuse
-        parser.EntityDeclHandler = self._refuse
-        parser.ExternalEntityRefHandler = self._refuse_reference
 
     def parse(self, data: bytes) -> XmlElement:
         try:
@@ -148,8 +142,7 @@ class _TreeBuilder:
             raise self._error(f"not XML: {reason}", error.lineno, error.offset + 1) from None
         except (ValueError, LookupError) as error:  # an encoding that Python or expat does not know
             raise self._error(f"not XML: {error}; expected UTF-8", 1, 0) from None
-        assert self._root is not None  # expat refuses a document without elements
-        return self._root
+        return next(self._document.elements)  # expat refuses a document without elements
 
     def _error(self, text: str, line: int | None = None, column: int | None = None) -> DefinitionError:
         parser = self._parser
@@ -158,9 +151,8 @@ class _TreeBuilder:
         return DefinitionError(self._source.diagnostic(line, column, text))
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if len(self._open) >= _MAX_DEPTH:
+        if len(self._open) > _MAX_DEPTH:
             raise self._error(f"elements are nested more than {_MAX_DEPTH} deep")
-        self._count_element()
         parser = self._parser
         element = XmlElement(
             _clark_name(name),
@@ -169,10 +161,7 @@ class _TreeBuilder:
             line=parser.CurrentLineNumber - self._skipped_lines,
             column=parser.CurrentColumnNumber + 1,
         )
-        if self._open:
-            self._open[-1].children.append(element)
-        else:
-            self._root = element
+        self._add(element)
         self._open.append(element)
         self._texts.append([])
 
@@ -182,21 +171,17 @@ class _TreeBuilder:
     def _text(self, text: str) -> None:
         self._texts[-1].append(text)
 
-    def _count_element(self) -> None:
+    def _comment(self, text: str) -> None:
+        self._add(XmlElement(COMMENT, text=text, source=self._source))
+
+    def _add(self, element: XmlElement) -> None:
         self._count += 1
         if self._count > _MAX_ELEMENTS:
             raise self._error(f"more than {_MAX_ELEMENTS} elements and comments")
+        self._open[-1].children.append(element)
 
-    def _comment(self, text: str) -> None:
-        self._count_element()
-        if self._open:
-            self._open[-1].children.append(XmlElement(COMMENT, text=text, source=self._source))
-
-    def _refuse(self, *_: object) -> None:
+    def _refuse(self, *_: object) -> None:  # entities can be declared in document types only
         raise self._error("document types and entities are refused; remove the <!DOCTYPE ...>")
-
-    def _refuse_reference(self, *_: object) -> int:
-        raise self._error("references to entities are refused")
 
 
 def _clark_name(name: str) -> str:

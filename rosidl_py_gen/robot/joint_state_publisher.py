@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 NAME = "joint_state_publisher"
 _KINDS = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
 _MAX_RATE_HZ = 10_000
-_EXPECTED = {bool: "true or false", str: "a text", tuple: "a list of texts", int: "a number", float: "a number"}
 
 
 @dataclass(slots=True)
@@ -53,15 +52,16 @@ class JointStatePublisher:
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context, automatically_declare_parameters_from_overrides=True)
         fields = {kind: f"publish_default_{plural}" for kind, plural in _KINDS.items()}
-        self._kinds = [kind for kind, name in fields.items() if self._parameter(name, kind == "position")]
-        self._use_mimic = self._parameter("use_mimic_tags", True)
-        self._use_soft_limits = self._parameter("use_smallest_joint_limits", True)
-        self._delta = self._parameter("delta", 0.0)
-        rate = self._parameter("rate", 10)
+        self._kinds = [kind for kind, name in fields.items() if self._parameter(name, bool, kind == "position")]
+        self._use_mimic = self._parameter("use_mimic_tags", bool, True)
+        self._use_soft_limits = self._parameter("use_smallest_joint_limits", bool, True)
+        self._delta = self._parameter("delta", float, 0.0)
+        rate = self._parameter("rate", float, 10)
         if not 0 < rate <= _MAX_RATE_HZ:
             raise ProgramError(f"parameter rate: got {rate:g}; expected more than 0 and at most {_MAX_RATE_HZ} Hz")
-        sources = self._parameter("source_list", ("",))
-        self._zeros = {name: self._parameter(f"zeros.{name}", 0.0) for name in node.get_parameters_by_prefix("zeros")}
+        sources = self._parameter("source_list", list[str], [""])
+        zeros = node.get_parameters_by_prefix("zeros")
+        self._zeros = {name: self._parameter(f"zeros.{name}", float, 0.0) for name in zeros}
         self._dependent: dict[str, Mimic] = {}
         for name in node.get_parameters_by_prefix("dependent_joints"):
             joint, _, key = name.rpartition(".")
@@ -69,13 +69,16 @@ class JointStatePublisher:
             if key not in ("parent", "factor", "offset") or not node.has_parameter(f"{group}.parent"):
                 expected = "dependent_joints.<joint>.parent, and if needed .factor and .offset"
                 raise ProgramError(f"parameter dependent_joints.{name}: expected {expected}")
-            factor, offset = self._parameter(f"{group}.factor", 1.0), self._parameter(f"{group}.offset", 0.0)
-            self._dependent[joint] = Mimic(self._parameter(f"{group}.parent", ""), factor, offset)
+            factor, offset = (
+                self._parameter(f"{group}.factor", float, 1.0),
+                self._parameter(f"{group}.offset", float, 0.0),
+            )
+            self._dependent[joint] = Mimic(self._parameter(f"{group}.parent", str, ""), factor, offset)
         self._joints: list[str] = []
         self._free: dict[str, _FreeJoint] = {}
         self._mimics: dict[str, Mimic] = {}
         self._message: Any = get_message("sensor_msgs/msg/JointState")
-        description, arguments = self._parameter("robot_description", ""), node.context.arguments[1:]
+        description, arguments = self._parameter("robot_description", str, ""), node.context.arguments[1:]
         if arguments:
             self._use_description(read_description(arguments[0]), arguments[0])
         elif description:
@@ -89,17 +92,15 @@ class JointStatePublisher:
         self._publisher = node.create_publisher(self._message, "joint_states", 10)
         node.create_timer(1 / rate, self._publish)
 
-    def _parameter(self, name: str, default: Any) -> Any:
-        """Return the value of a parameter; raises `ProgramError` if it is not of the default's kind, or not finite."""
+    def _parameter(self, name: str, kind: type, default: Any) -> Any:
+        """Return the value of a parameter; raises `ParameterError` for another type."""
         if not self.node.has_parameter(name):
             self.node.declare_parameter(name, default)
-        value, kind = self.node.get_parameter(name), type(default)
-        kinds = (int, float) if kind in (int, float) else (kind,)
-        items = value if kind is tuple and isinstance(value, tuple) else ()
-        is_finite = not isinstance(value, float) or math.isfinite(value)
-        if type(value) not in kinds or not is_finite or not all(isinstance(item, str) for item in items):
-            raise ProgramError(f"parameter {name}: got {value!r:.60}; expected {_EXPECTED[kind]}")
-        return value
+        value: Any = self.node.get_parameter(name)
+        # The types of a whole number and an empty list are not those of a float and a list of texts.
+        if (kind is float and type(value) is int) or (kind == list[str] and value == b""):
+            return value
+        return self.node.get_parameter(name, kind, default)
 
     def _on_description(self, message: Any) -> None:
         try:

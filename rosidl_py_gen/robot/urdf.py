@@ -46,12 +46,9 @@ class Joint:
 
     Attributes:
         type: one of `JOINT_TYPES`.
-        translation: origin of the joint in the frame of the link `parent`, in metres.
-        rotation: orientation of the joint in that frame.
+        translation: origin of the joint in the frame of the link `parent`, in metres; `rotation` is its orientation.
         axis: unit vector in the frame of the joint, or zero.
-        limits: lower and upper position, or None.
-        soft_limits: those of the safety controller, infinite by default.
-        element: the element, for errors.
+        soft_limits: lower and upper position of the safety controller, infinite by default.
     """
 
     name: str
@@ -91,11 +88,7 @@ def read_description(path: str) -> str:
 
 
 def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]:
-    """Return the joints of a URDF by name, in the order of the text; `path` is for errors.
-
-    Raises:
-        DefinitionError: the text is too large, not URDF, or its joints do not form a tree.
-    """
+    """Return the joints of a URDF by name, in its order; raises `DefinitionError`, in whose text `path` is."""
     text = text.lstrip("\ufeff")
     if len(text) > MAX_BYTES or not text.lstrip().startswith("<"):
         found = f"more than {MAX_BYTES} characters" if len(text) > MAX_BYTES else f"found {text.strip()[:60]!r}"

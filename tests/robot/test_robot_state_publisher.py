@@ -222,6 +222,7 @@ async def test_frames_have_the_prefix(memory: World) -> None:
     assert rig.sent[0].transforms[0].header.frame_id == "left/base"
     assert {one.child_frame_id for one in rig.fixed[0].transforms} == {"left/hand", "left/cart"}
     rig.node.set_parameter("frame_prefix", "right/")
+    assert len(rig.descriptions) == 1  # a new one would reset the positions of joint_state_publisher
     rig.move(2, shoulder=0.1)
     assert await rig.moved(2) == ["right/upper"]
     assert rig.buffer.can_transform("right/base", "right/hand", 2 * S)
@@ -236,6 +237,11 @@ async def test_a_new_description_replaces_the_robot(memory: World) -> None:
     client = rig.peer.create_parameter_client("robot_state_publisher")
     await client.set({"robot_description": TWO})
     await until(lambda: rig.descriptions == [ARM, TWO])
+    rig.node.set_parameters_atomically({"robot_description": ARM, "frame_prefix": "two/"})
+    await until(lambda: rig.descriptions == [ARM, TWO, ARM])
+    assert rig.fixed[-1].transforms[-1].child_frame_id == "two/cart"
+    rig.node.set_parameters_atomically({"robot_description": TWO, "frame_prefix": ""})
+    await until(lambda: len(rig.descriptions) == 4)
     assert rig.buffer.lookup_transform("base", "lamp").translation.tolist() == [0, 0, 0]
     rig.move(shoulder=1.0)
     await rig.moved(0)
