@@ -84,10 +84,7 @@ def read_xml(path: str) -> XmlElement:
 
 
 def parse_fragment(text: str, path: str) -> XmlElement:
-    """Return an element whose children are the elements and comments of a text; raises `DefinitionError`.
-
-    Names keep their prefixes. The encoding of a declaration is ignored. `path` is for errors.
-    """
+    """Return an element of all that is in a text, whose names keep their prefixes; raises `DefinitionError`."""
     # Everything stays in its line and column: the declaration becomes spaces, and the first line of the parser is ours.
     content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")

@@ -13,7 +13,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
-from rosidl_py_gen.robot.urdf import Mimic, parse_urdf, read_description, resolve_mimics
+from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Mimic, parse_urdf, read_description, resolve_mimics
 from rosidl_py_gen.runtime import Node
 
 if TYPE_CHECKING:
@@ -85,8 +85,7 @@ class JointStatePublisher:
             self._use_description(description)
         else:
             node.logger.info(f"waiting for a robot description on {node.resolve_topic_name('robot_description')}")
-        string: Any = get_message("std_msgs/msg/String")
-        node.create_subscription(string, "robot_description", self._on_description, LATCHED)
+        node.create_subscription(get_message("std_msgs/msg/String"), "robot_description", self._on_description, LATCHED)
         for topic in filter(None, sources):
             node.create_subscription(self._message, topic, self._on_source, 10)
         self._publisher = node.create_publisher(self._message, "joint_states", 10)
@@ -110,7 +109,7 @@ class JointStatePublisher:
 
     def _use_description(self, text: str, path: str = "<robot_description>") -> None:
         """Use the movable joints of a URDF; raises `DefinitionError` or `ProgramError` and changes nothing."""
-        movable = {name: joint for name, joint in parse_urdf(text, path).items() if joint.is_movable}
+        movable = {name: joint for name, joint in parse_urdf(text, path).items() if joint.type in MOVABLE_TYPES}
         mimics = {name: mimic for name, mimic in self._dependent.items() if name in movable}
         if self._use_mimic:
             mimics |= {name: joint.mimic for name, joint in movable.items() if joint.mimic is not None}

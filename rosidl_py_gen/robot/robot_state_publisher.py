@@ -15,7 +15,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
-from rosidl_py_gen.robot.urdf import parse_urdf, read_description, resolve_mimics
+from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, parse_urdf, read_description, resolve_mimics
 from rosidl_py_gen.runtime import Node, Range
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
@@ -55,8 +55,8 @@ class RobotStatePublisher:
         self._descriptions = node.create_publisher(self._string, "robot_description", LATCHED)
         self._last_callback_ns = 0
         self._use_robot()
-        states = get_message("sensor_msgs/msg/JointState")
-        node.create_subscription(states, "joint_states", self._on_joint_state, SENSOR_DATA)
+        joint_state = get_message("sensor_msgs/msg/JointState")
+        node.create_subscription(joint_state, "joint_states", self._on_joint_state, SENSOR_DATA)
         node.add_post_set_callback(self._apply_parameters)
 
     def _refusal(self, new: RobotParameters) -> str | None:
@@ -126,7 +126,7 @@ class RobotStatePublisher:
         transforms = []
         for name, position in states.items():
             joint = self._joints[name]
-            if joint.is_movable and any(joint.axis) and isfinite(position):
+            if joint.type in MOVABLE_TYPES and any(joint.axis) and isfinite(position):
                 transform = self._messages[name]
                 transform.header.stamp = message.header.stamp
                 move, turn = transform.transform.translation, transform.transform.rotation

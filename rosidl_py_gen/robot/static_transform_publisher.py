@@ -84,15 +84,13 @@ class StaticTransformPublisher:
     def __init__(self, *, context: Context | None = None) -> None:
         context = context or Context.default()
         parameters = parse_transform(context.arguments[1:])
-        name = f"{NAME}_{secrets.token_hex(8)}"
-        self.node = Node(name, context=context, parameter_overrides=parameters)
+        self.node = Node(f"{NAME}_{secrets.token_hex(8)}", context=context, parameter_overrides=parameters)
         for name, value in parameters.items():
             self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
         *values, parent, child = parameters.values()
         now = self.node.clock.now().nanoseconds
-        StaticTransformBroadcaster(self.node).send(
-            Transform(parent, child, now, np.array(values[:3]), np.array(values[3:]))
-        )
+        transform = Transform(parent, child, now, np.array(values[:3]), np.array(values[3:]))
+        StaticTransformBroadcaster(self.node).send(transform)
         text = ", ".join(f"{name} {value}" for name, value in parameters.items())
         self.node.logger.info(f"publishing a transform until Ctrl-C: {text}")
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MAX_BYTES = 8 * MAX_FILE_BYTES
 """Maximum size of a description. Those of humanoids with all their meshes have some 500 kB."""
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
+"""Types of joints with one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 """Pattern of the numbers that urdfdom reads: no infinity, NaN, hexadecimal digits or decimal comma."""
@@ -62,11 +63,6 @@ class Joint:
     soft_limits: tuple[float, float]
     mimic: Mimic | None
     element: XmlElement = field(compare=False, repr=False)
-
-    @property
-    def is_movable(self) -> bool:
-        """True for a joint with one position."""
-        return self.type in MOVABLE_TYPES
 
     def pose(self, position: float) -> tuple[Vector, Quaternion]:
         """Return translation and rotation of the link `child` in `parent` at a position in radians or metres."""
@@ -151,8 +147,7 @@ def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str
             raise joint.element.error(f'link "{joint.child}" is the child of {both}; expected one parent')
     tops = [link for link in links if link not in parents]
     if len(tops) > 1:
-        found = f'"{tops[0]}", "{tops[1]}"'
-        raise links[tops[1]].error(f"links without a parent: {found}; a joint must connect all but one")
+        raise links[tops[1]].error(f'no parents of links "{tops[0]}", "{tops[1]}"; a joint must connect all but one')
     try:
         TopologicalSorter({link: (joint.parent,) for link, joint in parents.items()}).prepare()
     except CycleError as error:

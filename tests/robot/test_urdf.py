@@ -44,7 +44,7 @@ def test_a_joint_has_all_its_values() -> None:
         )
     )
     assert (found.name, found.type, found.parent, found.child) == ("elbow", "revolute", "base", "arm")
-    assert found.translation == (1, -2.5, 0.5) and found.axis == (0, 0.6, 0.8) and found.is_movable
+    assert found.translation == (1, -2.5, 0.5) and found.axis == (0, 0.6, 0.8)
     assert found.rotation == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
     assert found.limits == (-1, 2) and found.soft_limits == (-0.5, math.inf)
     assert found.mimic == Mimic("other", -2, 1)
@@ -102,7 +102,7 @@ def test_other_elements_are_ignored() -> None:
             robot("".join(f'<joint name="{name}" type="fixed">{ENDS}</joint>' for name in "ab")),
             'link "arm" is the child of joint "a" and of joint "b"; expected one parent',
         ),
-        (robot(""), 'links without a parent: "base", "arm"; a joint must connect all but one'),
+        (robot(""), 'no parents of links "base", "arm"; a joint must connect all but one'),
         (robot("", ""), "no links; expected at least one <link>"),
         (joint(ends='<parent link="arm"/><child link="arm"/>'), 'link "arm" is in a loop of joints; expected a tree'),
         (
