@@ -77,31 +77,18 @@ class XmlElement:
 
 
 def read_xml(path: str) -> XmlElement:
-    """Return the root element of a file.
-
-    Raises:
-        DefinitionError: the file cannot be read, is too large or nested too deeply, has a document type, or is not XML.
-    """
-    source = XmlSource(display_path(path))
+    """Return the root element of a file; raises `DefinitionError`, also for a document type."""
     data = read_file(path)
-    text = data.decode("utf-8", "replace")
-    return _TreeBuilder(XmlSource(source.path, tuple(text.split("\n")))).parse(data)
+    lines = data.decode("utf-8", "replace").split("\n")
+    return _TreeBuilder(XmlSource(display_path(path), tuple(lines))).parse(data)
 
 
 def parse_fragment(text: str, path: str) -> XmlElement:
-    """Return an element without name whose children are the elements and comments of a text, which may be several.
-
-    Names keep their prefixes. An encoding that the text declares is ignored, and white space before the declaration
-    allowed. `path` is for errors.
-
-    Raises:
-        DefinitionError: the text is nested too deeply, has a document type, or is not XML.
-    """
+    """Return an element of all that is in a text, whose names keep their prefixes; raises `DefinitionError`."""
     # Everything stays in its line and column: the declaration becomes spaces, and the first line of the parser is ours.
     content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
-    builder = _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), first_line=2, namespaces=False)
-    return builder.parse(data)
+    return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), is_fragment=True).parse(data)
 
 
 def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
@@ -129,22 +116,20 @@ def read_file(path: str, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 class _TreeBuilder:
     """Handlers of an expat parser that build the tree of one file."""
 
-    def __init__(self, source: XmlSource, *, first_line: int = 1, namespaces: bool = True) -> None:
+    def __init__(self, source: XmlSource, *, is_fragment: bool = False) -> None:
         self._source = source
-        self._skipped_lines = first_line - 1
-        self._open: list[XmlElement] = []
-        self._texts: list[list[str]] = []
+        self._skipped_lines = int(is_fragment)
+        self._document = XmlElement("")
+        self._open = [self._document]
+        self._texts: list[list[str]] = [[]]
         self._count = 0
-        self._root: XmlElement | None = None
-        self._parser = parser = expat.ParserCreate(namespace_separator="}" if namespaces else None)
+        self._parser = parser = expat.ParserCreate(namespace_separator=None if is_fragment else "}")
         parser.buffer_text = True
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.CharacterDataHandler = self._text
         parser.CommentHandler = self._comment
         parser.StartDoctypeDeclHandler = self._refuse
-        parser.EntityDeclHandler = self._refuse
-        parser.ExternalEntityRefHandler = self._refuse_reference
 
     def parse(self, data: bytes) -> XmlElement:
         try:
@@ -154,8 +139,7 @@ class _TreeBuilder:
             raise self._error(f"not XML: {reason}", error.lineno, error.offset + 1) from None
         except (ValueError, LookupError) as error:  # an encoding that Python or expat does not know
             raise self._error(f"not XML: {error}; expected UTF-8", 1, 0) from None
-        assert self._root is not None  # expat refuses a document without elements
-        return self._root
+        return next(self._document.elements)  # expat refuses a document without elements
 
     def _error(self, text: str, line: int | None = None, column: int | None = None) -> DefinitionError:
         parser = self._parser
@@ -164,9 +148,8 @@ class _TreeBuilder:
         return DefinitionError(self._source.diagnostic(line, column, text))
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if len(self._open) >= _MAX_DEPTH:
+        if len(self._open) > _MAX_DEPTH:
             raise self._error(f"elements are nested more than {_MAX_DEPTH} deep")
-        self._count_element()
         parser = self._parser
         element = XmlElement(
             _clark_name(name),
@@ -175,10 +158,7 @@ class _TreeBuilder:
             line=parser.CurrentLineNumber - self._skipped_lines,
             column=parser.CurrentColumnNumber + 1,
         )
-        if self._open:
-            self._open[-1].children.append(element)
-        else:
-            self._root = element
+        self._add(element)
         self._open.append(element)
         self._texts.append([])
 
@@ -188,21 +168,17 @@ class _TreeBuilder:
     def _text(self, text: str) -> None:
         self._texts[-1].append(text)
 
-    def _count_element(self) -> None:
+    def _comment(self, text: str) -> None:
+        self._add(XmlElement(COMMENT, text=text, source=self._source))
+
+    def _add(self, element: XmlElement) -> None:
         self._count += 1
         if self._count > _MAX_ELEMENTS:
             raise self._error(f"more than {_MAX_ELEMENTS} elements and comments")
+        self._open[-1].children.append(element)
 
-    def _comment(self, text: str) -> None:
-        self._count_element()
-        if self._open:
-            self._open[-1].children.append(XmlElement(COMMENT, text=text, source=self._source))
-
-    def _refuse(self, *_: object) -> None:
+    def _refuse(self, *_: object) -> None:  # entities can be declared in document types only
         raise self._error("document types and entities are refused; remove the <!DOCTYPE ...>")
-
-    def _refuse_reference(self, *_: object) -> int:
-        raise self._error("references to entities are refused")
 
 
 def _clark_name(name: str) -> str:

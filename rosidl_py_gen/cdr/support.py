@@ -11,6 +11,7 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.base import lazy_numpy as np
+from rosidl_py_gen.base.fieldtype import PRIMITIVES
 from rosidl_py_gen.cdr.arrays import (
     BOOL_BYTE,
     DTYPES,
@@ -90,18 +91,7 @@ fixed_uint64s = fixed_converter("Q")
 fixed_float32s = fixed_converter("f")
 fixed_float64s = fixed_converter("d")
 
-_DTYPE_CODES = {
-    "INT8": "b",
-    "UINT8": "B",
-    "INT16": "h",
-    "UINT16": "H",
-    "INT32": "i",
-    "UINT32": "I",
-    "INT64": "q",
-    "UINT64": "Q",
-    "FLOAT32": "f",
-    "FLOAT64": "d",
-}
+_DTYPE_CODES = {one.numpy.upper(): one.code for one in PRIMITIVES.values()}
 NUMPY_NAMES = ("frombuffer", "ndarray", *_DTYPE_CODES)
 """Names of this module that import numpy when they are first used."""
 

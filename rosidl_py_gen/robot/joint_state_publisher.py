@@ -6,15 +6,14 @@ Topics, parameters and rules are those of joint_state_publisher, docs/internals/
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
-from rosidl_py_gen.robot.node_program import WARNING_INTERVAL_S, ProgramError, serve
-from rosidl_py_gen.robot.robot_state_publisher import LATCHED
-from rosidl_py_gen.robot.urdf import Mimic, parse_urdf, read_description, resolve_mimics
+from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
+from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Mimic, parse_urdf, read_description, resolve_mimics
 from rosidl_py_gen.runtime import Node
 
 if TYPE_CHECKING:
@@ -33,20 +32,17 @@ class _FreeJoint:
     lower: float
     upper: float
     is_continuous: bool
-    values: dict[str, float] = field(default_factory=dict)
-    is_rising: bool = True
+    values: dict[str, float]
+    direction: int = 1
 
     def move(self, delta: float) -> None:
         """Move between the limits, or around."""
-        position = self.values.get("position")
-        if position is None:
-            return
-        position += delta if self.is_rising else -delta
+        position = self.values["position"] + self.direction * delta
         if position > self.upper and self.is_continuous:
             position = self.lower
         elif not self.lower <= position <= self.upper:
-            self.is_rising = position < self.lower
-            position = self.lower if self.is_rising else self.upper
+            self.direction = 1 if position < self.lower else -1
+            position = self.lower if position < self.lower else self.upper
         self.values["position"] = position
 
 
@@ -55,61 +51,55 @@ class JointStatePublisher:
 
     def __init__(self, *, context: Context | None = None) -> None:
         self.node = node = Node(NAME, context=context, automatically_declare_parameters_from_overrides=True)
-        self._kinds = [
-            kind
-            for kind, plural in _KINDS.items()
-            if self._parameter(f"publish_default_{plural}", kind == "position", bool)
-        ]
-        self._use_mimic = self._parameter("use_mimic_tags", True, bool)
-        self._use_soft_limits = self._parameter("use_smallest_joint_limits", True, bool)
-        self._delta = self._parameter("delta", 0.0, int, float)
-        rate = self._parameter("rate", 10, int, float)
+        fields = {kind: f"publish_default_{plural}" for kind, plural in _KINDS.items()}
+        self._kinds = [kind for kind, name in fields.items() if self._parameter(name, bool, kind == "position")]
+        self._use_mimic = self._parameter("use_mimic_tags", bool, True)
+        self._use_soft_limits = self._parameter("use_smallest_joint_limits", bool, True)
+        self._delta = self._parameter("delta", float, 0.0)
+        rate = self._parameter("rate", float, 10)
         if not 0 < rate <= _MAX_RATE_HZ:
             raise ProgramError(f"parameter rate: got {rate:g}; expected more than 0 and at most {_MAX_RATE_HZ} Hz")
-        topics = [_checked("source_list", topic, str) for topic in self._parameter("source_list", [""], tuple) if topic]
+        sources = self._parameter("source_list", list[str], [""])
         zeros = node.get_parameters_by_prefix("zeros")
-        self._zeros = {name: self._parameter(f"zeros.{name}", 0.0, int, float) for name in zeros}
-        self._dependent = self._dependent_joints()
+        self._zeros = {name: self._parameter(f"zeros.{name}", float, 0.0) for name in zeros}
+        self._dependent: dict[str, Mimic] = {}
+        for name in node.get_parameters_by_prefix("dependent_joints"):
+            joint, _, key = name.rpartition(".")
+            group = f"dependent_joints.{joint}"
+            if key not in ("parent", "factor", "offset") or not node.has_parameter(f"{group}.parent"):
+                expected = "dependent_joints.<joint>.parent, and if needed .factor and .offset"
+                raise ProgramError(f"parameter dependent_joints.{name}: expected {expected}")
+            factor, offset = (
+                self._parameter(f"{group}.factor", float, 1.0),
+                self._parameter(f"{group}.offset", float, 0.0),
+            )
+            self._dependent[joint] = Mimic(self._parameter(f"{group}.parent", str, ""), factor, offset)
         self._joints: list[str] = []
         self._free: dict[str, _FreeJoint] = {}
         self._mimics: dict[str, Mimic] = {}
-        self._mimic_order: list[str] = []
         self._message: Any = get_message("sensor_msgs/msg/JointState")
-        description = self._parameter("robot_description", "", str)
-        arguments = node.context.arguments[1:]
+        description, arguments = self._parameter("robot_description", str, ""), node.context.arguments[1:]
         if arguments:
             self._use_description(read_description(arguments[0]), arguments[0])
         elif description:
             self._use_description(description)
         else:
             node.logger.info(f"waiting for a robot description on {node.resolve_topic_name('robot_description')}")
-        string: Any = get_message("std_msgs/msg/String")
-        node.create_subscription(string, "robot_description", self._on_description, LATCHED)
-        for topic in topics:
+        node.create_subscription(get_message("std_msgs/msg/String"), "robot_description", self._on_description, LATCHED)
+        for topic in filter(None, sources):
             node.create_subscription(self._message, topic, self._on_source, 10)
         self._publisher = node.create_publisher(self._message, "joint_states", 10)
         node.create_timer(1 / rate, self._publish)
 
-    def _parameter(self, name: str, default: Any, *kinds: type) -> Any:
+    def _parameter(self, name: str, kind: type, default: Any) -> Any:
+        """Return the value of a parameter; raises `ParameterError` for another type."""
         if not self.node.has_parameter(name):
             self.node.declare_parameter(name, default)
-        return _checked(name, self.node.get_parameter(name), *kinds)
-
-    def _dependent_joints(self) -> dict[str, Mimic]:
-        """Return the dependences of the parameters ``dependent_joints.<joint>.parent``, ``.factor`` and ``.offset``."""
-        found: dict[str, Mimic] = {}
-        for name in self.node.get_parameters_by_prefix("dependent_joints"):
-            joint, _, key = name.rpartition(".")
-            prefix = f"dependent_joints.{joint}"
-            if not self.node.has_parameter(f"{prefix}.parent") or key not in ("parent", "factor", "offset"):
-                expected = "dependent_joints.<joint>.parent, and if needed .factor and .offset"
-                raise ProgramError(f"parameter dependent_joints.{name}: expected {expected}")
-            factor, offset = (
-                float(self._parameter(f"{prefix}.{key}", default, int, float))
-                for key, default in (("factor", 1.0), ("offset", 0.0))
-            )
-            found[joint] = Mimic(self._parameter(f"{prefix}.parent", "", str), factor, offset)
-        return found
+        value: Any = self.node.get_parameter(name)
+        # The types of a whole number and an empty list are not those of a float and a list of texts.
+        if (kind is float and type(value) is int) or (kind == list[str] and value == b""):
+            return value
+        return self.node.get_parameter(name, kind, default)
 
     def _on_description(self, message: Any) -> None:
         try:
@@ -119,15 +109,15 @@ class JointStatePublisher:
 
     def _use_description(self, text: str, path: str = "<robot_description>") -> None:
         """Use the movable joints of a URDF; raises `DefinitionError` or `ProgramError` and changes nothing."""
-        movable = {name: joint for name, joint in parse_urdf(text, path).items() if joint.is_movable}
+        movable = {name: joint for name, joint in parse_urdf(text, path).items() if joint.type in MOVABLE_TYPES}
         mimics = {name: mimic for name, mimic in self._dependent.items() if name in movable}
         if self._use_mimic:
             mimics |= {name: joint.mimic for name, joint in movable.items() if joint.mimic is not None}
-        order, problems = resolve_mimics(mimics, movable)
+        mimics, problems = resolve_mimics(mimics, movable)
         if problems:
             raise ProgramError("; ".join(problems))
         free = {name: self._free_joint(joint) for name, joint in movable.items() if name not in mimics}
-        self._joints, self._free, self._mimics, self._mimic_order = list(movable), free, mimics, order
+        self._joints, self._free, self._mimics = list(movable), free, mimics
 
     def _free_joint(self, joint: Joint) -> _FreeJoint:
         lower, upper = (-math.pi, math.pi) if joint.limits is None or joint.type == "continuous" else joint.limits
@@ -155,11 +145,10 @@ class JointStatePublisher:
             return
         states: dict[str, dict[str, float]] = {}
         for name, joint in self._free.items():
-            if self._delta > 0:
+            if self._delta > 0 and "position" in joint.values:
                 joint.move(self._delta)
             states[name] = joint.values
-        for name in self._mimic_order:
-            mimic = self._mimics[name]
+        for name, mimic in self._mimics.items():
             state = dict(states[mimic.joint])
             if "position" in state:
                 state["position"] = state["position"] * mimic.multiplier + mimic.offset
@@ -172,14 +161,6 @@ class JointStatePublisher:
             if any(kind in state for state in states.values()):
                 setattr(message, kind, [states[name].get(kind, 0.0) for name in self._joints])
         self._publisher.publish(message)
-
-
-def _checked(name: str, value: Any, *kinds: type) -> Any:
-    """Return the value of a parameter; raises `ProgramError` if it is of none of some kinds, or not finite."""
-    if type(value) not in kinds or (isinstance(value, float) and not math.isfinite(value)):
-        expected = " or ".join(kind.__name__ for kind in kinds)
-        raise ProgramError(f"parameter {name}: got {value!r:.60}; expected {expected}")
-    return value
 
 
 def main() -> int:

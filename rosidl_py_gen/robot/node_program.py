@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import ParameterError, RosArgumentError, get_logger, run
+from rosidl_py_gen.runtime import Durability, ParameterError, QoSProfile, RosArgumentError, get_logger, run
 
+LATCHED = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+"""QoS of the topic ``robot_description``."""
 WARNING_INTERVAL_S = 10.0
 """Time between two warnings about the messages of a topic, which may arrive at any rate."""
 
@@ -24,9 +25,9 @@ def serve(name: str, create: Callable[[], Any]) -> int:
     async def main() -> int:
         try:
             node = create().node
-        except (ParameterError, RosArgumentError):
-            raise  # `run` knows the file or argument
         except RosidlError as error:
+            if isinstance(error, RosArgumentError) or (isinstance(error, ParameterError) and error.source):
+                raise  # `run` prints the file or argument
             get_logger(name).fatal(str(error))
             return 1
         async with node:
@@ -34,13 +35,3 @@ def serve(name: str, create: Callable[[], Any]) -> int:
         return 0
 
     return run(main) or 0
-
-
-def transform_message(parent: str, child: str, translation: Sequence[float], rotation: Sequence[float]) -> Any:
-    """Return a ``geometry_msgs/msg/TransformStamped`` without stamp."""
-    message: Any = get_message("geometry_msgs/msg/TransformStamped")()
-    message.header.frame_id, message.child_frame_id = parent, child
-    move, turn = message.transform.translation, message.transform.rotation
-    move.x, move.y, move.z = translation
-    turn.x, turn.y, turn.z, turn.w = rotation
-    return message

@@ -10,13 +10,13 @@ import math
 import re
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
 from rosidl_py_gen.errors import DefinitionError, display_path
 from rosidl_py_gen.runtime import get_logger
-from rosidl_py_gen.tf.quaternion_math import ORIGIN, normalized, product
+from rosidl_py_gen.tf.quaternion_math import ORIGIN, add, normalized, product, rotate
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MAX_BYTES = 8 * MAX_FILE_BYTES
 """Maximum size of a description. Those of humanoids with all their meshes have some 500 kB."""
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
+"""Types of joints with one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 """Pattern of the numbers that urdfdom reads: no infinity, NaN, hexadecimal digits or decimal comma."""
@@ -46,12 +47,9 @@ class Joint:
 
     Attributes:
         type: one of `JOINT_TYPES`.
-        translation: origin of the joint in the frame of the link `parent`, in metres.
-        rotation: orientation of the joint in that frame.
+        translation: origin of the joint in the frame of the link `parent`, in metres; `rotation` is its orientation.
         axis: unit vector in the frame of the joint, or zero.
-        limits: lower and upper position, or None.
-        soft_limits: those of the safety controller, infinite by default.
-        element: the element, for errors.
+        soft_limits: lower and upper position of the safety controller, infinite by default.
     """
 
     name: str
@@ -66,10 +64,14 @@ class Joint:
     mimic: Mimic | None
     element: XmlElement = field(compare=False, repr=False)
 
-    @property
-    def is_movable(self) -> bool:
-        """True for a joint with one position."""
-        return self.type in MOVABLE_TYPES
+    def pose(self, position: float) -> tuple[Vector, Quaternion]:
+        """Return translation and rotation of the link `child` in `parent` at a position in radians or metres."""
+        x, y, z = self.axis
+        if self.type == "prismatic":
+            moved = rotate(self.rotation, (x * position, y * position, z * position))
+            return add(self.translation, moved), self.rotation
+        sine = math.sin(position / 2)
+        return self.translation, product(self.rotation, (x * sine, y * sine, z * sine, math.cos(position / 2)))
 
 
 def read_description(path: str) -> str:
@@ -82,11 +84,7 @@ def read_description(path: str) -> str:
 
 
 def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]:
-    """Return the joints of a URDF by name, in the order of the text; `path` is for errors.
-
-    Raises:
-        DefinitionError: the text is too large, not URDF, or its joints do not form a tree.
-    """
+    """Return the joints of a URDF by name, in its order; raises `DefinitionError`, in whose text `path` is."""
     text = text.lstrip("\ufeff")
     if len(text) > MAX_BYTES or not text.lstrip().startswith("<"):
         found = f"more than {MAX_BYTES} characters" if len(text) > MAX_BYTES else f"found {text.strip()[:60]!r}"
@@ -103,19 +101,17 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
         _warn(xacro, f"<{xacro.tag}> ignored; expected the output of xacro, not its input")
     for element in root.elements:
         if element.tag in ("link", "joint"):
+            same: dict[str, Any] = links if element.tag == "link" else joints
             name = _attribute(element, "name", element.tag)
-            if name in (links if element.tag == "link" else joints):
+            if name in same:
                 raise element.error(f'second {element.tag} "{name}"; expected different names')
-            if element.tag == "link":
-                links[name] = element
-            else:
-                joints[name] = _joint(name, element)
+            same[name] = element if element.tag == "link" else _joint(name, element)
     _check_tree(root, links, joints)
     return joints
 
 
-def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[list[str], list[str]]:
-    """Return the names of `mimics` that are in no loop, each after the joint that it follows, and the problems."""
+def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[dict[str, Mimic], list[str]]:
+    """Return the dependences that are in no loop, each after that of the joint that it follows, and the problems."""
     sorter = TopologicalSorter({name: (mimic.joint,) for name, mimic in mimics.items()})
     problems: list[str] = []
     try:
@@ -126,16 +122,20 @@ def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tupl
     while ready := sorter.get_ready():
         order += ready
         sorter.done(*ready)
-    if missing := next((name for name in order if name not in joints), None):
-        name = next(name for name, mimic in mimics.items() if mimic.joint == missing)
-        problems.append(f'joint "{name}" mimics joint "{missing}", not a moving joint{did_you_mean(missing, joints)}')
-    return [name for name in order if name in mimics], problems
+    resolved = {name: mimics[name] for name in order if name in mimics}
+    for name, mimic in resolved.items():
+        if mimic.joint not in joints:
+            hint = did_you_mean(mimic.joint, joints)
+            problems.append(f'joint "{name}" mimics joint "{mimic.joint}", not a moving joint{hint}')
+            break
+    return resolved, problems
 
 
 def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str, Joint]) -> None:
     """Raise `DefinitionError` unless all links hang from one."""
+    if not links:
+        raise root.error("no links; expected at least one <link> directly below <robot>")
     parents: dict[str, Joint] = {}
-    children: dict[str, list[str]] = {}
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in links:
@@ -145,21 +145,14 @@ def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str
         if other is not joint:
             both = f'joint "{other.name}" and of joint "{joint.name}"'
             raise joint.element.error(f'link "{joint.child}" is the child of {both}; expected one parent')
-        children.setdefault(joint.parent, []).append(joint.child)
     tops = [link for link in links if link not in parents]
     if len(tops) > 1:
-        raise links[tops[1]].error(
-            f'links without a parent: "{tops[0]}", "{tops[1]}"; a joint must connect all but one'
-        )
-    waiting, reached = list(tops), set(tops)
-    while waiting:
-        new = children.get(waiting.pop(), [])
-        reached.update(new)
-        waiting.extend(new)
-    if loop := next((link for link in links if link not in reached), None):
-        raise parents[loop].element.error(f'link "{loop}" is in a loop of joints, or below one; expected a tree')
-    if not links:
-        raise root.error("no links; expected at least one <link> directly below <robot>")
+        raise links[tops[1]].error(f'no parents of links "{tops[0]}", "{tops[1]}"; a joint must connect all but one')
+    try:
+        TopologicalSorter({link: (joint.parent,) for link, joint in parents.items()}).prepare()
+    except CycleError as error:
+        link = error.args[1][0]
+        raise parents[link].element.error(f'link "{link}" is in a loop of joints; expected a tree') from None
 
 
 def _joint(name: str, element: XmlElement) -> Joint:
@@ -167,42 +160,36 @@ def _joint(name: str, element: XmlElement) -> Joint:
     kind = _attribute(element, "type", where)
     if kind not in JOINT_TYPES:
         raise element.error(f"{where}: found type {kind!r}; expected {', '.join(JOINT_TYPES)}")
-    children: dict[str, XmlElement] = {}
-    for child in element.elements:
-        children.setdefault(child.tag, child)
+    children = {child.tag: child for child in reversed([*element.elements])}  # the first of each name
     for tag in ("parent", "child"):
         if tag not in children:
             raise element.error(f'{where}: no <{tag}>; expected <{tag} link="..."/>')
-    nothing = XmlElement("")
-    origin = children.get("origin", nothing)
-    rotation = quaternion_from_rpy(*_vector(origin, "rpy", where))
     axis: Vector = (1.0, 0.0, 0.0)
     if kind in MOVABLE_TYPES and "axis" in children:
-        axis = _vector(children["axis"], "xyz", where)
-        length = math.hypot(*axis)
-        if not length < math.inf:
-            raise children["axis"].error(f"{where}: the axis is too long; expected a direction such as 0 0 1")
-        if length < 1e-300:
-            _warn(children["axis"], f"{where} is not published: its axis has no length; expected one such as 0 0 1")
-        axis = (axis[0] / length, axis[1] / length, axis[2] / length) if length >= 1e-300 else ORIGIN
+        x, y, z = _numbers(children["axis"], "xyz", where, 0.0, 0.0, 0.0)
+        length = math.hypot(x, y, z)
+        is_usable = 1e-300 < length < math.inf
+        axis = (x / length, y / length, z / length) if is_usable else ORIGIN
+        if not is_usable:
+            _warn(children["axis"], f"{where} is not published: its axis has length {length}; expected one like 0 0 1")
     limits = None
     if (limit := children.get("limit")) is not None:
-        lower, upper = (_number(limit, key, where, 0.0) for key in ("lower", "upper"))
-        limits = (lower, upper)
+        limits = (_number(limit, "lower", where), _number(limit, "upper", where))
         for key in ("effort", "velocity"):
             _attribute(limit, key, where)
             _number(limit, key, where)
     elif kind in ("revolute", "prismatic"):
         raise element.error(f"{where}: a {kind} joint must have a <limit>; a continuous joint turns without one")
-    safety = children.get("safety_controller", nothing)
+    origin, safety = (children.get(tag, XmlElement(tag)) for tag in ("origin", "safety_controller"))
     soft = (_number(safety, "soft_lower_limit", where, -math.inf), _number(safety, "soft_upper_limit", where, math.inf))
     mimic = None
     if (found := children.get("mimic")) is not None:
-        factor, offset = _number(found, "multiplier", where, 1.0), _number(found, "offset", where, 0.0)
+        factor, offset = _number(found, "multiplier", where, 1.0), _number(found, "offset", where)
         mimic = Mimic(_attribute(found, "joint", where), factor, offset)
-    parent, child_link = (_attribute(children[tag], "link", where) for tag in ("parent", "child"))
-    translation = _vector(origin, "xyz", where)
-    return Joint(name, kind, parent, child_link, translation, rotation, axis, limits, soft, mimic, element)
+    parent, child = (_attribute(children[tag], "link", where) for tag in ("parent", "child"))
+    translation, angles = (_numbers(origin, key, where, 0.0, 0.0, 0.0) for key in ("xyz", "rpy"))
+    rotation = quaternion_from_rpy(*angles)
+    return Joint(name, kind, parent, child, translation, rotation, axis, limits, soft, mimic, element)
 
 
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
@@ -213,11 +200,10 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
     return normalized(product(z, product(y, x)))
 
 
-def parse_number(text: str) -> float | None:
-    """Return a finite number, or None."""
-    text = text.strip()
-    value = float(text) if len(text) < 1000 and _NUMBER.fullmatch(text) else math.inf
-    return value if math.isfinite(value) else None
+def parse_number(text: str) -> float:
+    """Return a finite number, or NaN for another text."""
+    value = float(text) if len(text) < 1000 and _NUMBER.fullmatch(text) else math.nan
+    return value if math.isfinite(value) else math.nan
 
 
 def _warn(element: XmlElement, text: str) -> None:
@@ -232,16 +218,16 @@ def _attribute(element: XmlElement, key: str, where: str) -> str:
 
 
 def _number(element: XmlElement, key: str, where: str, default: float = 0.0) -> float:
+    return float(_numbers(element, key, where, default)[0])
+
+
+def _numbers(element: XmlElement, key: str, where: str, *defaults: float) -> Any:
+    """Return the numbers of an attribute, as many as there are defaults."""
     text = element.attributes.get(key)
-    value = default if text is None else parse_number(text)
-    if value is None:
-        raise element.error(f"{where}: <{element.tag}> has {key}={text!r:.60}; expected a number such as 1.5")
-    return value
-
-
-def _vector(element: XmlElement, key: str, where: str) -> Vector:
-    text = element.attributes.get(key, "0 0 0")
-    values = [value for word in text.split(None, 3) if (value := parse_number(word)) is not None]
-    if len(values) != 3 or len(text.split(None, 3)) != 3:
-        raise element.error(f"{where}: <{element.tag}> has {key}={text!r:.60}; expected three numbers such as 0 0 1.5")
-    return (values[0], values[1], values[2])
+    if text is None:
+        return defaults
+    values = [parse_number(word) for word in text.split(None, len(defaults))]
+    if len(values) != len(defaults) or any(map(math.isnan, values)):
+        expected = "three numbers such as 0 0 1.5" if len(defaults) > 1 else "a number such as 1.5"
+        raise element.error(f"{where}: <{element.tag}> has {key}={text!r:.60}; expected {expected}")
+    return tuple(values)

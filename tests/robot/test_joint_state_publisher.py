@@ -16,7 +16,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.joint_state_publisher import JointStatePublisher
 from rosidl_py_gen.robot.node_program import ProgramError
-from rosidl_py_gen.runtime import Context, Durability, QoSProfile, Time
+from rosidl_py_gen.runtime import Context, Durability, ParameterError, QoSProfile, Time
 
 JointState: Any = get_message("sensor_msgs/msg/JointState")
 String: Any = get_message("std_msgs/msg/String")
@@ -117,7 +117,7 @@ async def test_it_waits_for_a_description(memory: World, caplog: Any) -> None:
     [
         ({"zeros.turn": 0.5, "zeros.lift": 7}, {"turn": (0.5,), "lift": (7,), "first": (-7,), "second": (-13,)}),
         ({"use_smallest_joint_limits": False}, {"bend": (0,)}),
-        ({"use_mimic_tags": False}, {"first": (0,), "second": (0,)}),
+        ({"use_mimic_tags": False, "source_list": []}, {"first": (0,), "second": (0,)}),
         (
             {"publish_default_velocities": True, "publish_default_efforts": True},
             {"lift": (2, 0, 0), "first": (-2, 0, 0)},
@@ -178,24 +178,24 @@ async def test_messages_have_the_rate(memory: World, rate: float) -> None:
     ("parameters", "error"),
     [
         ({"rate": 0}, "rate: got 0; expected more than 0 and at most 10000 Hz"),
-        ({"rate": "fast"}, "rate: got 'fast'; expected int or float"),
-        ({"rate": True}, "rate: got True; expected int or float"),
-        ({"use_mimic_tags": 1}, "use_mimic_tags: got 1; expected bool"),
-        ({"zeros.turn": "a"}, "zeros.turn: got 'a'; expected int or float"),
-        ({"source_list": [1]}, "source_list: got 1; expected str"),
-        ({"source_list": "a"}, "source_list: got 'a'; expected tuple"),
+        ({"rate": "fast"}, "'rate' is of type STRING, expected DOUBLE"),
+        ({"rate": True}, "'rate' is of type BOOL, expected DOUBLE"),
+        ({"use_mimic_tags": 1}, "'use_mimic_tags' is of type INTEGER, expected BOOL"),
+        ({"zeros.turn": "a"}, "'zeros.turn' is of type STRING, expected DOUBLE"),
+        ({"source_list": [1]}, "'source_list' is of type INTEGER_ARRAY, expected STRING_ARRAY"),
+        ({"source_list": "a"}, "'source_list' is of type STRING, expected STRING_ARRAY"),
         (
             {"dependent_joints.a.factor": 1},
             "dependent_joints.a.factor: expected dependent_joints.<joint>.parent, and if",
         ),
         ({"dependent_joints.a.parents": "b"}, "dependent_joints.a.parents: expected"),
-        ({"dependent_joints.a.parent": 1}, "dependent_joints.a.parent: got 1; expected str"),
+        ({"dependent_joints.a.parent": 1}, "'dependent_joints.a.parent' is of type INTEGER, expected STRING"),
         ({"dependent_joints.turn.parent": "weld"}, 'joint "turn" mimics joint "weld", not a moving joint'),
         ({"dependent_joints.turn.parent": "turn"}, "joints mimic themselves: turn -> turn"),
     ],
 )
 async def test_wrong_parameters_are_refused(memory: World, parameters: dict[str, Any], error: str) -> None:
-    with pytest.raises(ProgramError) as caught:
+    with pytest.raises((ProgramError, ParameterError)) as caught:
         Rig(memory, robot_description=CHAIN, **parameters)
     assert error in str(caught.value)
 

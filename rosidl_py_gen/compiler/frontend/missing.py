@@ -63,15 +63,11 @@ def missing_package(search: SearchPath, package: str, subject: str, type_name: s
         return f"{subject}: the importable package {display_path(module)} has no {type_name}; generate it again {where}"
     if module is not None:
         return f"{subject} with definitions: {display_path(module)} has generated classes only {where}"
-    if note := download_note(package, _distribution(search)):
+    named = (name for name in DISTRIBUTIONS if f"{BUNDLED} ({name})" in search.searched)
+    distro = next(named, DEFAULT if BUNDLED in search.searched else selected().name)
+    if note := download_note(package, distro):
         return f"{subject} {where}. {note}"
     return f"{subject}{did_you_mean(package, search.packages)} {where}"
-
-
-def _distribution(search: SearchPath) -> str:
-    """Return the distribution whose bundled packages were searched, else the selected one."""
-    named = (name for name in DISTRIBUTIONS if f"{BUNDLED} ({name})" in search.searched)
-    return next(named, DEFAULT if BUNDLED in search.searched else selected().name)
 
 
 def missing_interface(search: SearchPath, name: RosName, subject: str) -> str:

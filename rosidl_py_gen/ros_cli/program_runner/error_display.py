@@ -19,7 +19,6 @@ from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR, found_packa
 
 _PACKAGE_DIR = str(Path(__file__).parents[2])
 _SIGNAL_HANDLER = str(RCLPY_COMPAT_DIR / "rclpy" / "signals.py")
-_IMPORT_HOOK = import_hook.__file__
 _STDLIB = str(Path(linecache.__file__).parent)
 _KINDS = "|".join(KINDS)
 _MESSAGE_PACKAGE_NAME = re.compile(r"\w+_(msgs?|srvs|interfaces)")
@@ -31,17 +30,12 @@ def filter_traceback(error: BaseException) -> None:
         error.__traceback__ = _program_frames(error.__traceback__)
     elif isinstance(error, ModuleNotFoundError) and error.name is not None:
         package = error.name.partition(".")[0]
-        if "git clone" in str(error):
-            _remove_hook_frames(error)
+        if "git clone" in str(error):  # raised by the import hook
+            for one in _entries(error.__traceback__):
+                if one.tb_next is not None and one.tb_next.tb_frame.f_code.co_filename == import_hook.__file__:
+                    one.tb_next = None
         elif _is_message_module(error.name, error.__traceback__):
             _add_note(error, _hint(package))
-
-
-def _remove_hook_frames(error: ImportError) -> None:
-    """Remove the frames of the import hook, which has raised the error."""
-    for one in _entries(error.__traceback__):
-        if one.tb_next is not None and one.tb_next.tb_frame.f_code.co_filename == _IMPORT_HOOK:
-            one.tb_next = None
 
 
 def refused_arguments(error: BaseException) -> str:
