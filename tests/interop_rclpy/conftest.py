@@ -123,8 +123,8 @@ def start_peer(
     """Return a function that starts peers, which end with the last test of the distribution.
 
     A `wide` peer discovers in the whole private network. On Fast DDS it is found at once if it starts before our node,
-    else never. Those on Cyclone DDS are never wide, and get no ROS_LOCALHOST_ONLY: rmw_cyclonedds of Humble appends `lo`
-    to the interfaces of CYCLONEDDS_URI, and the domain refuses one that is there twice.
+    else never. Those on Cyclone DDS are never wide, and get no ROS_LOCALHOST_ONLY: rmw_cyclonedds of Humble then adds
+    the loopback interface to those of CYCLONEDDS_URI, and the domain refuses one that is there twice.
     """
     with ExitStack() as started:
 
