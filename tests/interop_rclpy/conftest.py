@@ -1,4 +1,4 @@
-"""Real rclpy nodes on Fast DDS as peers, in a network namespace of this test process.
+"""Real rclpy nodes on Fast DDS, and of Humble on Cyclone DDS, as peers, in a network namespace of this test process.
 
 If the system refuses a namespace, all of them stay on this machine, as our nodes always do.
 """
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from support.environments import environment
-from support.node_fixtures import dds, domain_id, only_loopback, pytest_pyfunc_call
+from support.node_fixtures import SHORT_LEASE, dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -28,14 +28,17 @@ __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "only_with(*distros): there is no such test with other distributions")
+    config.addinivalue_line("markers", "about_fast_dds(reason): there is no such test with peers on Cyclone DDS")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect tests for features that a distribution does not have."""
+    """Deselect tests for features that a distribution or a middleware does not have."""
 
     def exists(item: pytest.Item) -> bool:
-        marker = item.get_closest_marker("only_with")
-        return marker is None or any(f"[{distro}" in item.name for distro in marker.args)
+        marker, name = item.get_closest_marker("only_with"), item.name.replace(f"[{CYCLONE}", "[")
+        if name != item.name and item.get_closest_marker("about_fast_dds") is not None:
+            return False
+        return marker is None or any(f"[{distro}" in name for distro in marker.args)
 
     config.hook.pytest_deselected(items=[item for item in items if not exists(item)])
     items[:] = filter(exists, items)
@@ -45,9 +48,23 @@ HUMBLE = ["humble"] if "ROSIDL_PEER_HUMBLE" in os.environ else []
 """No package index has Humble: support/build_humble_peer.sh builds it."""
 
 
-@pytest.fixture(scope="session", params=["jazzy", "kilted", *HUMBLE])
-def distro(request: pytest.FixtureRequest) -> str:
+CYCLONE = "cyclone_"
+"""Begins the names of distributions whose peers use Cyclone DDS."""
+
+
+@pytest.fixture(scope="session", params=["jazzy", "kilted", *HUMBLE, *(CYCLONE + name for name in HUMBLE)])
+def _make(request: pytest.FixtureRequest) -> str:
     return str(request.param)
+
+
+@pytest.fixture(scope="session")
+def distro(_make: str) -> str:
+    return _make.removeprefix(CYCLONE)
+
+
+@pytest.fixture(scope="session")
+def is_on_cyclone(_make: str) -> bool:
+    return _make.startswith(CYCLONE)
 
 
 @pytest.fixture(autouse=True)
@@ -91,16 +108,32 @@ def _inside(_network: PrivateNetwork | None) -> Iterator[None]:
         yield
 
 
+_ON_LOOPBACK = (
+    "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast>"
+    '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>'
+    '<Discovery><Peers><Peer address="localhost"/></Peers><ParticipantIndex>auto</ParticipantIndex>'
+    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex></Discovery></Domain></CycloneDDS>"
+)
+
+
 @pytest.fixture(scope="session")
-def start_peer(distro: str, peer_python: Path, _network: PrivateNetwork | None) -> Iterator[Callable[..., Peer]]:
+def start_peer(
+    distro: str, is_on_cyclone: bool, peer_python: Path, _network: PrivateNetwork | None
+) -> Iterator[Callable[..., Peer]]:
     """Return a function that starts peers, which end with the last test of the distribution.
 
-    A `wide` peer discovers in the whole private network. It is found at once if it starts before our node, else never.
+    A `wide` peer discovers in the whole private network. On Fast DDS it is found at once if it starts before our node,
+    else never. Those on Cyclone DDS are never wide, and get no ROS_LOCALHOST_ONLY: rmw_cyclonedds of Humble then adds
+    the loopback interface to those of CYCLONEDDS_URI, and the domain refuses one that is there twice.
     """
     with ExitStack() as started:
 
         def start(name: str, *arguments: str, wide: bool = False, **settings: str) -> Peer:
-            if _network is None or not wide:
+            if is_on_cyclone:
+                settings["CYCLONEDDS_URI"] = f"{_ON_LOOPBACK},{settings.get('CYCLONEDDS_URI', '')}".rstrip(",")
+                settings["RMW_IMPLEMENTATION"] = "rmw_cyclonedds_cpp"
+                settings["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # Humble ignores it
+            elif _network is None or not wide:
                 settings |= {"ROS_LOCALHOST_ONLY": "1"} if distro == "humble" else {}
                 settings["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
             with nullcontext() if _network is None else _network.entered():
@@ -141,4 +174,5 @@ def start_mortal(start_peer: Callable[..., Peer], tmp_path: Path) -> Callable[[s
     file = tmp_path / "profiles.xml"
     file.write_text(_SHORT_LEASE)
     names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # of Fast DDS 2 and 3
-    return lambda name: start_peer(name, **dict.fromkeys(names, str(file)))
+    settings = {**dict.fromkeys(names, str(file)), **SHORT_LEASE}
+    return lambda name: start_peer(name, **settings)

@@ -6,6 +6,7 @@ import ctypes as ct
 import time
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from peer_helpers import fresh, service
 from support.node_fixtures import until
 
@@ -18,7 +19,6 @@ from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import pytest
     from rclpy_peer import Peer
 
 KIND = "std_srvs/srv/Trigger"
@@ -49,6 +49,7 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
     del function
 
 
+@pytest.mark.about_fast_dds("only its writers are asked")
 async def test_a_new_writer_is_asked_once_what_it_has_written(
     dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

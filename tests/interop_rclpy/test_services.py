@@ -180,6 +180,7 @@ async def test_a_service_with_servers_of_both_kinds_answers_every_client(dds: An
     assert {(await client.call(cls.Request(), CALL_S)).message for _ in range(5)} == {"ours"}
 
 
+@pytest.mark.about_fast_dds("requests to servers on Cyclone DDS have a header instead of an identity")
 async def test_requests_name_the_reader_that_waits_until_all_servers_have_answered(
     dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -151,7 +151,7 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
         },
     },
     "Cyclone DDS": {
-        "Humble": {**_CYCLONE, "type hash": NOT_SUPPORTED},
+        "Humble": {**_CYCLONE, **of_rclpy("cyclone_humble"), "type hash": NOT_SUPPORTED},
         "Jazzy": _CYCLONE,
         "Kilted": _CYCLONE,
         "Lyrical": {
@@ -229,7 +229,7 @@ def named_tests() -> list[str]:
 
 def rclpy_of_humble() -> list[str]:
     """Names of the tests with rclpy of Humble."""
-    return [test for test in named_tests() if test.endswith("[humble")]
+    return [test for test in named_tests() if test.endswith("humble")]
 
 
 def rows() -> Iterator[str]:
