@@ -10,12 +10,9 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import sys
-import sysconfig
 import traceback
 import warnings
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.distributions import selected
@@ -27,14 +24,10 @@ from rosidl_py_gen.ros_cli import report, terminal_output
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.prefix import Prefix
 
-_NOT_FOUND = re.compile(r"(executable|package|file not found:?) .*")
-"""Texts of SubstitutionFailure for executables and packages."""
-
+_NOT_FOUND = re.compile("(executable|package|file not found:?) ")
+"""Beginnings of the texts of SubstitutionFailure for executables and packages."""
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
 """Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
-
-
-_CONTAINER = "executable component_container"
 
 
 class _MissingCommandError(Exception):
@@ -46,7 +39,6 @@ class MissingParts:
 
     def __init__(self, skip: bool, file: str, prefix: Prefix) -> None:
         self._skip, self._file, self._prefix = skip, file, prefix
-        self._not_built = {one.name: one for one in prefix.skipped}
         self._absent = os.path.join(prefix.folder, "missing")
         self._reported: set[str] = set()
         self._containers: set[str] = set()
@@ -60,13 +52,10 @@ class MissingParts:
         warnings.filterwarnings("ignore", message="Share (directory|path) for")
 
         def share_folder(name: str) -> str:
-            try:
+            if not self._skip or name in packages.get_packages_with_prefixes():
                 return share(name)  # type: ignore[no-any-return]
-            except packages.PackageNotFoundError:
-                if not self._skip:
-                    raise
-                self._report(f"package {name}")
-                return os.path.join(self._absent, name)
+            self._report(f"package {name}")
+            return os.path.join(self._absent, name)
 
         def prepare_and_check(self: Any, context: Any) -> None:
             prepare(self, context)
@@ -85,14 +74,16 @@ class MissingParts:
         try:
             return visit(action, context)
         except Exception as error:
+            location = str(getattr(getattr(action, "launch_description_source", None), "location", ""))
             part = self.part_of(error, action, context)
+            if part is None and location.startswith(self._absent):
+                part = f"launch file {os.path.relpath(location, self._absent)}"
             if part is None or not self._skip:
-                report(self.error_text(error, part))
+                report(self.error_text(error, part, location if os.path.isfile(location) else self._file))
                 raise
-            if _CONTAINER in str(part):  # also a Node that names the executable of a container
+            if "executable component_container" in part:  # also a Node that names the executable of a container
                 self._containers.add(action.node_name)
             self._report(f"{part} ({type(action).__name__})")
-            return None
 
     def _report(self, part: str) -> None:
         if part not in self._reported:
@@ -111,34 +102,29 @@ class MissingParts:
     def part_of(self, error: BaseException, action: Any = None, context: Any = None) -> str | None:
         """Return the missing part that an error is about; None for other errors."""
         for one in _causes(error):
-            kind = type(one).__name__
-            is_failure = kind == "SubstitutionFailure" and _NOT_FOUND.match(str(one))
-            is_of_node = kind == "PackageNotFoundError" or (is_failure and is_failure[1] in ("executable", "package"))
-            if is_of_node and getattr(action, "node_package", None):
+            kind, text = type(one).__name__, str(one.args[0] if one.args else "")
+            if isinstance(one, ModuleNotFoundError):
+                return f"Python module {one.name}"
+            is_lookup = kind == "PackageNotFoundError" or (kind == "SubstitutionFailure" and _NOT_FOUND.match(text))
+            if is_lookup and not text.startswith("file") and getattr(action, "node_package", None):
                 return self._executable_text(
                     _text(action.node_package, context), _text(action.node_executable, context)
                 )
-            if kind == "PackageNotFoundError":
-                return str(one.args[0]).partition(", searching")[0].replace("'", "").removesuffix(" not found")
-            if isinstance(one, ModuleNotFoundError):
-                return f"Python module {one.name}"
-            if is_failure or isinstance(one, _MissingCommandError):
-                return str(one)
-        location = str(getattr(getattr(action, "launch_description_source", None), "location", ""))
-        return f"launch file {os.path.relpath(location, self._absent)}" if location.startswith(self._absent) else None
+            if is_lookup or isinstance(one, _MissingCommandError):
+                return text.partition(", searching")[0].replace("'", "").removesuffix(" not found")
+        return None
 
-    def error_text(self, error: BaseException, part: str | None) -> str:
-        """Return an error, or its missing part, with the place in the launch file that caused it, and a cure."""
-        cause = _causes(error)[-1]
-        file, line = self._file, None
-        if hasattr(cause, "position"):  # of XML
-            line = cause.position[0]
-        elif (mark := getattr(cause, "problem_mark", None)) is not None:  # of YAML
+    def error_text(self, error: BaseException, part: str | None, file: str) -> str:
+        """Return an error, or its missing part, with the place in a launch file that caused it, and a cure."""
+        cause: Any = _causes(error)[-1]
+        line = getattr(cause, "position", [None])[0]  # of XML
+        if mark := getattr(cause, "problem_mark", None):  # of YAML
             line = mark.line + 1
-        elif isinstance(cause, SyntaxError):
+        for frame, number in traceback.walk_tb(cause.__traceback__):
+            if frame.f_globals.get("__name__") == "python_launch_file":  # the name of all launch files
+                file, line = frame.f_code.co_filename, number
+        if isinstance(cause, SyntaxError) and cause.lineno:
             file, line = cause.filename or file, cause.lineno
-        elif frames := [*filter(_is_of_user, traceback.extract_tb(cause.__traceback__))]:
-            file, line = frames[-1].filename, frames[-1].lineno
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
@@ -148,25 +134,19 @@ class MissingParts:
 
     def _executable_text(self, package: str, executable: str) -> str:
         text = f"executable {executable} of {package}"
-        if package in self._not_built:
+        if any(one.name == package for one in self._prefix.skipped):
             return f"{text}: its package has C++ code, which is not built"
-        folder = self._prefix.folder / "lib" / package
-        if package in self._prefix.packages or folder.is_dir():
-            known = sorted(os.listdir(folder)) if folder.is_dir() else []
-            return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
-        return f"{text}: no such package{did_you_mean(package, self._prefix.packages)}"
+        prefixes = import_module("ament_index_python.packages").get_packages_with_prefixes()
+        if package not in prefixes:
+            return f"{text}: no such package{did_you_mean(package, prefixes)}"
+        folder = os.path.join(prefixes[package], "lib", package)
+        known = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
+        return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
 
 
 def _causes(error: BaseException) -> list[BaseException]:
     """Return an error and its explicit causes."""
     return [error, *(_causes(error.__cause__) if error.__cause__ else ())]
-
-
-def _is_of_user(frame: traceback.FrameSummary) -> bool:
-    modules = (sys.modules.get(name) for name in ("launch", "launch_ros", "launch_xml", "launch_yaml", "rosidl_py_gen"))
-    folders = {str(Path(one.__path__[0])) for one in modules if one is not None}
-    folders |= {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
-    return not frame.filename.startswith((*folders, "<"))
 
 
 def _text(value: Any, context: Any) -> str:

@@ -18,7 +18,7 @@ _TEMPLATE = Path(__file__).with_name("sitecustomize_template.py")
 
 def variables(prefix: Path) -> dict[str, str]:
     """Return the environment variables of a process that uses a prefix; lists continue with their current values."""
-    found = {name: os.environ.get(name, value) for name, value in (_FIXED | _distribution()).items()}
+    found = {name: os.environ.get(name, value) for name, value in _FIXED.items()} | _distribution()
     for name, folder in _folders(prefix).items():
         folders = (str(folder), *filter(None, os.environ.get(name, "").split(os.pathsep)))
         found[name] = os.pathsep.join(dict.fromkeys(folders))
