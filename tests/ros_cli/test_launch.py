@@ -103,6 +103,9 @@ FILES = {
     "one_missing.launch.py": _file(
         "ExecuteProcess(cmd=['echo', 'first'])", "Node(package='rviz2', executable='rviz2')"
     ),
+    "argument.launch.py": _file(
+        "Node(package='robot', executable='talker', arguments=[FindPackageShare('nav2_bringup')])"
+    ),
     "messages.launch.py": "from px4_msgs.msg import VehicleStatus\n",
     "syntax.launch.py": "def generate_launch_description(:\n    pass\n",
     "raises.launch.py": "import os\n\ndef generate_launch_description():\n    return os.environ['MODEL_OF_NOBODY']\n",
@@ -195,6 +198,7 @@ LAUNCH_DIR = "src/robot/launch"
 ERRORS = {
     ("robot", "one_missing.launch.py"): f"{LAUNCH_DIR}/one_missing.launch.py: missing executable rviz2 of rviz2: no "
     f"such package; {CURE}",
+    ("robot", "argument.launch.py"): f"{LAUNCH_DIR}/argument.launch.py: missing package nav2_bringup; {CURE}",
     ("robot", "missing.launch.py"): f"{LAUNCH_DIR}/missing.launch.py:11: missing package gazebo_ros; {CURE}",
     ("robot", "imports.launch.py"): f"{LAUNCH_DIR}/imports.launch.py:1: missing Python module nav2_common; {CURE}",
     (

@@ -1,8 +1,7 @@
 """Packages and executables that a launch file needs and that do not exist: errors with a cure, or skipped actions.
 
-With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder
-of a missing package is a path that does not exist, because many files look up all packages before they create actions.
-What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
+With ``--missing skip``, the share folder of a missing package is a path that does not exist, because many files look up
+all packages before they create actions. What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import traceback
 import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import ParseError
 
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
@@ -24,14 +24,11 @@ from rosidl_py_gen.ros_cli import report, terminal_output
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.prefix import Prefix
 
-_NOT_FOUND = re.compile("(executable|package|file not found:?) ")
-"""Beginnings of the texts of SubstitutionFailure for executables and packages."""
+_ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
+_NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")
+"""Beginnings of the texts of these errors, if they are about a missing part."""
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
 """Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
-
-
-class _MissingCommandError(Exception):
-    """The command of an action does not exist."""
 
 
 class MissingParts:
@@ -60,15 +57,13 @@ class MissingParts:
         def prepare_and_check(self: Any, context: Any) -> None:
             prepare(self, context)
             details = self.process_details
-            command, environment = details["cmd"][0], details["env"] or os.environ
-            if os.sep in command:
-                command = os.path.join(details["cwd"] or "", command)
-            if not self.shell and shutil.which(command, path=environment.get("PATH")) is None:
-                raise _MissingCommandError(f"command {command}")
+            command = os.path.join((details["cwd"] or "") if os.sep in details["cmd"][0] else "", details["cmd"][0])
+            if not self.shell and shutil.which(command, path=(details["env"] or os.environ).get("PATH")) is None:
+                raise FileNotFoundError(f"command {command}")
 
         vars(packages)[_SHARE], local.prepare = share_folder, prepare_and_check
         action.visit = lambda one, context: self._visit(visit, one, context)
-        load.execute = lambda one, context: None if self._lacks_container(one, context) else execute(one, context)
+        load.execute = lambda one, context: self._load(execute, one, context)
 
     def _visit(self, visit: Any, action: Any, context: Any) -> Any:
         try:
@@ -90,34 +85,31 @@ class MissingParts:
             self._reported.add(part)
             terminal_output.note(f"missing, skipped: {part}")
 
-    def _lacks_container(self, action: Any, context: Any) -> bool:
-        """Return True for nodes that would wait forever for a container that was skipped."""
+    def _load(self, execute: Any, action: Any, context: Any) -> Any:
+        """Load nodes into a container, unless it was skipped and they would wait for it forever."""
         target = vars(action)[_TARGET]
         name = target.node_name if hasattr(target, "node_name") else _text(target, context)
-        if f"/{name.lstrip('/')}" not in self._containers:
-            return False
-        self._report(f"nodes of the container {name}")
-        return True
+        if is_skipped := f"/{name.lstrip('/')}" in self._containers:
+            self._report(f"nodes of the container {name}")
+        return None if is_skipped else execute(action, context)
 
     def part_of(self, error: BaseException, action: Any = None, context: Any = None) -> str | None:
         """Return the missing part that an error is about; None for other errors."""
         for one in _causes(error):
-            kind, text = type(one).__name__, str(one.args[0] if one.args else "")
             if isinstance(one, ModuleNotFoundError):
                 return f"Python module {one.name}"
-            is_lookup = kind == "PackageNotFoundError" or (kind == "SubstitutionFailure" and _NOT_FOUND.match(text))
-            if is_lookup and not text.startswith("file") and getattr(action, "node_package", None):
-                return self._executable_text(
-                    _text(action.node_package, context), _text(action.node_executable, context)
-                )
-            if is_lookup or isinstance(one, _MissingCommandError):
+            text = str(one.args[0] if one.args else "")
+            if type(one).__name__ in _ERRORS and _NOT_FOUND.match(text):
+                names = [_text(getattr(action, name, ""), context) for name in ("node_package", "node_executable")]
+                if any(f"'{name}'" in text for name in names if name):
+                    return self._executable_text(*names)
                 return text.partition(", searching")[0].replace("'", "").removesuffix(" not found")
         return None
 
     def error_text(self, error: BaseException, part: str | None, file: str) -> str:
         """Return an error, or its missing part, with the place in a launch file that caused it, and a cure."""
         cause: Any = _causes(error)[-1]
-        line = getattr(cause, "position", [None])[0]  # of XML
+        line = cause.position[0] if isinstance(cause, ParseError) else None
         if mark := getattr(cause, "problem_mark", None):  # of YAML
             line = mark.line + 1
         for frame, number in traceback.walk_tb(cause.__traceback__):

@@ -82,8 +82,8 @@ def _file_of_package(package: str, name: str) -> str:
     packages: Any = import_module("ament_index_python.packages")
     known = packages.get_packages_with_prefixes()
     if package not in known:
-        text = f'no file and no package "{package}"{did_you_mean(package, known)}'
-        raise CommandError(f"{text}; searched the workspace, --path and AMENT_PREFIX_PATH")
+        text = f'no file and no package "{package}"{did_you_mean(package, known)}; searched the workspace'
+        raise CommandError(f"{text}, --path and AMENT_PREFIX_PATH")
     share: str = packages.get_package_share_directory(package, print_warning=False)
     files = files_below(share)
     is_path = os.path.isfile(os.path.join(share, name))
