@@ -100,9 +100,10 @@ class MissingParts:
                 return f"Python module {one.name}"
             text = str(one.args[0] if one.args else "")
             if type(one).__name__ in _ERRORS and _NOT_FOUND.match(text):
-                names = [_text(getattr(action, name, ""), context) for name in ("node_package", "node_executable")]
-                if any(f"'{name}'" in text for name in names if name):
-                    return self._executable_text(*names)
+                if getattr(action, "node_package", None):
+                    names = _text(action.node_package, context), _text(action.node_executable, context)
+                    if any(f"'{name}'" in text for name in names):
+                        return self._executable_text(*names)
                 return text.partition(", searching")[0].replace("'", "").removesuffix(" not found")
         return None
 
