@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
 """Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""
+_CONDITIONAL = "_conditionally_included"
 _GRACE_S = 1.0
 """Time between SIGINT, SIGTERM and SIGKILL to a process that a node has left behind; all end within 5 s of Ctrl-C."""
 
@@ -65,10 +66,10 @@ def _arguments_text(arguments: list[Any]) -> str:
     """Return what `ros2 launch --show-args` prints."""
     text = "Arguments (pass arguments as '<name>:=<value>'):"
     for one in arguments:
-        text += f"\n\n    '{one.name}':{'*' if one._conditionally_included else ''}\n        {one.description}"
+        text += f"\n\n    '{one.name}':{'*' if vars(one).get(_CONDITIONAL) else ''}\n        {one.description}"
         if one.default_value is not None:
             text += f"\n        (default: {' + '.join(part.describe() for part in one.default_value)})"
-    if any(one._conditionally_included for one in arguments):
+    if any(vars(one).get(_CONDITIONAL) for one in arguments):
         text += "\n\n* argument(s) which are only used if specific conditions occur"
     return text if arguments else f"{text}\n\n  No arguments."
 
@@ -77,7 +78,7 @@ def _check_arguments(description: Any, given: dict[str, str], file: str) -> None
     """Raise `CommandError` for an argument without a value; print a warning for a name that no file declares."""
     arguments = description.get_launch_arguments_with_include_launch_description_actions()
     for one, includes in arguments:
-        is_optional = one.name in given or one.default_value is not None or one._conditionally_included
+        is_optional = one.name in given or one.default_value is not None or vars(one).get(_CONDITIONAL)
         if includes is None and not is_optional:  # launch checks the arguments of includes
             text = f"{file}: the argument {one.name} has no value: {one.description}"
             raise CommandError(f"{text}; pass {one.name}:=VALUE (--show-args prints all arguments)")

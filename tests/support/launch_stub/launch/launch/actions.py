@@ -12,8 +12,6 @@ from launch.utilities import normalize_to_list_of_substitutions, perform_substit
 
 
 class DeclareLaunchArgument(Action):
-    _conditionally_included = False
-
     def __init__(self, name: str, default_value: str | None = None, description: str = "no description given") -> None:
         super().__init__()
         self.name, self.description = name, description
