@@ -34,9 +34,9 @@ class _HookInstaller:
 def _print_error(kind, error, traceback):  # type: ignore[no-untyped-def]
     """Print an exception that ends the program; for Ctrl-C without the frames inside rclpy, as rosidl-py run does."""
     if issubclass(kind, KeyboardInterrupt):
-        from rosidl_py_gen.ros_cli.program_runner.error_display import filter_traceback
+        from importlib import import_module
 
-        filter_traceback(error)
+        import_module("rosidl_py_gen.ros_cli.program_runner.error_display").filter_traceback(error)
     sys.__excepthook__(kind, error, error.__traceback__)
 
 
