@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import re
 import warnings
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -81,27 +81,9 @@ def complete_plot_words(source: str, context: click.Context, incomplete: str) ->
 def complete_launch_words(context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete ``PACKAGE FILE`` or a path of ``rosidl-py launch``."""
     words = context.params.get("words") or ()
-    if not words:
-        return [
-            *shells.items(_or_empty(lambda: _launch_packages(context)), incomplete),
-            CompletionItem("", type="file"),
-        ]
-    return shells.items(_or_empty(lambda: _launch_files(words[0], context)), incomplete) if len(words) == 1 else []
-
-
-def _launch_packages(context: click.Context) -> dict[str, Path]:
-    from rosidl_py_gen.ros_cli.program_runner.run import workspaces
-
-    return {
-        name: folder for one in workspaces(context.params.get("paths") or ()) for name, folder in one.packages.items()
-    }
-
-
-def _launch_files(package: str, context: click.Context) -> list[str]:
-    from rosidl_py_gen.ros_cli.launch.start import launch_files
-
-    found = launch_files(str(_launch_packages(context)[package]))
-    return sorted({PurePath(one).name for one in found if "launch" in PurePath(one).name})
+    if words:
+        return complete_names("launch files", context, incomplete) if len(words) == 1 else []
+    return [*complete_names("workspace packages", context, incomplete), CompletionItem("", type="file")]
 
 
 def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: str) -> list[str]:
@@ -130,10 +112,16 @@ def _names(what: str, context: click.Context) -> list[str]:
         from rosidl_py_gen.ros_cli.type_resolution import interface_names
 
         return interface_names(_KINDS[what], paths)
-    if what == "workspace packages":
+    if what in ("workspace packages", "launch files"):
         from rosidl_py_gen.ros_cli.program_runner.run import workspaces
 
-        return [name for workspace in workspaces(paths) for name in workspace.packages]
+        folders = {name: folder for one in reversed(workspaces(paths)) for name, folder in one.packages.items()}
+        if what == "workspace packages":
+            return [*folders]
+        from rosidl_py_gen.ros_cli.launch.start import files_below
+
+        names = (PurePath(one).name for one in files_below(folders[context.params["words"][0]]))
+        return sorted({name for name in names if "launch" in name})
     if what in ("interfaces", "packages"):
         from rosidl_py_gen.ros_cli.definitions import known_names
 

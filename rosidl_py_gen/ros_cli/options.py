@@ -381,6 +381,7 @@ def plot_completion(source: str) -> _Completer:
 
 
 field_completion = _completer("complete_fields")
+launch_completion = _completer("complete_launch_words")
 
 
 def _argument(default_name: str, what: str) -> Callable[..., Callable[[F], F]]:

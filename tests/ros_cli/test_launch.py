@@ -31,7 +31,7 @@ import subprocess, sys
 import rclpy
 from std_msgs.msg import String
 
-def main():
+def talker():
     rclpy.init()
     node = rclpy.create_node("talker")
     publisher = node.create_publisher(String, "chatter", 10)
@@ -42,10 +42,16 @@ def main():
     except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
         print(node.get_name(), "was stopped", flush=True)
 
+def plain():
+    with rclpy.init():
+        node = rclpy.create_node("talker")
+        print("plain runs", flush=True)
+        rclpy.spin(node)
+
 def leave():
     code = "from signal import *; import time; signal(SIGINT, SIG_IGN); print('child', flush=True); time.sleep(99)"
     subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
-    main()
+    talker()
 """
 SETUP_PY = """
 from glob import glob
@@ -59,7 +65,9 @@ setup(
         ("share/robot/a", ["a/twice.launch.py"]),
         ("share/robot/b", ["b/twice.launch.py"]),
     ],
-    entry_points={"console_scripts": ["talker = robot.talker:main", "leave = robot.talker:leave"]},
+    entry_points={"console_scripts": [
+        "talker = robot.talker:talker", "leave = robot.talker:leave", "plain = robot.talker:plain"
+    ]},
 )
 """
 SETUP_CFG = "[develop]\nscript_dir=$base/lib/robot\n[install]\ninstall_scripts=$base/lib/robot\n"
@@ -86,6 +94,7 @@ FILES = {
         "Listener()",
     ),
     "leave.launch.py": _file("Node(package='robot', executable='leave')"),
+    "plain.launch.py": _file("Node(package='robot', executable='plain')"),
     "missing.launch.py": _file(
         "Node(package='rviz2', executable='rviz2', arguments=['-d', os.path.join(folder, 'x.rviz')])",
         "Node(package='rviz2', executable='rviz2')",
@@ -102,6 +111,9 @@ FILES = {
     ),
     "one_missing.launch.py": _file(
         "ExecuteProcess(cmd=['echo', 'first'])", "Node(package='rviz2', executable='rviz2')"
+    ),
+    "argument.launch.py": _file(
+        "Node(package='robot', executable='talker', arguments=[FindPackageShare('nav2_bringup')])"
     ),
     "messages.launch.py": "from px4_msgs.msg import VehicleStatus\n",
     "syntax.launch.py": "def generate_launch_description(:\n    pass\n",
@@ -171,6 +183,21 @@ def test_a_signal_ends_all_processes(workspace: Path, tmp_path: Path, number: si
         assert "argv ['name:=eve'] noninteractive True debug False" in text
 
 
+def test_ctrl_c_prints_no_frames_inside_rclpy(workspace: Path) -> None:
+    command = [*LAUNCH, "robot", "plain.launch.py", *FROM]
+    with subprocess.Popen(
+        command, cwd=workspace, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        assert process.stdout is not None
+        while "plain runs" not in (line := process.stdout.readline()):
+            assert line
+        time.sleep(0.5)  # until it waits
+        process.send_signal(signal.SIGINT)
+        text = process.stdout.read()
+    assert "rclpy.spin(node)" in text and "\nKeyboardInterrupt\n" in text
+    assert text.count("  File ") == 3, text
+
+
 def test_missing_parts_are_skipped_and_reported_once(workspace: Path) -> None:
     done = _launch(workspace, "robot", "missing.launch.py", "--missing", "skip")
     assert done.returncode == 0, done.stderr
@@ -178,7 +205,7 @@ def test_missing_parts_are_skipped_and_reported_once(workspace: Path) -> None:
     assert [line for line in done.stderr.splitlines() if line.startswith("missing")] == [
         "missing, skipped: package gazebo_ros",
         "missing, skipped: executable rviz2 of rviz2: no such package (Node)",
-        'missing, skipped: executable talkr of robot; did you mean "talker"?; it has: leave, talker (Node)',
+        'missing, skipped: executable talkr of robot; did you mean "talker"?; it has: leave, plain, talker (Node)',
         "missing, skipped: executable planner of cpp: its package has C++ code, which is not built (Node)",
         "missing, skipped: executable component_container of rclcpp_components: no such package "
         "(ComposableNodeContainer)",
@@ -195,6 +222,7 @@ LAUNCH_DIR = "src/robot/launch"
 ERRORS = {
     ("robot", "one_missing.launch.py"): f"{LAUNCH_DIR}/one_missing.launch.py: missing executable rviz2 of rviz2: no "
     f"such package; {CURE}",
+    ("robot", "argument.launch.py"): f"{LAUNCH_DIR}/argument.launch.py: missing package nav2_bringup; {CURE}",
     ("robot", "missing.launch.py"): f"{LAUNCH_DIR}/missing.launch.py:11: missing package gazebo_ros; {CURE}",
     ("robot", "imports.launch.py"): f"{LAUNCH_DIR}/imports.launch.py:1: missing Python module nav2_common; {CURE}",
     (

@@ -86,6 +86,14 @@ def test_packages_that_do_not_exist(folder: Path) -> None:
     assert run_tests(folder.parent, "--path", "nothing", "py_plain").returncode == 1
 
 
+def test_the_distribution_of_the_command_precedes_that_of_the_environment(folder: Path) -> None:
+    text = "import os\n\ndef test_it(): assert os.environ['ROS_DISTRO'] == 'humble'\n"
+    write(folder / "src/tested/test", {"test_distro.py": text})
+    words = ["--distro", "humble", "tested", "test/test_distro.py"]
+    done = started(*COMMAND, *words, cwd=folder, ROS_DISTRO="jazzy")
+    assert "1 passed" in done.stdout, done.stdout
+
+
 def test_an_interrupt_ends_pytest(folder: Path) -> None:
     sleeps = "import time\n\ndef test_it():\n    print('now', 'asleep', flush=True)\n    time.sleep(60)\n"
     write(folder / "src/tested/test", {"test_sleeps.py": sleeps})

@@ -49,6 +49,7 @@ OTHER_VALUES = {
 }
 """Reason -> constants whose values differ."""
 MORE = {
+    "the result of `init` since Kilted": ("rclpy.InitContextManager",),
     "moved out of `rclpy.node` and `rclpy.action.server`": (
         "rclpy.action.server_goal",
         "rclpy.node_entities",

@@ -1,8 +1,7 @@
 """Packages and executables that a launch file needs and that do not exist: errors with a cure, or skipped actions.
 
-With ``--missing skip``, actions that need a missing part do nothing, and each part is reported once. The share folder
-of a missing package is a path that does not exist, because many files look up all packages before they create actions.
-What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
+With ``--missing skip``, the share folder of a missing package is a path that does not exist, because many files look up
+all packages before they create actions. What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
 """
 
 from __future__ import annotations
@@ -10,13 +9,11 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import sys
-import sysconfig
 import traceback
 import warnings
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import ParseError
 
 from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
@@ -27,18 +24,11 @@ from rosidl_py_gen.ros_cli import report, terminal_output
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.prefix import Prefix
 
-_NOT_FOUND = re.compile(r"(executable|package|file not found:?) .*")
-"""Texts of SubstitutionFailure for executables and packages."""
-
+_ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
+_NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")
+"""Beginnings of the texts of these errors, if they are about a missing part."""
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
 """Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
-
-
-_CONTAINER = "executable component_container"
-
-
-class _MissingCommandError(Exception):
-    """The command of an action does not exist."""
 
 
 class MissingParts:
@@ -46,7 +36,6 @@ class MissingParts:
 
     def __init__(self, skip: bool, file: str, prefix: Prefix) -> None:
         self._skip, self._file, self._prefix = skip, file, prefix
-        self._not_built = {one.name: one for one in prefix.skipped}
         self._absent = os.path.join(prefix.folder, "missing")
         self._reported: set[str] = set()
         self._containers: set[str] = set()
@@ -60,85 +49,75 @@ class MissingParts:
         warnings.filterwarnings("ignore", message="Share (directory|path) for")
 
         def share_folder(name: str) -> str:
-            try:
+            if not self._skip or name in packages.get_packages_with_prefixes():
                 return share(name)  # type: ignore[no-any-return]
-            except packages.PackageNotFoundError:
-                if not self._skip:
-                    raise
-                self._report(f"package {name}")
-                return os.path.join(self._absent, name)
+            self._report(f"package {name}")
+            return os.path.join(self._absent, name)
 
         def prepare_and_check(self: Any, context: Any) -> None:
             prepare(self, context)
             details = self.process_details
-            command, environment = details["cmd"][0], details["env"] or os.environ
-            if os.sep in command:
-                command = os.path.join(details["cwd"] or "", command)
-            if not self.shell and shutil.which(command, path=environment.get("PATH")) is None:
-                raise _MissingCommandError(f"command {command}")
+            command = os.path.join((details["cwd"] or "") if os.sep in details["cmd"][0] else "", details["cmd"][0])
+            if not self.shell and shutil.which(command, path=(details["env"] or os.environ).get("PATH")) is None:
+                raise FileNotFoundError(f"command {command}")
 
         vars(packages)[_SHARE], local.prepare = share_folder, prepare_and_check
         action.visit = lambda one, context: self._visit(visit, one, context)
-        load.execute = lambda one, context: None if self._lacks_container(one, context) else execute(one, context)
+        load.execute = lambda one, context: self._load(execute, one, context)
 
     def _visit(self, visit: Any, action: Any, context: Any) -> Any:
         try:
             return visit(action, context)
         except Exception as error:
+            location = str(getattr(getattr(action, "launch_description_source", None), "location", ""))
             part = self.part_of(error, action, context)
+            if part is None and location.startswith(self._absent):
+                part = f"launch file {os.path.relpath(location, self._absent)}"
             if part is None or not self._skip:
-                report(self.error_text(error, part))
+                report(self.error_text(error, part, location if os.path.isfile(location) else self._file))
                 raise
-            if _CONTAINER in str(part):  # also a Node that names the executable of a container
+            if "executable component_container" in part:  # also a Node that names the executable of a container
                 self._containers.add(action.node_name)
             self._report(f"{part} ({type(action).__name__})")
-            return None
 
     def _report(self, part: str) -> None:
         if part not in self._reported:
             self._reported.add(part)
             terminal_output.note(f"missing, skipped: {part}")
 
-    def _lacks_container(self, action: Any, context: Any) -> bool:
-        """Return True for nodes that would wait forever for a container that was skipped."""
+    def _load(self, execute: Any, action: Any, context: Any) -> Any:
+        """Load nodes into a container, unless it was skipped and they would wait for it forever."""
         target = vars(action)[_TARGET]
         name = target.node_name if hasattr(target, "node_name") else _text(target, context)
-        if f"/{name.lstrip('/')}" not in self._containers:
-            return False
-        self._report(f"nodes of the container {name}")
-        return True
+        if is_skipped := f"/{name.lstrip('/')}" in self._containers:
+            self._report(f"nodes of the container {name}")
+        return None if is_skipped else execute(action, context)
 
     def part_of(self, error: BaseException, action: Any = None, context: Any = None) -> str | None:
         """Return the missing part that an error is about; None for other errors."""
         for one in _causes(error):
-            kind = type(one).__name__
-            is_failure = kind == "SubstitutionFailure" and _NOT_FOUND.match(str(one))
-            is_of_node = kind == "PackageNotFoundError" or (is_failure and is_failure[1] in ("executable", "package"))
-            if is_of_node and getattr(action, "node_package", None):
-                return self._executable_text(
-                    _text(action.node_package, context), _text(action.node_executable, context)
-                )
-            if kind == "PackageNotFoundError":
-                return str(one.args[0]).partition(", searching")[0].replace("'", "").removesuffix(" not found")
             if isinstance(one, ModuleNotFoundError):
                 return f"Python module {one.name}"
-            if is_failure or isinstance(one, _MissingCommandError):
-                return str(one)
-        location = str(getattr(getattr(action, "launch_description_source", None), "location", ""))
-        return f"launch file {os.path.relpath(location, self._absent)}" if location.startswith(self._absent) else None
+            text = str(one.args[0] if one.args else "")
+            if type(one).__name__ in _ERRORS and _NOT_FOUND.match(text):
+                if getattr(action, "node_package", None):
+                    names = _text(action.node_package, context), _text(action.node_executable, context)
+                    if any(f"'{name}'" in text for name in names):
+                        return self._executable_text(*names)
+                return text.partition(", searching")[0].replace("'", "").removesuffix(" not found")
+        return None
 
-    def error_text(self, error: BaseException, part: str | None) -> str:
-        """Return an error, or its missing part, with the place in the launch file that caused it, and a cure."""
-        cause = _causes(error)[-1]
-        file, line = self._file, None
-        if hasattr(cause, "position"):  # of XML
-            line = cause.position[0]
-        elif (mark := getattr(cause, "problem_mark", None)) is not None:  # of YAML
+    def error_text(self, error: BaseException, part: str | None, file: str) -> str:
+        """Return an error, or its missing part, with the place in a launch file that caused it, and a cure."""
+        cause: Any = _causes(error)[-1]
+        line = cause.position[0] if isinstance(cause, ParseError) else None
+        if mark := getattr(cause, "problem_mark", None):  # of YAML
             line = mark.line + 1
-        elif isinstance(cause, SyntaxError):
+        for frame, number in traceback.walk_tb(cause.__traceback__):
+            if frame.f_globals.get("__name__") == "python_launch_file":  # the name of all launch files
+                file, line = frame.f_code.co_filename, number
+        if isinstance(cause, SyntaxError) and cause.lineno:
             file, line = cause.filename or file, cause.lineno
-        elif frames := [*filter(_is_of_user, traceback.extract_tb(cause.__traceback__))]:
-            file, line = frames[-1].filename, frames[-1].lineno
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
@@ -148,25 +127,19 @@ class MissingParts:
 
     def _executable_text(self, package: str, executable: str) -> str:
         text = f"executable {executable} of {package}"
-        if package in self._not_built:
+        if any(one.name == package for one in self._prefix.skipped):
             return f"{text}: its package has C++ code, which is not built"
-        folder = self._prefix.folder / "lib" / package
-        if package in self._prefix.packages or folder.is_dir():
-            known = sorted(os.listdir(folder)) if folder.is_dir() else []
-            return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
-        return f"{text}: no such package{did_you_mean(package, self._prefix.packages)}"
+        prefixes = import_module("ament_index_python.packages").get_packages_with_prefixes()
+        if package not in prefixes:
+            return f"{text}: no such package{did_you_mean(package, prefixes)}"
+        folder = os.path.join(prefixes[package], "lib", package)
+        known = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
+        return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
 
 
 def _causes(error: BaseException) -> list[BaseException]:
     """Return an error and its explicit causes."""
     return [error, *(_causes(error.__cause__) if error.__cause__ else ())]
-
-
-def _is_of_user(frame: traceback.FrameSummary) -> bool:
-    modules = (sys.modules.get(name) for name in ("launch", "launch_ros", "launch_xml", "launch_yaml", "rosidl_py_gen"))
-    folders = {str(Path(one.__path__[0])) for one in modules if one is not None}
-    folders |= {sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")}
-    return not frame.filename.startswith((*folders, "<"))
 
 
 def _text(value: Any, context: Any) -> str:

@@ -17,7 +17,7 @@ _FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 
 def variables(prefix: Path) -> dict[str, str]:
     """Return the environment variables of a process that uses a prefix; lists continue with their current values."""
-    found = {name: os.environ.get(name, value) for name, value in (_FIXED | _distribution()).items()}
+    found = {name: os.environ.get(name, value) for name, value in _FIXED.items()} | _distribution()
     for name, folder in _folders(prefix).items():
         folders = (str(folder), *filter(None, os.environ.get(name, "").split(os.pathsep)))
         found[name] = os.pathsep.join(dict.fromkeys(folders))

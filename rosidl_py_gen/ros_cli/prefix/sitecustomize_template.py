@@ -27,7 +27,17 @@ class _HookInstaller:
         if self in sys.meta_path:
             sys.meta_path.remove(self)
         install_import_hook(message_api="rclpy", override_installed=True)
+        sys.excepthook = _print_error
         return sys.meta_path[0].find_spec(fullname, path, target)
+
+
+def _print_error(kind, error, traceback):  # type: ignore[no-untyped-def]
+    """Print an exception that ends the program; for Ctrl-C without the frames inside rclpy, as rosidl-py run does."""
+    if issubclass(kind, KeyboardInterrupt):
+        from importlib import import_module
+
+        import_module("rosidl_py_gen.ros_cli.program_runner.error_display").filter_traceback(error)
+    sys.__excepthook__(kind, error, error.__traceback__)
 
 
 def _run_next() -> None:

@@ -10,8 +10,7 @@ from typing import NoReturn
 
 import pytest
 
-_LINTERS = "clang_format|clang_tidy|copyright|cppcheck|cpplint|flake8|lint|lint_cmake|mypy|pclint|pep257|pycodestyle"
-_TOOL = re.compile(rf"ament_({_LINTERS}|pyflakes|uncrustify|xmllint)|launch|launch_(pytest|ros|testing\w*)")
+_TOOL = re.compile(r"ament_(?!index_|package\b)\w+|launch|launch_(pytest|ros|testing\w*)")
 
 
 class _SkippedModule(pytest.Module):
@@ -24,12 +23,11 @@ class _SkippedModule(pytest.Module):
 @pytest.hookimpl(tryfirst=True)
 def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module | None:
     """Return a skipped module for a file that imports a missing tool; it is not imported."""
-    missing = _missing_tool(module_path)
-    if not missing:
-        return None
-    module: _SkippedModule = _SkippedModule.from_parent(parent, path=module_path)
-    module.missing = missing
-    return module
+    if missing := _missing_tool(module_path):
+        module: _SkippedModule = _SkippedModule.from_parent(parent, path=module_path)
+        module.missing = missing
+        return module
+    return None
 
 
 def _missing_tool(file: Path) -> str:

@@ -49,12 +49,9 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
     words = ["-m", "pytest", "-p", _PLUGIN, "-rs", "-o", f"cache_dir={prefix.folder / '.pytest_cache'}", *arguments]
     if not any((folder / word.partition("::")[0]).exists() for word in arguments if not word.startswith("-")):
         words += _declared_tests(folder)
-
-    def start() -> None:
-        os.chdir(folder)
-        os.execve(sys.executable, [sys.executable, *words], {**os.environ, **prefix.environment()})
-
-    return start
+    variables = os.environ | prefix.environment()
+    os.chdir(folder)
+    return lambda: os.execve(sys.executable, [sys.executable, *words], variables)
 
 
 def _declared_tests(folder: Path) -> list[str]:
@@ -66,9 +63,6 @@ def _declared_tests(folder: Path) -> list[str]:
         calls = CMakeScript(folder, read_text(folder, "CMakeLists.txt")).calls
     except UnreadableError:
         return []
-    declared = [
-        inside(words[_TEST_COMMANDS[name]].text) or ""
-        for name, words in calls
-        if name in _TEST_COMMANDS and len(words) > _TEST_COMMANDS[name]
-    ]
+    found = [(words, _TEST_COMMANDS[name]) for name, words in calls if name in _TEST_COMMANDS]
+    declared = [inside(words[at].text) or "" for words, at in found if at < len(words)]
     return declared if all(path and (folder / path).exists() for path in declared) else []

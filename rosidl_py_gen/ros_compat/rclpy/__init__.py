@@ -26,14 +26,29 @@ _executor: Executor | None = None
 _executor_lock = threading.RLock()
 
 
+class InitContextManager:
+    """Result of `init` since Kilted; used as a context manager, it shuts the context down at the end of the block."""
+
+    def __init__(self, context: Context, has_handlers: bool) -> None:
+        self.context, self.installed_signal_handlers = context, has_handlers
+
+    def __enter__(self) -> InitContextManager:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try_shutdown(context=None if self.context is get_default_context() else self.context)
+        if self.installed_signal_handlers:
+            uninstall_signal_handlers()
+
+
 def init(
     *,
     args: list[str] | None = None,
     context: Context | None = None,
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
-) -> None:
-    """Open a context.
+) -> InitContextManager:
+    """Open a context; ``with rclpy.init():`` also shuts it down.
 
     Args:
         args: command line with ``--ros-args``. [default: `sys.argv`]
@@ -50,6 +65,7 @@ def init(
         signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
     context.init(args, domain_id=domain_id)
     install_signal_handlers(signal_handler_options)
+    return InitContextManager(context, signal_handler_options != SignalHandlerOptions.NO)
 
 
 def get_global_executor() -> Executor:
