@@ -214,6 +214,13 @@ class TypeHashFilter(Generic[W]):
         self._by_writer.clear()
         self._by_guid.clear()
 
+    def of_guids(self, message_type: MessageType[Any]) -> TypeHashFilter[bytes]:
+        """Return a filter after `set_definition`, for samples of which only the GUID of the writer is known."""
+        other = TypeHashFilter[bytes](self._scope, self._mode, lambda guid: guid, message_type, self._topic)
+        other._is_late = True
+        other._reported = self._reported
+        return other
+
     def _left_writer(self, guid: bytes | None) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
         return None if guid is None else self._by_guid.get(guid)
 
