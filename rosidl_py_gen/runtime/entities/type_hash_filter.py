@@ -179,7 +179,7 @@ class TypeHashFilter(Generic[W]):
                 known = self._left_writer(guid) or self._writer_of_key(writer)
                 if known is None:
                     self._unknown_samples += 1
-                    return data
+                    return self._payload_of_left(data) if self._is_late else data
                 endpoint, converter = known
                 if converter is None:
                     self.incompatible_dropped += 1
@@ -308,6 +308,17 @@ class TypeHashFilter(Generic[W]):
             return data
         self._report(endpoint, converter)
         return self._convert(converter, data)
+
+    def _payload_of_left(self, data: Payload) -> Payload:
+        """Return a sample of a writer that left before `set_definition`, converted if only another definition fits."""
+        from rosidl_py_gen.type_loading.peer_definitions import fits_exactly
+
+        definitions = self._peers.definitions()
+        if not definitions or fits_exactly(self._peers.cls, data):
+            return data
+        converters = filter(None, map(self._peers.get, definitions))
+        fitting = [one for one in converters if fits_exactly(one.old, data)]
+        return self._convert(fitting[0], data) if len(fitting) == 1 else data
 
     # --- log ----------------------------------------------------------------------------------------------------------
 

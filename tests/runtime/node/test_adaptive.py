@@ -134,3 +134,20 @@ async def test_raw_messages_of_a_previous_subscription_get_the_definition_that_i
         messages.set_definition(opaque_message_class("sensor_msgs/msg/Range", type_hash(ours)))
         received = [(await messages.receive_with_info(5))[0] for _ in range(3)]
     assert [ours.decode(data) for data in received] == [ours(range=number) for number in range(3)]
+
+
+async def test_raw_messages_of_a_publisher_that_has_left_get_the_definition_that_is_set_later(memory: World) -> None:
+    ours: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")
+    theirs: Any = get_message("sensor_msgs/msg/Range", distro="humble")
+    alice, bob = memory.pair()
+    publisher = alice.create_publisher(theirs, "range")
+    unknown = opaque_message_class("sensor_msgs/msg/Range", "")
+    async with AdaptiveSubscription[bytes](bob, "range", unknown, raw=True) as messages:
+        await publisher.wait_for_subscribers(5)
+        publisher.publish(theirs(range=1))
+        await until(lambda: len(messages._subscription._items) == 1)
+        alice.context.close()
+        await until(lambda: bob.count_publishers("range") == 0)
+        messages.set_definition(opaque_message_class("sensor_msgs/msg/Range", type_hash(ours)))
+        data, _ = await messages.receive_with_info(5)
+    assert ours.decode(data) == ours(range=1)
