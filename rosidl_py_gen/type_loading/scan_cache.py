@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from time import time_ns
 from typing import Any
@@ -47,7 +48,8 @@ def search(
         bundled = [interfaces_dir()] if choice.name == DEFAULT else [place for place, *_ in os.walk(interfaces_dir())]
         for place in (*sys.path, *bundled):
             note(place)
-        folders = _folders(path, workspace)
+        # A copy, because a workspace that was read before notes no paths.
+        folders = _folders(path, None if workspace is None else replace(workspace))
         found = scan_search_path(folders, distro=choice.name if choice.is_explicit else None)
         rows = [[_row(package) for package in packages] for packages in (found.packages.values(), found.hidden)]
         refused = {name: (one.path, one.line, one.column, one.text) for name, one in found.refused.items()}

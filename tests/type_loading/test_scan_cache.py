@@ -218,3 +218,17 @@ def test_a_large_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pyte
     workspace_packages(_workspace(tmp_path))
     monkeypatch.setattr(workspaces, "_names", lambda folder: pytest.fail("walked"))
     assert set(workspace_packages(_workspace(tmp_path))) == {"a_msgs", "b_msgs", "robot"}
+
+
+def test_a_new_sibling_of_a_package_outside_of_src_is_found_by_a_workspace_that_was_read_before(tmp_path: Path) -> None:
+    write(tmp_path, {"all/own/package.xml": XML.format("own")})
+
+    def found() -> list[str]:
+        workspace = Workspace(tmp_path / "all", 1, tmp_path / "all" / "own")
+        workspace_packages(workspace)
+        _, result = search((), workspace, JAZZY)
+        return [one.name for one in result.packages.values() if one.folder.is_relative_to(tmp_path)]
+
+    assert found() == []
+    write(tmp_path, {"all/c_msgs/package.xml": XML.format("c_msgs"), "all/c_msgs/msg/C.msg": "int32 x\n"})
+    assert found() == ["c_msgs"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar, cast
 
 from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.signatures import require_signature
@@ -31,6 +31,7 @@ from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos_matching import resolve_best_available
 
 if TYPE_CHECKING:
+    from collections import deque
     from collections.abc import Awaitable, Callable
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
@@ -196,9 +197,25 @@ class Subscription(PollableEntity, Generic[T]):
             self._latest = taken[0]
         return taken
 
-    def _set_definition(self, message_type: MessageType[T]) -> None:
-        """Convert raw messages that are taken from now on to a definition, which was not known at creation."""
+    def _set_definition(self, message_type: MessageType[T], taken: deque[tuple[T, MessageInfo]]) -> None:
+        """Convert raw messages that are taken from now on to a definition, which was not known at creation.
+
+        Args:
+            taken: raw messages that were taken before, of this or an earlier subscription; they are converted in place.
+        """
         self._type_hash_filter.set_definition(message_type)
+        by_guid = self._type_hash_filter.of_guids(message_type)
+        for _ in range(len(taken)):
+            data, info = taken.popleft()
+            try:
+                converted = by_guid.payload(info.publisher_gid, cast("Payload", data))
+            except DecodeError as err:
+                self._count_undecodable(err)
+            else:
+                if converted is not None:
+                    taken.append((self._decode(converted), info))
+        self._type_hash_filter.converted += by_guid.converted
+        self._type_hash_filter.incompatible_dropped += by_guid.incompatible_dropped
 
     def _info(self, sample: Sample) -> MessageInfo:
         _, source_ns, handle, received_ns, number = sample

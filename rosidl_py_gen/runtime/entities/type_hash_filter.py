@@ -179,7 +179,7 @@ class TypeHashFilter(Generic[W]):
                 known = self._left_writer(guid) or self._writer_of_key(writer)
                 if known is None:
                     self._unknown_samples += 1
-                    return data
+                    return self._payload_of_left(data) if self._is_late else data
                 endpoint, converter = known
                 if converter is None:
                     self.incompatible_dropped += 1
@@ -213,6 +213,13 @@ class TypeHashFilter(Generic[W]):
         self.accepted_writers.clear()
         self._by_writer.clear()
         self._by_guid.clear()
+
+    def of_guids(self, message_type: MessageType[Any]) -> TypeHashFilter[bytes]:
+        """Return a filter after `set_definition`, for samples of which only the GUID of the writer is known."""
+        other = TypeHashFilter[bytes](self._scope, self._mode, lambda guid: guid, message_type, self._topic)
+        other._is_late = True
+        other._reported = self._reported
+        return other
 
     def _left_writer(self, guid: bytes | None) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
         return None if guid is None else self._by_guid.get(guid)
@@ -301,6 +308,17 @@ class TypeHashFilter(Generic[W]):
             return data
         self._report(endpoint, converter)
         return self._convert(converter, data)
+
+    def _payload_of_left(self, data: Payload) -> Payload:
+        """Return a sample of a writer that left before `set_definition`, converted if only another definition fits."""
+        from rosidl_py_gen.type_loading.peer_definitions import fits_exactly
+
+        definitions = self._peers.definitions()
+        if not definitions or fits_exactly(self._peers.cls, data):
+            return data
+        converters = filter(None, map(self._peers.get, definitions))
+        fitting = [one for one in converters if fits_exactly(one.old, data)]
+        return self._convert(fitting[0], data) if len(fitting) == 1 else data
 
     # --- log ----------------------------------------------------------------------------------------------------------
 

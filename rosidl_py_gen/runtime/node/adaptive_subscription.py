@@ -146,7 +146,7 @@ class AdaptiveSubscription(Generic[T]):
             msg_type: class with the name of the topic's type.
         """
         self._type = msg_type
-        self._subscription._set_definition(message_type(msg_type))
+        self._subscription._set_definition(message_type(msg_type), self._rest)
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
         """Return the next message; raises like `Subscription.receive_with_info`.

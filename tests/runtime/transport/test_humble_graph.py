@@ -147,3 +147,35 @@ async def test_a_selected_distribution_decides(
     assert (said in caplog.text) is (distro == "jazzy")
     assert await bob.wait_for_node("alice", 10) and await old.wait_for_node("alice", 10)
     assert bob.get_publishers_info_by_topic("/rosout")
+
+
+async def test_a_message_that_is_read_after_its_writer_has_left_does_not_decide_about_the_format(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    topic: Any = dds.node("alice").context._core.participant._discovery_info
+    later, short = bytes([1, 15]).ljust(16, b"\1"), WRITER
+    endpoint = DiscoveredEndpoint(later, b"", True, TopicKey("unmangled", "x"), "", QoSProfile())
+    found = replace(endpoint, wire_name=discovery_info.DISCOVERY_TOPIC, type_hash="RIHS01_00")
+    topic.forward_events([found, replace(found, guid=short, type_hash="")])
+    topic.forward_events([EntityLost(short)])
+    assert topic._wrote_humble is False
+    monkeypatch.setattr(topic._reader, "writer_guid", lambda _: short)
+    topic._reader.queue.items.append((discovery_info_message.encode(GUID, NODES, is_humble=True), 0, 1, 0, None))
+    topic._on_messages()
+    assert topic._wrote_humble is False
+    assert short not in topic._layouts and short not in topic._heard_writers and short not in topic._undecided
+
+
+async def test_a_writer_that_was_lost_and_found_again_at_once_is_known(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    topic: Any = dds.node("alice").context._core.participant._discovery_info
+    endpoint = DiscoveredEndpoint(WRITER, b"", True, TopicKey("unmangled", "x"), "", QoSProfile())
+    found = replace(endpoint, wire_name=discovery_info.DISCOVERY_TOPIC, type_hash="")
+    topic.forward_events([found])
+    topic.forward_events([EntityLost(WRITER), found])
+    assert topic._writer_has_hash[WRITER] is False and topic._layouts[WRITER] is True
+    topic.forward_events([found, EntityLost(WRITER)])
+    assert WRITER not in topic._writer_has_hash and WRITER not in topic._layouts

@@ -42,6 +42,7 @@ and Cyclone often loses the first sample of a Fast DDS writer, because it does n
 repeat it after 3 s, but sends its history to a new reader at once."""
 _HUMBLE = "humble"
 _MAX_UNDECIDED = 1000
+_MAX_LOST_WRITERS = 1000
 _HUMBLE_FOUND = (
     "a node of ROS 2 Humble is in this domain; on Fast DDS it may take all memory when it reads the node names of "
     "later distributions. "
@@ -85,6 +86,8 @@ class DiscoveryInfoTopic:
         self._unheard_writers: set[bytes] = set()
         """Discovered writers of which no sample was received when they were discovered."""
         self._heard_writers: set[bytes] = set()
+        self._lost_writers: dict[bytes, None] = {}
+        """Lost writers of the topic, whose last samples may be read later; the oldest are forgotten."""
         self._writer = participant.create_writer(_spec(_WRITER_QOS))
         self._reader = self._new_reader()
 
@@ -121,13 +124,12 @@ class DiscoveryInfoTopic:
             if isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name == DISCOVERY_TOPIC
         }
         for guid, has_hash in writers.items():
-            # At once, because its reader gets our last message now. Those on Cyclone DDS may be of this package.
-            if guid not in self._heard_writers and (not has_hash or uses_sample_identity(guid)):
-                self._set_layout(guid, not has_hash)
-        self._writer_has_hash |= writers
+            self._add_writer(guid, has_hash)  # at once, because its reader gets our last message now
         self._sink(events)
         for event in events:
             if isinstance(event, EntityLost):
+                if event.guid in self._writer_has_hash:
+                    self._remember_lost(event.guid)
                 self._heard_writers.discard(event.guid)
                 self._unheard_writers.discard(event.guid)
                 self._writer_has_hash.pop(event.guid, None)
@@ -135,11 +137,24 @@ class DiscoveryInfoTopic:
                 self._layouts.pop(event.guid, None)
                 self._write_if_changed()
             elif isinstance(event, DiscoveredEndpoint) and event.guid in writers:
+                self._add_writer(event.guid, bool(event.type_hash))  # again: it may have been lost before
                 if undecided := self._undecided.pop(event.guid, None):
                     self._set_layout(event.guid, None if event.type_hash else True)
                     self._warn_of(not event.type_hash)
                     self._sink([replace(undecided, is_humble=not event.type_hash)])
                 self._expect_message(event.guid)
+
+    def _add_writer(self, guid: bytes, has_hash: bool) -> None:
+        self._writer_has_hash[guid] = has_hash
+        self._lost_writers.pop(guid, None)
+        # Those on Cyclone DDS may be of this package.
+        if guid not in self._heard_writers and (not has_hash or uses_sample_identity(guid)):
+            self._set_layout(guid, not has_hash)
+
+    def _remember_lost(self, writer: bytes) -> None:
+        if len(self._lost_writers) >= _MAX_LOST_WRITERS:
+            del self._lost_writers[next(iter(self._lost_writers))]
+        self._lost_writers[writer] = None
 
     def _is_humble(self, writer: bytes, message: DiscoveryInfoMessage) -> bool | None:
         """Return True if a participant is of Humble, None if it is unknown.
@@ -191,7 +206,9 @@ class DiscoveryInfoTopic:
             guid = self._reader.writer_guid(handle)
             if guid is None:
                 continue
-            self._heard_writers.add(guid)
+            is_lost = guid in self._lost_writers
+            if not is_lost:
+                self._heard_writers.add(guid)
             prefix = guid[:GUID_PREFIX_BYTES]
             try:
                 message = discovery_info_message.decode(data, prefix)
@@ -199,11 +216,12 @@ class DiscoveryInfoTopic:
                 internal_logger().warning(f"ignored a graph message of participant {prefix.hex('.')}: {err}")
                 continue
             is_humble = self._is_humble(guid, message)
-            self._set_layout(guid, None if message.is_humble and is_humble is False else message.is_humble)
+            if not is_lost:  # else nothing would forget the layout
+                self._set_layout(guid, None if message.is_humble and is_humble is False else message.is_humble)
             self._warn_of(is_humble)
             announced = NodesAnnounced(message.participant_guid, tuple(message.nodes), is_humble)
             events.append(announced)
-            if message.is_humble and is_humble is None:
+            if message.is_humble and is_humble is None and not is_lost:
                 if len(self._undecided) >= _MAX_UNDECIDED:
                     self._undecided.clear()
                 self._undecided[guid] = announced

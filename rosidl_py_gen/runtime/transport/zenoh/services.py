@@ -87,7 +87,7 @@ class _ZenohServiceEndpoint(ZenohReader):
     def _connected(self, own: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
         """Return the matched endpoints of all definitions that are accepted."""
         found = self._owner.graph.connected(own)
-        for type_hash in self._other_infos:
+        for type_hash in list(self._other_infos):  # Zenoh calls this, too, while the loop may add one
             found |= self._owner.graph.connected(replace(own, service_hash=type_hash))
         return found
 
@@ -161,7 +161,7 @@ class ZenohClient(_ZenohServiceEndpoint):
 
         Servers with a token precede, because those without are leaving, or convert; then those with the own definition.
         """
-        reachable = [key for key, querier in self._queriers.items() if querier.matching_status.matching]
+        reachable = [key for key, querier in list(self._queriers.items()) if querier.matching_status.matching]
         connected = self._owner.graph.connected
         with_token = (key for key in reachable if connected(self._info_of(key) if key else self.info))
         return next(iter((*with_token, *reachable)), None)

@@ -216,3 +216,23 @@ async def test_a_request_that_does_not_fit_the_other_definition_is_an_error(
     with pytest.raises(EncodeError, match="256"):
         await client.call(ours.Request(x=256), 5)
     assert asked == [255]
+
+
+async def test_a_definition_that_is_accepted_while_a_thread_of_zenoh_finds_the_servers(
+    zenoh: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = two(BOTH)
+    alice, bob = zenoh.pair()
+    alice.create_service(theirs, "s", lambda request: theirs.Response(b=1))
+    client = bob.create_client(ours, "s")
+    assert (await client.call(ours.Request(), 5)).b == 1
+    transport: Any = client._transport_client
+    graph = transport._owner.graph
+    connected, added = graph.connected, iter(range(100))
+
+    def slow_connected(own: Any) -> Any:  # the loop runs while this waits for the lock of the graph
+        transport._other_infos[f"RIHS01_{next(added):064}"] = transport.info
+        return connected(own)
+
+    monkeypatch.setattr(graph, "connected", slow_connected)
+    assert len(transport.connected()) == 1
