@@ -1,8 +1,7 @@
 """numpy, imported when one of its names is first used: it takes a quarter of the start of a small program.
 
-``from rosidl_py_gen.base import lazy_numpy as np`` replaces ``import numpy as np``. After the import, this module has
-the names of numpy, so that they cost as much as those of numpy itself. As long as no module has imported numpy, no
-object is an array or a number of numpy; tests with `isinstance` and ``type(x) is`` do not import it then.
+``from rosidl_py_gen.base import lazy_numpy as np`` replaces ``import numpy as np``. As long as no module has imported
+numpy, no object is an array or a number of numpy; tests with `isinstance` and ``type(x) is`` do not import it then.
 """
 
 from __future__ import annotations

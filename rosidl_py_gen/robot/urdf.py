@@ -1,7 +1,6 @@
-"""Kinematic tree of a URDF: links and joints with origins, axes, limits and mimic tags.
+"""Kinematic tree of a URDF: links and joints with origins, axes, limits and mimic tags. All else is ignored.
 
-Meshes, inertia and all else are ignored. The rules are those of urdfdom, docs/internals/protocol.md 13.1; where it
-builds half a tree, an error is raised.
+The rules are those of urdfdom (docs/internals/protocol.md 13.1); where it builds half a tree, an error is raised.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.tf.quaternion_math import Quaternion, Vector
 
-MAX_BYTES = 8 * MAX_FILE_BYTES
-"""Maximum size of a description. Those of humanoids with all their meshes have some 500 kB."""
+MAX_BYTES = 8 * MAX_FILE_BYTES  # those of humanoids with all their meshes have some 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
 """Types of joints with one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")

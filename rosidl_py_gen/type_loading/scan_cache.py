@@ -1,7 +1,6 @@
 """Cached results of the searches for packages: those of a workspace, and those with interfaces.
 
-A result is used as long as no file or folder that the search has read has changed, appeared or disappeared. The names
-of interface files are not cached, nor their contents.
+A result is used as long as no file or folder that the search has read has changed, appeared or disappeared.
 """
 
 from __future__ import annotations
@@ -27,8 +26,7 @@ from rosidl_py_gen.type_loading import code_cache
 
 _MAX_FILES = 200
 _MIN_AGE_NS = 2_000_000_000
-"""Minimum time since the last change of a path. Of two changes in shorter succession, the second may get the time of
-the first, as file systems have times in steps of up to 2 s."""
+"""Minimum time since the last change of a path: the times of some file systems have steps of 2 s."""
 
 
 def workspace_packages(workspace: Workspace) -> dict[str, Path]:

@@ -1,7 +1,7 @@
 """Packages and executables that a launch file needs and that do not exist: errors with a cure, or skipped actions.
 
-With ``--missing skip``, the share folder of a missing package is a path that does not exist, because many files look up
-all packages before they create actions. What this depends on in launch and launch_ros: docs/internals/protocol.md 15.
+With ``--missing skip``, the share folder of a missing package is a path that does not exist, as many files look up all
+packages first. The facts about launch and launch_ros are in docs/internals/protocol.md 15.
 """
 
 from __future__ import annotations
