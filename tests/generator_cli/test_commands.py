@@ -204,7 +204,7 @@ def test_without_a_selection_the_help_is_printed(shell: Shell) -> None:
         answer = shell(*arguments)
         assert (answer.code, answer.out, shell.written()) == (2, "", [])
         assert answer.err == shell("--help").out
-    assert (len(shell("--list").out.splitlines()), len(shell("--list", "--json").json)) == (25, 25)
+    assert (len(shell("--list").out.splitlines()), len(shell("--list", "--json").json)) == (26, 26)
     answer = shell("--check")
     assert (answer.code, "files would be written" in answer.out, shell.written()) == (1, True, [])
 
@@ -212,7 +212,7 @@ def test_without_a_selection_the_help_is_printed(shell: Shell) -> None:
 @pytest.mark.parametrize("arguments", [("--out", "."), ("--filter", "")])
 def test_all_packages_are_generated_on_request(shell: Shell, arguments: tuple[str, ...]) -> None:
     assert shell(*arguments).code == 0
-    assert len([path for path in shell.folder.iterdir() if path.is_dir()]) == 25
+    assert len([path for path in shell.folder.iterdir() if path.is_dir()]) == 26
 
 
 def test_a_run_for_all_packages_removes_those_without_definitions(shell: Shell, world: str) -> None:

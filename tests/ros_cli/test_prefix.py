@@ -19,7 +19,8 @@ from support.prefix_workspace import RECORDED, answers, listing, write_workspace
 from support.program_processes import started
 
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import build, build_prefix, executables, package_plan
+from rosidl_py_gen.ros_cli.prefix import build, executables, package_plan
+from rosidl_py_gen.ros_cli.prefix.build import build_prefix
 from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
 
 MANIFEST = "<package><name>{}</name><version>1.0.0</version></package>"

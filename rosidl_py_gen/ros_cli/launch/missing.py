@@ -22,7 +22,7 @@ from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import report, terminal_output
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.prefix import Prefix
+    from rosidl_py_gen.ros_cli.prefix.build import Prefix
 
 _ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
 _NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")

@@ -20,7 +20,7 @@ from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
 from rosidl_py_gen.ros_cli.launch.missing import MissingParts
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.prefix import Prefix
+    from rosidl_py_gen.ros_cli.prefix.build import Prefix
 
 _BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
 """Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.resources import install_command, require_modules
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.prefix import build_prefix
+from rosidl_py_gen.ros_cli.prefix.build import build_prefix
 from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable
 

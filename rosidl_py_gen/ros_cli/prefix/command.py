@@ -30,7 +30,7 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
     from pathlib import Path
 
     from rosidl_py_gen.errors import display_path
-    from rosidl_py_gen.ros_cli.prefix import build_prefix
+    from rosidl_py_gen.ros_cli.prefix.build import build_prefix
 
     made = build_prefix(map(Path, sources) if sources else None, Path(out))
     if as_json:

@@ -32,7 +32,7 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
     rosidl-py test my_package -k talker -x
     """
     from rosidl_py_gen.base.names import did_you_mean
-    from rosidl_py_gen.ros_cli.prefix import build_prefix
+    from rosidl_py_gen.ros_cli.prefix.build import build_prefix
     from rosidl_py_gen.ros_cli.program_runner.run import workspaces
 
     if find_spec("pytest") is None:

@@ -14,7 +14,7 @@ from rclpy.executors import MultiThreadedExecutor
 from test_msgs.action import Fibonacci
 from unique_identifier_msgs.msg import UUID
 
-rclpy.init()
+rclpy.init()  # ours: a context manager, as in Kilted
 n = rclpy.create_node("n")
 executor = MultiThreadedExecutor(4)
 executor.add_node(n)

@@ -74,7 +74,7 @@ c.set_ros_time_override(Time(seconds=8, clock_type=ClockType.ROS_TIME))
 (list(seen), seen.clear(), c.now())
 c._set_ros_time_is_active(False)
 Clock().sleep_for(Duration(seconds=0.01))
-rclpy.init()
+rclpy.init()  # ours: a context manager, as in Kilted
 Clock().sleep_for(Duration(seconds=0.01))
 Clock().sleep_until(Time(seconds=1, clock_type=ClockType.ROS_TIME))
 Clock(clock_type=ClockType.STEADY_TIME).sleep_for(Duration(seconds=0.01))

@@ -9,7 +9,7 @@ from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 from std_msgs.msg import String
 
-rclpy.init()
+rclpy.init()  # ours: a context manager, as in Kilted
 seen = []
 
 

@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 from rcl_interfaces.msg import FloatingPointRange as FR, IntegerRange as IR, ParameterDescriptor as PD, ParameterValue, SetParametersResult
 given = pathlib.Path(tempfile.mkdtemp()) / "given.yaml"
 given.write_text("/**:\n  ros__parameters:\n    f: 7\n    arr: [1, 2]\n    s: [a, b]\n    nested: {x: 1.5}\n")
-rclpy.init(args=["--ros-args", "-p", "c:=5", "-p", "typed:=hello", "--params-file", str(given)])
+rclpy.init(args=["--ros-args", "-p", "c:=5", "-p", "typed:=hello", "--params-file", str(given)])  # ours: a context manager, as in Kilted
 n = Node("n", namespace="ns", parameter_overrides=[Parameter("o", value=3), Parameter("f", value=8)])
 
 n.list_parameters([],0)

@@ -67,7 +67,7 @@ from std_msgs.msg import String
 QoSPublisherEventType.RCL_PUBLISHER_MATCHED
 str(QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED)
 (isinstance(QoSCompatibility.OK, int), QoSCompatibility.ERROR == 2, f"{QoSCompatibility.OK}")
-rclpy.init()
+rclpy.init()  # ours: a context manager, as in Kilted
 n = rclpy.create_node("n")
 told = {}
 pub = n.create_publisher(String, "t", QoSProfile(depth=1), event_callbacks=PublisherEventCallbacks(incompatible_qos=lambda e: told.update(pub=e.last_policy_kind)))

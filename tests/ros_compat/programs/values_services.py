@@ -20,7 +20,7 @@ from rclpy.time_source import TimeSource
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-rclpy.init(args=["--ros-args", "-p", "qos_overrides./out.publisher.depth:=7", "-p", "qos_overrides./bad.publisher.history:=nonsense"])
+rclpy.init(args=["--ros-args", "-p", "qos_overrides./out.publisher.depth:=7", "-p", "qos_overrides./bad.publisher.history:=nonsense"])  # ours: a context manager, as in Kilted
 n = Node("n", enable_logger_service=True)
 asker = Node("asker")
 executor = rclpy.executors.SingleThreadedExecutor()

@@ -74,7 +74,7 @@ class Instance(Node):
             setattr(self, one, None)
 
 
-rclpy.init()
+rclpy.init()  # ours: a context manager, as in Kilted
 len(names) > 2000
 breaks(Node, names - OF_RCLPY)
 breaks(LifecycleNode, names - OF_RCLPY)
