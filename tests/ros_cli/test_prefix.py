@@ -302,7 +302,10 @@ DAMAGED = {
         {"setup.py": "setup(entry_points={'console_scripts': ['../../x = a:b']})"},
         '"bin/../../x" is not a path below the prefix',
     ),
-    "absolute": ({"setup.py": "setup(data_files=[('/elsewhere', ['a.txt'])])"}, '"/elsewhere/a.txt" is not a path below'),
+    "absolute": (
+        {"setup.py": "setup(data_files=[('/elsewhere', ['a.txt'])])"},
+        '"/elsewhere/a.txt" is not a path below',
+    ),
     "upwards": (
         {"setup.py": "setup(data_files=[('share/../../x', ['a.txt'])])"},
         '"../x/a.txt" is not a path',
