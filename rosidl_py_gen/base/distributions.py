@@ -40,7 +40,7 @@ class DistributionChoice(NamedTuple):
 
 _DEFAULT_CHOICE = DistributionChoice(DEFAULT, False)
 ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
-"""Environment variable with the value of ROS_DISTRO that `assume_default` or a setup script of a prefix has set."""
+"""Environment variable with the value of ROS_DISTRO that `rosidl-py run` or a setup script of a prefix has set."""
 
 
 def checked_distribution(name: str) -> str:
@@ -89,11 +89,6 @@ def command_distribution() -> str | None:
     if _command_selections:
         return _command_selections[-1]
     return "" if os.environ.get(ENVIRONMENT_VARIABLE) == os.environ.get(ASSUMED_VARIABLE, "") else None
-
-
-def assume_default() -> None:
-    """Set ROS_DISTRO to the default for programs that read it; contexts and child processes take it as not set."""
-    os.environ[ASSUMED_VARIABLE] = os.environ[ENVIRONMENT_VARIABLE] = DEFAULT
 
 
 @contextmanager

@@ -32,7 +32,7 @@ _MIN_AGE_NS = 2_000_000_000
 def workspace_packages(workspace: Workspace) -> dict[str, Path]:
     """Return `Workspace.packages`."""
     settings = ("workspace", str(workspace.folder), workspace.depth, str(workspace.own))
-    found = _cached(settings, lambda: {name: str(path) for name, path in workspace.packages.items()})
+    found = cached(settings, lambda: {name: str(path) for name, path in workspace.packages.items()})
     return {name: Path(path) for name, path in found.items()}
 
 
@@ -55,7 +55,7 @@ def search(
 
     finders = [getattr(finder, "__name__", type(finder).__qualname__) for finder in sys.meta_path]
     environment = (os.environ.get("AMENT_PREFIX_PATH"), sys.path, sys.prefix, finders)
-    folders, packages, hidden, searched, refused = _cached(("search", path, workspace, choice, environment), scan)
+    folders, packages, hidden, searched, refused = cached(("search", path, workspace, choice, environment), scan)
     by_name = {row[0]: _package(*row) for row in packages}
     problems = {name: Diagnostic(*values) for name, values in refused.items()}
     return folders, SearchPath(by_name, [_package(*row) for row in hidden], searched, problems)
@@ -81,7 +81,7 @@ def _package(name: str, folder: str, origin: str, from_source: bool, known: list
     return Package(name, Path(folder), origin, from_source, files)
 
 
-def _cached(settings: object, scan: Callable[[], Any]) -> Any:
+def cached(settings: object, scan: Callable[[], Any]) -> Any:
     """Return the result of a scan, which consists of types that `marshal` supports."""
     try:
         place = os.getcwd()

@@ -19,7 +19,7 @@ from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_aroun
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.prefix.build import build_prefix
-from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
+from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable
 
 _ORIGINS = dict.fromkeys(("launch", "launch_xml", "launch_yaml"), "launch@3.4.3") | {"launch_ros": "launch_ros@0.26.6"}

@@ -15,11 +15,12 @@ from rosidl_py_gen.compiler.frontend.cmake_reader import inside
 from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import environment, executables
+from rosidl_py_gen.ros_cli.prefix import executables, setup_scripts
 from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PROGRAM, PackagePlan, PrefixFile
+from rosidl_py_gen.ros_cli.prefix.variables import variables
 from rosidl_py_gen.type_loading.share_folder import cached_folder
 
-_STATE = ".rosidl-py-prefix"
+STATE = ".rosidl-py-prefix"
 """File of a prefix with the paths of the files that this module has written, one on a line."""
 _ON_PACKAGE_INDEX = ("xacro",)
 """Packages of the package index that launch files use by their ROS names, if they are installed."""
@@ -48,7 +49,7 @@ class Prefix:
 
     def environment(self) -> dict[str, str]:
         """Return the environment variables of a process that uses the prefix; lists end with the current values."""
-        return environment.variables(self.folder)
+        return variables(self.folder)
 
 
 def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Prefix:
@@ -73,7 +74,7 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Pre
     packages = _find_packages(folders, problems)
     prefix = cached_folder("prefix", (sys.executable, *folders)) if out is None else Path(os.path.abspath(out))
     plans = [PackagePlan(name, folder) for name, folder in packages.items()]
-    files = environment.files(prefix, plans)
+    files = setup_scripts.files(prefix, plans)
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
         problems += plan.problems
@@ -135,7 +136,7 @@ class _Writer:
         prefix.mkdir(parents=True, exist_ok=True)
         self._prefix = prefix = Path(os.path.realpath(prefix))
         self._new = prefix / f".new-{os.getpid()}"
-        self._state = prefix / _STATE
+        self._state = prefix / STATE
         self._old: set[str] = set()
         self._made: set[Path] = set()
         if self._state.is_file() and not self._state.is_symlink():

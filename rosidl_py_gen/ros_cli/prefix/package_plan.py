@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import posixpath
 import re
-import sys
 from collections.abc import Callable
 from fnmatch import fnmatchcase
 from itertools import pairwise
@@ -17,16 +16,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rosidl_py_gen.base.names import is_package_name
+from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, mentions_interfaces, read_text
 from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.ros_cli.prefix import executables
+from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 from rosidl_py_gen.type_loading.setup_py import setup_calls
 from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
 
-SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
 INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
 """Python packages that the import hook provides, in place of those of the workspace."""
@@ -167,6 +167,8 @@ class PackagePlan:
     def _add_file(self, place: str, source: Path, is_program: bool = False) -> None:
         """Add a file; scripts below ``lib`` become programs that run with this Python."""
         is_below_lib = place.startswith(("lib/", "bin/")) and not place.startswith(SITE_PACKAGES)
+        if is_below_lib or is_program:
+            note(source)
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
         is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
         if is_named or (is_below_lib and executables.is_python_program(source)):
@@ -296,6 +298,7 @@ class PackagePlan:
     def _install_folder(self, install: Install, top: Path, destination: str) -> None:
         waiting = [("", top)]
         for below, folder in waiting:  # grows inside the loop
+            note(folder)
             with os.scandir(folder) as scan:
                 entries = sorted(scan, key=lambda entry: entry.name)
             self._spend(len(entries))

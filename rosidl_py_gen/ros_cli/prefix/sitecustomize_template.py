@@ -22,6 +22,10 @@ class _HookInstaller:
         except ModuleNotFoundError as error:
             if error.name != "rosidl_py_gen":
                 raise
+            from importlib.machinery import PathFinder
+
+            if PathFinder.find_spec(fullname, path) is not None:
+                return None  # this Python has another ROS
             text = f"{sys.executable} has no rosidl-py-gen, which provides {fullname}; use the Python that has it"
             raise ModuleNotFoundError(text, name=fullname) from None
         if self in sys.meta_path:

@@ -12,19 +12,16 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.distributions import ENVIRONMENT_VARIABLE, assume_default, selected
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli.prefix.variables import cached_prefix, variables
 from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 from rosidl_py_gen.type_loading.scan_cache import workspace_packages
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.prefix.executables import Executable
-
-_ENVIRONMENT = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
-"""Environment variables that a setup script of ROS sets, and programs read."""
 
 
 def start(
@@ -41,20 +38,22 @@ def start(
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
         return check_program(program, as_json)
-    set_environment()
+    _set_environment(program.place, paths)
     _note_misplaced_option(program)
     return program.start
 
 
-def set_environment() -> None:
-    """Set the environment variables of ROS that programs read."""
-    for name, value in _ENVIRONMENT.items():
-        os.environ.setdefault(name, value)
-    choice = selected()
-    if choice.is_explicit:
-        os.environ[ENVIRONMENT_VARIABLE] = choice.name
-    elif ENVIRONMENT_VARIABLE not in os.environ:
-        assume_default()
+def _set_environment(place: Path, paths: Sequence[str]) -> None:
+    """Set the environment variables of ROS, with a prefix in which programs that this one starts find all packages."""
+    around = workspace_around(_workspace_folder(place))
+    used = [*([around] if around else []), *(Workspace(Path(path).resolve()) for path in paths)]
+    prefix = None
+    if os.name != "nt":
+        try:
+            prefix = cached_prefix(used)
+        except CommandError as error:
+            terminal_output.note(f"warning: programs that this one starts will not find rclpy: {error}")
+    os.environ.update(variables(prefix))
 
 
 def _usage_error(text: str) -> Exception:

@@ -1,4 +1,4 @@
-"""Environment of a prefix: variables for child processes, setup scripts of shells, and the module for Python."""
+"""Setup scripts of a prefix for shells, and its module for Python."""
 
 from __future__ import annotations
 
@@ -7,21 +7,11 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
-from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, DISTRIBUTIONS, ENVIRONMENT_VARIABLE, selected
+from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, SITE_PACKAGES, PackagePlan, PrefixFile
-
-_FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
-
-
-def variables(prefix: Path) -> dict[str, str]:
-    """Return the environment variables of a process that uses a prefix; lists continue with their current values."""
-    found = {name: os.environ.get(name, value) for name, value in _FIXED.items()} | _distribution()
-    for name, folder in _folders(prefix).items():
-        folders = (str(folder), *filter(None, os.environ.get(name, "").split(os.pathsep)))
-        found[name] = os.pathsep.join(dict.fromkeys(folders))
-    return found
+from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, PackagePlan, PrefixFile
+from rosidl_py_gen.ros_cli.prefix.variables import FIXED, SITE_PACKAGES, folders, of_distribution
 
 
 def files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFile]:
@@ -41,33 +31,21 @@ def files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFile]:
     return {place: PrefixFile(content=os.fsencode(text)) for place, text in texts.items()}
 
 
-def _distribution() -> dict[str, str]:
-    choice = selected()
-    if choice.is_explicit:
-        return {ENVIRONMENT_VARIABLE: choice.name}
-    is_default = os.environ.get(ENVIRONMENT_VARIABLE) in (None, "", os.environ.get(ASSUMED_VARIABLE))
-    return {ASSUMED_VARIABLE: DEFAULT, ENVIRONMENT_VARIABLE: DEFAULT} if is_default else {}
-
-
-def _folders(prefix: Path) -> dict[str, Path]:
-    return {"AMENT_PREFIX_PATH": prefix, "PYTHONPATH": prefix / SITE_PACKAGES, "PATH": prefix / "bin"}
-
-
 def _posix_script(prefix: Path) -> str:
-    lines = [f"export {name}={value}" for name, value in _FIXED.items()]
-    for name, value in _distribution().items():
+    lines = [f"export {name}={value}" for name, value in FIXED.items()]
+    for name, value in of_distribution().items():
         lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {name}={value}')
-    for name, folder in _folders(prefix).items():
+    for name, folder in folders(prefix).items():
         quoted, old = shlex.quote(str(folder)), f"${{{name}:+:${{{name}}}}}"
         lines.append(f'case "{old}:" in *:{quoted}:*) ;; *) export {name}={quoted}"{old}" ;; esac')
     return "\n".join(lines) + "\n"
 
 
 def _fish_script(prefix: Path) -> str:
-    lines = [f"set -gx {name} {value}" for name, value in _FIXED.items()]
-    for name, value in _distribution().items():
+    lines = [f"set -gx {name} {value}" for name, value in FIXED.items()]
+    for name, value in of_distribution().items():
         lines.append(f'test -n "${ENVIRONMENT_VARIABLE}"; or set -gx {name} {value}')
-    for name, folder in _folders(prefix).items():
+    for name, folder in folders(prefix).items():
         quoted = "'" + str(folder).replace("\\", "\\\\").replace("'", "\\'") + "'"
         value = f"{quoted} $PATH" if name == "PATH" else f"(string join : -- {quoted} ${name})"
         lines.append(f'contains -- {quoted} (string split : -- "${name}"); or set -gx {name} {value}')

@@ -1,0 +1,103 @@
+"""The prefix of ``rosidl-py run``: what programs find that a program starts, and when it is built again."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import venv
+from pathlib import Path
+
+import pytest
+from support.interface_packages import write
+from support.program_processes import PACKAGE_XML, run, started
+
+from rosidl_py_gen.ros_cli.prefix.build import build_prefix
+
+pytestmark = [
+    pytest.mark.real_time("programs are processes"),
+    pytest.mark.skipif(os.name == "nt", reason="a prefix needs links and executable scripts"),
+]
+PARENT = """
+import os, subprocess, sys
+code = '''
+import rclpy, my_package.text, my_interfaces.msg, std_msgs.msg
+from ament_index_python.packages import get_package_share_directory
+folder = get_package_share_directory("my_package")
+import os
+print(my_package.text.TEXT, my_interfaces.msg.Pair(a=1).a, sorted(os.listdir(folder + "/launch")), rclpy.__file__)
+'''
+subprocess.run([sys.executable, "-c", code], check=True)
+subprocess.run(["my_script"], check=True)
+if len(sys.argv) > 1:
+    print([name for name in sys.modules if name.startswith("rosidl_py_gen.ros_cli.prefix.b")])
+"""
+SETUP = """
+from glob import glob
+from setuptools import setup
+setup(
+    name="my_package", packages=["my_package"], scripts=["bin/my_script"],
+    data_files=[("share/my_package/launch", glob("launch/*.py"))],
+)
+"""
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path / "cache"))
+    files = {
+        "my_package/package.xml": PACKAGE_XML.format("my_package"),
+        "my_package/setup.py": SETUP,
+        "my_package/setup.cfg": "",
+        "my_package/bin/my_script": "#!/usr/bin/env python3\nimport rclpy\nprint('script', rclpy.__name__)",
+        "my_package/my_package/__init__.py": "",
+        "my_package/my_package/text.py": "TEXT = 'of the workspace'",
+        "my_package/launch/one.launch.py": "",
+        "my_interfaces/package.xml": PACKAGE_XML.format("my_interfaces"),
+        "my_interfaces/msg/Pair.msg": "int32 a\n",
+    }
+    write(tmp_path / "ws/src", files)
+    write(tmp_path / "ws", {"parent.py": PARENT})
+    return tmp_path / "ws"
+
+
+def test_programs_that_a_program_starts_find_all_packages(workspace: Path) -> None:
+    """Children are plain Python and a script of the package; the second run uses the cached prefix."""
+    found = run("parent.py", cwd=workspace)
+    assert found.returncode == 0, found.stderr
+    first, second = found.stdout.splitlines()
+    assert first.startswith("of the workspace 1 ['one.launch.py'] ") and "ros_compat" in first
+    assert second == "script rclpy"
+    time.sleep(2.1)  # what has changed a moment ago is not cached
+    for _ in range(2):
+        found = run("parent.py", "loaded", cwd=workspace)
+    assert found.stdout.splitlines() == [first, second, "[]"]
+    write(workspace / "src/my_package/launch", {"two.launch.py": ""})
+    found = run("parent.py", "loaded", cwd=workspace)
+    assert "['one.launch.py', 'two.launch.py']" in found.stdout
+    assert "['rosidl_py_gen.ros_cli.prefix.build']" in found.stdout
+
+
+def test_a_script_without_a_workspace_starts_programs_with_rclpy(tmp_path: Path) -> None:
+    code = "import subprocess, sys\nsubprocess.run([sys.executable, '-c', 'import rclpy; print(rclpy.ok())'])"
+    write(tmp_path, {"program.py": code})
+    assert run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE=str(tmp_path / "cache")).stdout == "False\n"
+    assert run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE="off").stdout == "False\n"
+
+
+def test_a_prefix_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": "import rclpy\nprint(rclpy.ok())", "cache": "a file"})
+    found = run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE=str(tmp_path / "cache"))
+    assert found.stdout == "False\n" and "will not find rclpy" in found.stderr and "cannot be written" in found.stderr
+
+
+def test_a_python_with_another_rclpy_uses_that_one(tmp_path: Path) -> None:
+    """A program may start those of an installed ROS, whose Python does not have this package."""
+    venv.create(tmp_path / "other")
+    python = tmp_path / "other/bin/python"
+    folder = started(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip()
+    write(Path(folder), {"rclpy/__init__.py": "WHICH = 'other'", "rclpy/node.py": ""})
+    environment = build_prefix([], tmp_path / "out").environment()
+    assert "sitecustomize" in started(sys.executable, "-c", "import sitecustomize as s; print(s)", **environment).stdout
+    found = started(python, "-c", "import rclpy.node; print(rclpy.WHICH)", cwd=tmp_path, **environment)
+    assert found.stdout == "other\n", found.stderr
