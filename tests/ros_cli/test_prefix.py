@@ -413,14 +413,14 @@ def test_links_and_states_in_the_prefix_lead_nowhere(workspace: Path, tmp_path: 
     (out / "share/py_plain").symlink_to(outside)
     (out / "setup.sh").unlink()
     (out / "setup.sh").symlink_to(outside / "file")
-    (out / build._STATE).write_text("../outside/file\nshare/py_plain/file\n1\n/x\nsetup.sh")
+    (out / build.STATE).write_text("../outside/file\nshare/py_plain/file\n1\n/x\nsetup.sh")
     made = build_prefix([workspace], out)
     assert tree(outside) == {"file": b"stays"}
     assert any("share/py_plain is not a folder" in problem for problem in made.problems)
     assert not (out / "setup.sh").is_symlink()
-    (out / build._STATE).write_bytes(b"\xff[" * 10_000)
+    (out / build.STATE).write_bytes(b"\xff[" * 10_000)
     assert build_prefix([workspace], out).problems
-    (out / build._STATE).unlink()
+    (out / build.STATE).unlink()
     with pytest.raises(CommandError, match="has not written it"):
         build_prefix([workspace], out)
 

@@ -1,27 +1,23 @@
-"""Environment variables of processes that use a prefix, and the cached prefix of workspaces."""
+"""Environment variables of processes that use a prefix."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, ENVIRONMENT_VARIABLE, selected
-from rosidl_py_gen.base.scanned_paths import note
-from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
-from rosidl_py_gen.compiler.frontend.workspace import Workspace
-from rosidl_py_gen.type_loading.scan_cache import cached
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
+RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
+"""Variable with the prefix that ``rosidl-py run`` has added to AMENT_PREFIX_PATH; read by `ament_index_python`."""
 FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 
 
 def variables(prefix: Path | None) -> dict[str, str]:
     """Return the environment variables of a process that may use a prefix; lists continue with their current values."""
     found = {name: os.environ.get(name, value) for name, value in FIXED.items()} | of_distribution()
+    found[RUN_PREFIX] = ""
     for name, folder in folders(prefix).items() if prefix is not None else ():
         places = (str(folder), *filter(None, os.environ.get(name, "").split(os.pathsep)))
         found[name] = os.pathsep.join(dict.fromkeys(places))
@@ -40,26 +36,3 @@ def of_distribution() -> dict[str, str]:
 def folders(prefix: Path) -> dict[str, Path]:
     """Return the folders of a prefix by the variables that list them."""
     return {"AMENT_PREFIX_PATH": prefix, "PYTHONPATH": prefix / SITE_PACKAGES, "PATH": prefix / "bin"}
-
-
-def cached_prefix(workspaces: Sequence[Workspace]) -> Path:
-    """Return the prefix of some workspaces in the cache; it is built again only if files or folders have changed.
-
-    Raises:
-        CommandError: the prefix cannot be written.
-    """
-
-    def build() -> str:
-        from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix  # slow to import
-
-        for place in sys.path:
-            note(place)
-        copies = [replace(one) for one in workspaces]  # a workspace that was read before notes no paths
-        prefix = build_prefix(root for one in copies if one.packages for root in one.roots)
-        for folder in prefix.packages.values():
-            with suppress(UnreadableError):
-                files_below(folder)
-        note(prefix.folder / STATE)
-        return str(prefix.folder)
-
-    return Path(cached(("prefix", sys.executable, sys.path, workspaces), build))

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import ast
 import os
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from importlib.machinery import PathFinder
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.scanned_paths import note
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.prefix.variables import cached_prefix, variables
+from rosidl_py_gen.ros_cli.prefix.variables import RUN_PREFIX, variables
 from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
-from rosidl_py_gen.type_loading.scan_cache import workspace_packages
+from rosidl_py_gen.type_loading.scan_cache import cached, workspace_packages
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.prefix.executables import Executable
@@ -48,12 +52,31 @@ def _set_environment(place: Path, paths: Sequence[str]) -> None:
     around = workspace_around(_workspace_folder(place))
     used = [*([around] if around else []), *(Workspace(Path(path).resolve()) for path in paths)]
     prefix = None
-    if os.name != "nt":
+    if os.name != "nt":  # it cannot have links
         try:
-            prefix = cached_prefix(used)
+            prefix = _cached_prefix(used)
         except CommandError as error:
             terminal_output.note(f"warning: programs that this one starts will not find rclpy: {error}")
-    os.environ.update(variables(prefix))
+    os.environ.update(variables(prefix) | {RUN_PREFIX: str(prefix or "")})
+
+
+def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
+    """Return the prefix of some workspaces in the cache, built again only if files or folders have changed."""
+
+    def build() -> str:
+        from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix  # slow to import
+
+        for place in sys.path:
+            note(place)
+        copies = [replace(one) for one in workspaces]  # a workspace that was read before notes no paths
+        prefix = build_prefix(root for one in copies if one.packages for root in one.roots)
+        for folder in prefix.packages.values():
+            with suppress(UnreadableError):
+                files_below(folder)
+        note(prefix.folder / STATE)
+        return str(prefix.folder)
+
+    return Path(cached(("prefix", sys.executable, sys.path, workspaces), build))
 
 
 def _usage_error(text: str) -> Exception:

@@ -15,6 +15,9 @@ from rosidl_py_gen import found_packages
 
 _PACKAGES = "packages"
 _INTERFACES = "rosidl_interfaces"
+_RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
+_SOURCES = ""
+"""Stands for the packages that are not installed among the prefixes."""
 
 
 class InvalidResourceTypeNameError(ValueError):
@@ -54,20 +57,24 @@ def get_resources(resource_type: str) -> dict[str, str]:
         InvalidResourceTypeNameError: the name has a path separator.
     """
     _check_type_name(resource_type)
-    prefixes: dict[str, str] = {}
+    found: dict[str, str] = {}
     for prefix in _prefixes():
-        for name in _list_names(_path(prefix, resource_type)):
-            if not os.path.isdir(_path(prefix, resource_type, name)):
-                prefixes.setdefault(name, prefix)
-    for name, (folder, _) in _source_resources(resource_type).items():
-        prefixes.setdefault(name, folder)
-    return prefixes
+        if prefix == _SOURCES:
+            here = {name: folder for name, (folder, _) in _source_resources(resource_type).items()}
+        else:
+            names = _list_names(_path(prefix, resource_type))
+            here = {name: prefix for name in names if not os.path.isdir(_path(prefix, resource_type, name))}
+        found = here | found
+    return found
 
 
 def get_resource_types() -> set[str]:
     """Return all types of resources."""
     types = {
-        name for prefix in _prefixes() for name in _list_names(_path(prefix)) if os.path.isdir(_path(prefix, name))
+        name
+        for prefix in filter(None, _prefixes())
+        for name in _list_names(_path(prefix))
+        if os.path.isdir(_path(prefix, name))
     }
     return types | {name for name in (_PACKAGES, _INTERFACES) if _source_resources(name)}
 
@@ -83,10 +90,12 @@ def has_resource(resource_type: str, resource_name: str) -> str | Literal[False]
     if "/" in resource_name or "\\" in resource_name:
         raise InvalidResourceNameError(f"Resource name '{resource_name}' is invalid")
     for prefix in _prefixes():
-        if os.path.isfile(_path(prefix, resource_type, resource_name)):
+        if prefix == _SOURCES:
+            if (resource := _source_resources(resource_type).get(resource_name)) is not None:
+                return resource[0]
+        elif os.path.isfile(_path(prefix, resource_type, resource_name)):
             return prefix
-    resource = _source_resources(resource_type).get(resource_name)
-    return False if resource is None else resource[0]
+    return False
 
 
 def _check_type_name(resource_type: str) -> None:
@@ -96,7 +105,13 @@ def _check_type_name(resource_type: str) -> None:
 
 
 def _prefixes() -> list[str]:
-    return get_search_paths() if os.environ.get(AMENT_PREFIX_PATH_ENV_VAR) else []
+    """Return the prefixes in their order; the packages that are not installed precede the prefix of ``rosidl-py run``.
+
+    A program under ``rosidl-py run`` finds files of the workspace that no rule installs.
+    """
+    paths = get_search_paths() if os.environ.get(AMENT_PREFIX_PATH_ENV_VAR) else []
+    of_run = [path for path in paths if path == os.environ.get(_RUN_PREFIX)]
+    return [*(path for path in paths if path not in of_run), _SOURCES, *of_run]
 
 
 def _path(prefix: str, *names: str) -> str:
