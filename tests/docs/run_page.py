@@ -35,7 +35,7 @@ import rosidl_py_gen.runtime as runtime
 from rosidl_py_gen.ros_cli.topic import statistics
 from rosidl_py_gen.runtime import MemoryTransport
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
-from rosidl_py_gen.runtime.node import context_core
+from rosidl_py_gen.runtime.node import context as node_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -248,7 +248,7 @@ if __name__ == "__main__":
         loop = VirtualTimeLoop(limit_s=100)
         the_page.world = types.SimpleNamespace(transport=MemoryTransport(loop.clocks), contexts=[])
         statistics.time_ns = loop.clocks.system_ns
-        context_core.resolve_transport = lambda *_: the_page.world.transport  # type: ignore[assignment]
+        node_context.resolve_transport = lambda *_: the_page.world.transport  # type: ignore[assignment]
         loop.run(main(the_page))
     else:
         asyncio.run(main(the_page))

@@ -238,7 +238,7 @@ def test_no_bag_is_made_where_nothing_can_be_heard(
     def missing(*_: object) -> None:
         raise BackendMissingError("no middleware")
 
-    monkeypatch.setattr("rosidl_py_gen.runtime.node.context_core.resolve_transport", missing)
+    monkeypatch.setattr("rosidl_py_gen.runtime.node.context.resolve_transport", missing)
     assert run_here("bag", "record", "--all", "-o", str(tmp_path / "bag")) == (1, "", "error: no middleware\n")
     assert list(tmp_path.iterdir()) == []
 

@@ -18,25 +18,28 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
-from rosidl_py_gen.runtime.actions.action_entity import ActionEntity
-from rosidl_py_gen.runtime.actions.argument_checks import (
+from rosidl_py_gen.runtime.actions.action_entity import (
     ActionArgumentError,
+    ActionEntity,
     require_depth,
     require_goal_id,
     require_stamp,
 )
-from rosidl_py_gen.runtime.actions.errors import (
+from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester
+from rosidl_py_gen.runtime.actions.states import (
+    STATUSES,
+    ZERO_ID,
     ActionError,
     ActionServerLostError,
     ActionTimeoutError,
     AlreadyTerminatedError,
+    CancelCode,
     CancelError,
     CancelRejectedError,
     GoalRejectedError,
+    GoalStatus,
     UnknownGoalError,
 )
-from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester
-from rosidl_py_gen.runtime.actions.states import STATUSES, ZERO_ID, CancelCode, GoalStatus
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
 from rosidl_py_gen.runtime.entities.client import Client

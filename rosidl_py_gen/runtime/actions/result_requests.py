@@ -27,8 +27,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.runtime.actions.errors import ActionServerLostError
-from rosidl_py_gen.runtime.actions.states import GoalStatus
+from rosidl_py_gen.runtime.actions.states import ActionServerLostError, GoalStatus
 from rosidl_py_gen.runtime.entities.client import Client
 from rosidl_py_gen.runtime.entities.service_common import ServerLostError
 from rosidl_py_gen.runtime.graph.graph import BARE_DDS_NODE, UNKNOWN_NODE

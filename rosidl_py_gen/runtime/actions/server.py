@@ -13,8 +13,7 @@ from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
-from rosidl_py_gen.runtime.actions.action_entity import ActionEntity
-from rosidl_py_gen.runtime.actions.argument_checks import require_server_options
+from rosidl_py_gen.runtime.actions.action_entity import ActionEntity, require_server_options
 from rosidl_py_gen.runtime.actions.goal_decisions import CancelRequest, GoalRequest, request_decision
 from rosidl_py_gen.runtime.actions.goal_execution import ExecuteFunction, FeedbackReadiness
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.cdr import Action
-    from rosidl_py_gen.runtime.actions.argument_checks import Policy
+    from rosidl_py_gen.runtime.actions.action_entity import Policy
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck

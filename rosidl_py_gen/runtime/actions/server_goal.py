@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from rosidl_py_gen.cdr import Action
-    from rosidl_py_gen.runtime.actions.argument_checks import Policy
+    from rosidl_py_gen.runtime.actions.action_entity import Policy
     from rosidl_py_gen.runtime.actions.states import CancelCode, CancelSelection
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, FeedbackT, GoalT, ResultT
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope

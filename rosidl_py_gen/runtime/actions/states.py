@@ -1,6 +1,6 @@
-"""State machine of goals on an action server, and the table of all goals; without I/O.
+"""State machine of goals on an action server, the table of all goals, and the errors of goals; without I/O.
 
-Times are nanoseconds of the server's clock. Source: docs/internals/protocol.md 8.2 to 8.4.
+Times are nanoseconds of the clock of the server. Source: docs/internals/protocol.md 8.2 to 8.4.
 """
 
 from __future__ import annotations
@@ -12,10 +12,42 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.actions.errors import UnknownGoalError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
+
+
+class ActionError(RosidlError):
+    """Base class of errors of goals and cancel requests."""
+
+
+class UnknownGoalError(ActionError, LookupError):
+    """Raised for a goal that the server does not know, or whose result has expired."""
+
+
+class GoalRejectedError(ActionError):
+    """Raised if the server rejects a goal."""
+
+
+class ActionTimeoutError(ActionError, TimeoutError):
+    """Raised if the server does not reply in time; the goal may continue."""
+
+
+class ActionServerLostError(ActionError):
+    """Raised if the server disappears before it replies, or before it sends the result."""
+
+
+class CancelError(ActionError):
+    """Raised if a cancel request fails."""
+
+
+class CancelRejectedError(CancelError):
+    """Raised if the server refuses to cancel."""
+
+
+class AlreadyTerminatedError(CancelError):
+    """Raised if the goal has ended, or is being cancelled already."""
+
 
 ResultT = TypeVar("ResultT")
 

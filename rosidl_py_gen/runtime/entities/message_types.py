@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr import Message, Service
 from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.cdr.type_queries import referenced_classes
+from rosidl_py_gen.msgs.hashes import HASHES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -167,3 +170,24 @@ def _untyped(cls: type[Message]) -> MessageType[DictMessage]:
         lambda value: from_dict(cls, value)._encode(),
         lambda data: to_dict(cls._decode(data)),
     )
+
+
+def lazy_service_type(name: str) -> ServiceType[Any, Any]:
+    """Return the type that `service_type` returns for a service of the bundled packages."""
+    load = cache(lambda: service_type(_bundled_class(name)))
+    request = _lazy_type(f"{name}_Request", lambda: load().request)
+    return ServiceType(name, HASHES[name], request, _lazy_type(f"{name}_Response", lambda: load().response))
+
+
+def lazy_message_type(name: str) -> MessageType[Any]:
+    """Return the type that `message_type` returns for a message of the bundled packages."""
+    return _lazy_type(name, cache(lambda: message_type(_bundled_class(name))))
+
+
+def _lazy_type(name: str, load: Callable[[], MessageType[Any]]) -> MessageType[Any]:
+    return MessageType(name, HASHES[name], lambda value: load().encode(value), lambda data: load().decode(data))
+
+
+def _bundled_class(name: str) -> Any:
+    package, kind, stem = name.split("/")
+    return getattr(import_module(f"rosidl_py_gen.msgs.{package}.{kind}"), stem)

@@ -17,8 +17,7 @@ from rosidl_py_gen.runtime.entities.entity_scope import entity_repr
 from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError, PollableEntity
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.clock_timer import ClockTimer
-from rosidl_py_gen.runtime.time.timer_schedule import TimerCall, TimerSchedule, period_to_ns
+from rosidl_py_gen.runtime.time.clock_timer import ClockTimer, TimerCall, TimerSchedule, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
 
 if TYPE_CHECKING:

@@ -7,15 +7,19 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime.entities.message_types import message_type
-from rosidl_py_gen.runtime.lifecycle.state_machine import LifecycleMachine, LifecyclePublisher
-from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbackReturn
+from rosidl_py_gen.runtime.lifecycle.state_machine import (
+    LifecycleMachine,
+    LifecyclePublisher,
+    State,
+    TransitionCallbackReturn,
+)
 from rosidl_py_gen.runtime.node.node import Node
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import DictMessage
     from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks
-    from rosidl_py_gen.runtime.node.node_options import NodeOptions
+    from rosidl_py_gen.runtime.node.node_base import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)

@@ -1,26 +1,196 @@
-"""Console and log file of the process.
+"""Outputs of log records: the console, and the log file of the process.
 
 The first open context selects them; different settings of another context are reported. Unlike ROS, a file is only
 written on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not with
-``--disable-external-lib-logs``. Each context sets its log levels, for the whole process.
-Source: docs/internals/protocol.md 10.4, 10.6.
+``--disable-external-lib-logs``. Files equal those of rcl_logging_spdlog, but their name begins with the name of the
+program instead of ``python3``, and each line is written at once. The console prints nothing while the root logger of
+Python has handlers: they get all records, which would appear twice.
+Source: docs/internals/protocol.md 9.7, 10.4, 10.6.
 """
 
 from __future__ import annotations
 
+import logging
 import os
+import re
+import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
 
-from rosidl_py_gen.runtime.logs.console import install_console, read_console_environment
-from rosidl_py_gen.runtime.logs.log_file import LogFile, get_logging_directory, log_file_name, program_prefix
-from rosidl_py_gen.runtime.logs.loggers import get_root_logger, set_logger_level
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.logs.loggers import (
+    DEBUG,
+    ERROR,
+    FATAL,
+    LEVEL_NAMES,
+    WARN,
+    get_root_logger,
+    ros_level,
+    set_logger_level,
+)
+from rosidl_py_gen.runtime.logs.rosout import message_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
+
+DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
+_TOKEN = re.compile(r"\{([a-z_]+)\}")
+_COLORS = {DEBUG: "\x1b[32m", WARN: "\x1b[33m", ERROR: "\x1b[31m", FATAL: "\x1b[31m"}
+_COLOR_END = "\x1b[0m"
+
+
+@dataclass(frozen=True, slots=True)
+class ConsoleSettings:
+    """Settings of the console; `colorized` None: only on a terminal."""
+
+    format: str = DEFAULT_FORMAT
+    colorized: bool | None = None
+    use_stdout: bool = False
+
+
+def read_console_environment(environ: Mapping[str, str]) -> ConsoleSettings:
+    """Read the RCUTILS_* variables; values other than 0 and 1 are ignored."""
+    colorized = {"0": False, "1": True}.get(environ.get("RCUTILS_COLORIZED_OUTPUT", ""))
+    return ConsoleSettings(
+        environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT,
+        colorized,
+        environ.get("RCUTILS_LOGGING_USE_STDOUT") == "1",
+    )
+
+
+def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) -> str:
+    """Replace the known ``{tokens}`` of the format; unknown ones remain, as in rcutils."""
+    values = {
+        "severity": LEVEL_NAMES[ros_level(record.levelno)],
+        "name": record.name,
+        "message": message_text(record),
+        "function_name": record.funcName or "",
+        "file_name": record.pathname,
+        "line_number": str(record.lineno),
+    }
+    now_ns = round(record.created * NS_PER_S)
+    seconds, nanoseconds = sec_nanosec(now_ns)
+    values["time"] = f"{seconds}.{nanoseconds:09d}"
+    values["time_as_nanoseconds"] = str(now_ns)
+    values["date_time_with_ms"] = datetime.fromtimestamp(record.created).isoformat(" ", "milliseconds")
+    return _TOKEN.sub(lambda match: values.get(match.group(1), match.group()), format_text)
+
+
+class ConsoleHandler(logging.Handler):
+    """Handler that writes to the current `sys.stderr`, or `sys.stdout`."""
+
+    def __init__(self, settings: ConsoleSettings | None = None) -> None:
+        super().__init__()
+        self.settings = settings or ConsoleSettings()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a record, unless Python's root logger has handlers."""
+        if logging.getLogger().handlers:
+            return
+        stream = sys.stdout if self.settings.use_stdout else sys.stderr
+        try:
+            stream.write(self._line(record, stream) + "\n")
+            stream.flush()
+        except Exception:
+            self.handleError(record)
+
+    def _line(self, record: logging.LogRecord, stream: TextIO) -> str:
+        line = format_record(record, self.settings.format)
+        colorized = stream.isatty() if self.settings.colorized is None else self.settings.colorized
+        color = _COLORS.get(ros_level(record.levelno), "")
+        return f"{color}{line}{_COLOR_END}" if colorized and color else line
+
+
+_handler = ConsoleHandler()
+
+
+def print_logs() -> None:
+    """Print log records on the console from now on, with the settings of the ``RCUTILS_...`` variables.
+
+    The first context does that, too; call this to log before. A context with ``--disable-stdout-logs`` ends it.
+    """
+    install_console(read_console_environment(os.environ))
+
+
+def install_console(settings: ConsoleSettings, *, prints: bool = True) -> None:
+    """Print all ROS records, or none, until the next call."""
+    _handler.settings = settings
+    root = get_root_logger()
+    if prints:
+        root.addHandler(_handler)
+    else:
+        root.removeHandler(_handler)
+
+
+class LogFileError(RosidlError, OSError):
+    """Raised if a log file cannot be written."""
+
+
+def get_logging_directory(environ: Mapping[str, str] | None = None) -> Path:
+    """Return the folder for log files: ``$ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
+
+    Args:
+        environ: environment variables; None: those of this process.
+
+    Raises:
+        LogFileError: the home folder is unknown.
+    """
+    environ = os.environ if environ is None else environ
+    folder = Path(environ.get("ROS_LOG_DIR") or Path(environ.get("ROS_HOME") or "~/.ros") / "log")
+    try:
+        return folder.expanduser()
+    except RuntimeError as error:
+        raise LogFileError(f"the folder for log files, {folder}, is unknown: {error}; set ROS_LOG_DIR") from error
+
+
+def log_file_name(prefix: str, process_id: int, now_ns: int) -> str:
+    """Return ``<prefix>_<process>_<milliseconds since 1970>.log``."""
+    return f"{prefix}_{process_id}_{now_ns // 1_000_000}.log"
+
+
+def program_prefix(program: str) -> str:
+    """Return the program's name without folder and ``.py``, the default prefix of a log file."""
+    if program in ("", "-", "-c", "-m"):
+        return "python"
+    path = Path(program)
+    if path.name == "__main__.py" and path.parent.name:
+        path = path.parent
+    return re.sub(r"[^\w.-]", "_", path.name.removesuffix(".py")) or "python"
+
+
+class LogFile(logging.Handler):
+    """Handler that appends records to a file, in the format of the console without colours; raises `LogFileError`."""
+
+    def __init__(self, path: Path, format_text: str = DEFAULT_FORMAT) -> None:
+        super().__init__()
+        self.path = path
+        self._format = format_text
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # Line buffered, so that no line is lost in a crash.
+            self._stream = path.open("a", buffering=1, encoding="utf-8", errors="backslashreplace")
+        except OSError as error:
+            raise LogFileError(
+                f"the log file {path} cannot be written: {error.strerror or error}; "
+                "set ROS_LOG_DIR to another folder, or use --ros-args --disable-external-lib-logs"
+            ) from error
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record."""
+        try:
+            self._stream.write(format_record(record, self._format) + "\n")
+        except Exception:
+            self.handleError(record)
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self._stream.close()
+        super().close()
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from rosidl_py_gen.cdr import Action
-    from rosidl_py_gen.runtime.actions.argument_checks import Policy
+    from rosidl_py_gen.runtime.actions.action_entity import Policy
     from rosidl_py_gen.runtime.actions.client import ActionClient
     from rosidl_py_gen.runtime.actions.server import ActionServer
     from rosidl_py_gen.runtime.actions.server_goal import GoalResult, ServerGoal

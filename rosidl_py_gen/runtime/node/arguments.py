@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
 from rosidl_py_gen.runtime.names.remapping import InvalidRemapRuleError, RemapRule, parse_remap_rule
 from rosidl_py_gen.runtime.names.validation import validate_enclave
-from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for
+from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides, overrides_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Public class for a participant of a domain, and the default context.
+"""Contexts: participants of a domain that nodes share.
 
 The first node without a context opens the default context, the last one closes it.
 """
@@ -6,12 +6,29 @@ The first node without a context opens the default context, the last one closes 
 from __future__ import annotations
 
 import os
+import sys
 import threading
+import warnings
+import weakref
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
+from rosidl_py_gen.base.distributions import command_distribution
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
+from rosidl_py_gen.runtime.graph.discovery import Discovery
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.logs.outputs import outputs
+from rosidl_py_gen.runtime.loop.callback_failures import CallbacksNeverRanError, FailureGuard, require_on_error
+from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
-from rosidl_py_gen.runtime.node.context_core import ContextCore
+from rosidl_py_gen.runtime.names.validation import validate_enclave
+from rosidl_py_gen.runtime.node import context_registry
+from rosidl_py_gen.runtime.node.arguments import parse_arguments
+from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, find_security, middleware, read_environment
+from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +37,177 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.graph.graph import ParticipantInfo
     from rosidl_py_gen.runtime.loop.callback_failures import OnError
+    from rosidl_py_gen.runtime.names.remapping import NodeNames
+    from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.api import DomainSettings, Transport
+
+
+class ContextCore:
+    """Components of one context; see `Context` for parameters and exceptions."""
+
+    def __init__(
+        self,
+        domain_id: int | None,
+        discovery: str | None,
+        args: Sequence[str] | None,
+        transport: Transport | str | None,
+        on_error: OnError,
+        announce_delay_s: float,
+        loop_runner: LoopRunner | None,
+        enclave: str | None = None,
+    ) -> None:
+        self.on_error = require_on_error(on_error)
+        if enclave is not None:
+            validate_enclave(enclave)
+        resolved_transport = resolve_transport(transport)
+        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery, distro=command_distribution())
+        self.ros_arguments = parse_arguments(sys.argv if args is None else args)
+        self.enclave = self.ros_arguments.enclave if enclave is None else enclave
+        outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)
+        try:
+            self._open(settings, resolved_transport, announce_delay_s, loop_runner)
+        except BaseException:
+            outputs.close()
+            raise
+
+    def _open(
+        self, settings: DomainSettings, transport: Transport, announce_delay_s: float, loop_runner: LoopRunner | None
+    ) -> None:
+        for sentence in (*settings.warnings, *self.ros_arguments.warnings):
+            get_root_logger().warning(sentence)
+        is_supported, warn = getattr(transport, "has_security", False), get_root_logger().warning
+        security = find_security(os.environ, self.enclave, warn, is_supported=is_supported)
+        self.settings = settings = replace(settings, security=security)
+        if security is not None:
+            get_root_logger().info(f"found security directory {security.folder}")
+        self.clocks = transport.clocks
+        self.participant = transport.open(settings, self.enclave)
+        try:
+            self.loop_binding = LoopBinding(self.participant, loop_runner)
+            self.discovery = Discovery(self.participant, self.loop_binding, announce_delay_s)
+            self.initial_values = InitialValues(self.ros_arguments.parameters)
+            """Parameter values from arguments and files, for all nodes."""
+        except BaseException:  # permissions may deny the topic of the graph
+            self.participant.close()
+            raise
+        self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
+        self.closed = ""
+        """Reason for `ClosedError`; empty while the context is open."""
+        self.is_default = False
+        """True for the context of nodes that are given none; it closes with its last node."""
+        self._had_loop = threading.Event()
+        self.loop_binding.on_bind(self._had_loop.set)
+        self._nodes: dict[int, Node] = {}
+        if loop_runner is not None:
+            try:
+                loop_runner.call(lambda: self.loop_binding.attach(loop_runner.loop))
+            except BaseException:
+                self.participant.close()
+                raise
+        context_registry.open_contexts.add(self)
+
+    def require_open(self) -> None:
+        """Raise `ClosedError` if the context is closed."""
+        if self.closed:
+            raise ClosedError(self.closed)
+
+    def take_never_ran_error(self, scope: EntityScope) -> CallbacksNeverRanError | None:
+        """Return an error if no event loop has served the callbacks of a node; the next call returns None."""
+        entities = scope.with_callbacks.values()
+        if self._had_loop.is_set() or all(getattr(entity, "is_canceled", False) for entity in entities):
+            return None
+        scope.with_callbacks.clear()
+        return CallbacksNeverRanError(
+            f"the callbacks of {scope.node_name} never ran: no event loop has served the node; use `async with` on it, "
+            "spin(node) or run(main); in a test an async function, asyncio.run or ros_loop.run"
+        )
+
+    @property
+    def scopes(self) -> list[EntityScope]:
+        """Scopes of the open nodes."""
+        return [node._scope for node in self._nodes.values()]
+
+    def open_scope(self, names: NodeNames, on_error: OnError | None = None) -> EntityScope:
+        """Announce a node and create its scope; raises `ClosedError`."""
+        self.require_open()
+        on_error = self.on_error if on_error is None else require_on_error(on_error)
+        number = self.discovery.add_node(names.name, names.namespace)
+        return EntityScope(
+            self.participant,
+            self.loop_binding,
+            self.discovery,
+            self.request_windows,
+            self.clocks,
+            number,
+            names.fully_qualified_name,
+            on_error,
+        )
+
+    def adopt(self, node: Node) -> None:
+        """Own a node until it closes."""
+        self._nodes[node._scope.number] = node
+
+    def release(self, node: Node) -> None:
+        """Remove a closed node; the default context closes with its last node."""
+        self._nodes.pop(node._scope.number, None)
+        self.close_if_unused()
+
+    def close_if_unused(self) -> None:
+        """Close the default context if it has no node, because the last one has closed or the first one failed."""
+        if not self._nodes and self.is_default:
+            self.close()
+
+    def close(self) -> None:
+        """Close all nodes and leave the domain; may be called twice."""
+        if self.closed:
+            return
+        self.closed = "this context is closed"
+        context_registry.open_contexts.discard(self)
+        for node in list(self._nodes.values()):
+            node.close()
+        self.initial_values.close()
+        self.discovery.close()
+        self.loop_binding.close()
+        self.participant.close()
+        outputs.close()
+
+    def close_at_exit(self) -> None:
+        """Close the context at the end of the process, with a warning for each node that is still open."""
+        for node in self._nodes.values():
+            warnings.warn(f"node {node._scope.node_name} was never closed", ResourceWarning, stacklevel=1)
+        self.close()
+
+    def abandon(self, reason: str) -> None:
+        """Mark everything as closed in a forked child, without a call into the transport; errors contain the reason."""
+        self.closed = f"this context is closed: it was {reason}"
+        self.loop_binding.abandon(self.closed)
+        for node in self._nodes.values():
+            node._scope.abandon(reason)
+        self.participant.detach_after_fork()
+
+
+def resolve_transport(transport: Transport | str | None) -> Transport:
+    """Return the transport for an argument, which may be None: the environment decides.
+
+    Raises:
+        TypeError: there is no such transport.
+        BackendMissingError: the transport is not installed.
+    """
+    warn = get_root_logger().warning
+    name = middleware(os.environ, warn) if transport is None else transport
+    if name == DDS:
+        from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
+
+        return CycloneTransport()
+    if name == ZENOH:
+        from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
+
+        return ZenohTransport()
+    if isinstance(name, (str, type)) or not callable(getattr(name, "open", None)):
+        raise TypeError(
+            f"transport must be 'dds', 'zenoh' or a transport object such as MemoryTransport(), got {name!r:.100}"
+        )
+    return name
 
 
 class Context:

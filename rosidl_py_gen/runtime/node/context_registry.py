@@ -11,7 +11,7 @@ from rosidl_py_gen.runtime.logs.outputs import outputs
 if TYPE_CHECKING:
     import asyncio
 
-    from rosidl_py_gen.runtime.node.context_core import ContextCore
+    from rosidl_py_gen.runtime.node.context import ContextCore
 
 _FORKED = (
     "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "

@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.node.adaptive_subscription import MessageMethods
 from rosidl_py_gen.runtime.node.arguments import parse_node_arguments
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph_methods import GraphMethods
-from rosidl_py_gen.runtime.node.node_options import NodeOptions
+from rosidl_py_gen.runtime.node.node_base import NodeOptions
 from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
 from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
 from rosidl_py_gen.runtime.node.time_methods import TimeMethods

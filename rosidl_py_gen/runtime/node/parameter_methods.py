@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.node.node_base import NodeBase
-from rosidl_py_gen.runtime.node.sim_time import TimeSource
+from rosidl_py_gen.runtime.node.time_methods import TimeSource
 from rosidl_py_gen.runtime.parameters.callbacks import require_plain
-from rosidl_py_gen.runtime.parameters.overrides import overrides_for, sources_for
+from rosidl_py_gen.runtime.parameters.initial_values import overrides_for, sources_for
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.validation import SEPARATOR, ListParametersResult
 from rosidl_py_gen.runtime.parameters.values import (
@@ -40,7 +40,7 @@ from rosidl_py_gen.runtime.type_resolution.description_service import start_type
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime.node.node_options import NodeOptions
+    from rosidl_py_gen.runtime.node.node_base import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService, ParameterServices
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet

@@ -30,10 +30,11 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
 from rosidl_py_gen.runtime.entities.client import Client
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
 from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
+from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.parameters.batches import read_all
-from rosidl_py_gen.runtime.parameters.files import read_parameter_file
+from rosidl_py_gen.runtime.parameters.files import dump_parameters, read_parameter_file
+from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, overrides_for
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
     event_from_message,
@@ -42,7 +43,6 @@ from rosidl_py_gen.runtime.parameters.messages import (
     to_message,
     value_from_message,
 )
-from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, overrides_for
 from rosidl_py_gen.runtime.parameters.validation import ListParametersResult
 from rosidl_py_gen.runtime.parameters.values import (
     Parameter,
@@ -58,18 +58,78 @@ from rosidl_py_gen.runtime.parameters.values import (
     require_names,
     widened,
 )
-from rosidl_py_gen.runtime.parameters.writing import dump_parameters
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.time.values import Time, read_stamp
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
+    from collections.abc import Awaitable, Callable, Sequence
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.parameters.values import ParameterEvent, ParametersToSet
+
+_FIRST_BATCH = 50
+_MAX_BATCH = 1000
+_SMALL = 1 << 18
+"""Size of the values of a response, in characters and elements, up to which the next batch is twice as large."""
+
+
+async def read_all(
+    names: Sequence[str], get: Client[Any, Any], types: Client[Any, Any], deadline: Deadline
+) -> dict[str, ParameterValue]:
+    """Return the values of the parameters that have one, in the order of the names.
+
+    Raises:
+        CallTimeoutError: a response did not arrive within the deadline, which is for all requests together.
+    """
+
+    async def values_of(batch: list[str]) -> list[Any]:
+        return list((await get.call(GetParameters_Request(names=batch), deadline.remaining_s())).values)
+
+    async def types_of(batch: list[str]) -> list[int]:
+        return list((await types.call(GetParameterTypes_Request(names=batch), deadline.remaining_s())).types)
+
+    result: dict[str, ParameterValue] = {}
+    size, at = _FIRST_BATCH, 0
+    while at < len(names):
+        batch = list(names[at : at + size])
+        at += len(batch)
+        try:
+            items = await _read_batch(batch, values_of, types_of)
+        except CallTimeoutError:
+            raise CallTimeoutError(f"{at - len(batch)} of {len(names)} parameters were read in time") from None
+        values = {name: value_from_message(item) for name, item in items}
+        result.update(values)
+        contents = [value.value for value in values.values()]
+        length = sum(len(content) for content in contents if isinstance(content, str | bytes | tuple))
+        size = min(2 * size, _MAX_BATCH) if length <= _SMALL else max(1, size // 2)
+    return {name: result[name] for name in names if name in result}
+
+
+async def _read_batch(
+    batch: list[str],
+    values_of: Callable[[list[str]], Awaitable[list[Any]]],
+    types_of: Callable[[list[str]], Awaitable[list[int]]],
+) -> list[tuple[str, Any]]:
+    items: list[tuple[str, Any]] = []
+    pending = [batch]
+    while pending:
+        names = pending.pop()
+        values = await values_of(names)
+        if len(values) == len(names):
+            items += zip(names, values, strict=True)
+            continue
+        kinds = await types_of(names)
+        typed = [name for name, kind in zip(names, kinds, strict=False) if kind] if len(kinds) == len(names) else names
+        middle = len(names) // 2
+        if len(typed) < len(names):
+            pending += [typed] if typed else []
+        elif middle:
+            pending += [names[:middle], names[middle:]]
+    return items
+
 
 T = TypeVar("T")
 

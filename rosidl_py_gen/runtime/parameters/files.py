@@ -1,15 +1,19 @@
-"""Reader of parameter files, in the YAML dialect of rcl.
+"""Reader and writer of parameter files, in the YAML dialect of rcl.
 
 Scalars differ from YAML: `y` is true, `010` is 8, `08` is 8.0 and `null` is a string. So YAML only separates plain from
 quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quoted or tagged ``!!str`` are strings;
 other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as in `get_value` of
-rcl_yaml_param_parser's parse.c. With Lyrical and later, ``!!bool``, ``!!int`` and ``!!float`` decide about the type.
-Source: docs/internals/protocol.md 10.5.
+parse.c of rcl_yaml_param_parser. With Lyrical and later, ``!!bool``, ``!!int`` and ``!!float`` decide about the type.
+
+Lines are written without the emitter of PyYAML, which takes one second for each MB of a long text, and recurses for
+each level. Each value is on one line; scalars are plain if that is unambiguous, else in double quotes with JSON
+escapes. Source: docs/internals/protocol.md 10.5.
 """
 
 from __future__ import annotations
 
 import base64
+import json
 import math
 import re
 import sys
@@ -18,7 +22,7 @@ from typing import TYPE_CHECKING, NoReturn
 from rosidl_py_gen.base.distributions import is_selected_since
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.yaml_text import STRING, YamlError, compose_yaml
-from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides
+from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
@@ -28,14 +32,15 @@ from rosidl_py_gen.runtime.parameters.values import (
     parameter_value,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
 try:
     import yaml
 except ModuleNotFoundError as missing:
     raise missing_extra_message(missing) or missing from None
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 PARAMETERS_KEY = "ros__parameters"
 _BINARY = "tag:yaml.org,2002:binary"
@@ -48,7 +53,7 @@ _TYPE_TAGS = {
 _MAX_LEVELS = 500
 """Maximum depth of maps, which names of nodes and parameters may form; rcl has no limit."""
 _MAX_BYTES = 1 << 28
-"""Maximum size of a parameter file: `writing.dump_parameters` may write large texts, such as maps."""
+"""Maximum size of a parameter file: `dump_parameters` may write large texts, such as maps."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
 _INTEGER = re.compile(r"[+-]?(?:(?P<hex>0[xX][0-9a-fA-F]+)|(?P<octal>0[0-7]*)|(?P<decimal>[1-9][0-9]*))\Z")
@@ -218,3 +223,99 @@ def _bytes(node: yaml.ScalarNode) -> ParameterValue | None:
         return ParameterValue(ParameterType.BYTE_ARRAY, base64.b64decode("".join(node.value.split()), validate=True))
     except ValueError:
         return None
+
+
+_MAX_LEVELS = 16
+"""Maximum depth of maps below a node; the rest of a longer name becomes one key with dots."""
+_MAX_SIMPLE_KEY = 900
+"""Maximum length of a key before a colon: libyaml accepts 1024 characters. Longer keys follow a question mark."""
+_MAX_REPLACED = 16
+"""Number of different characters that are escaped by one `replace` each, which takes 0.1 s for 100 MB. More of them are
+escaped by `translate`, which takes 0.4 µs for each character of a text that is not ASCII."""
+_PLAIN = re.compile(r"[A-Za-z_/](?:[\w./+ -]{0,300}[\w./+-])?\Z", re.ASCII)
+"""Text that has the same meaning with and without quotes, also in a list."""
+
+
+def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterValue]) -> str:
+    """Return the text of a parameter file for one node, which contains all parameters that have a value.
+
+    Byte arrays are written as ``!!binary``, which only this package reads; rcl has no form for them. The type of an
+    empty list is lost; its declaration restores it.
+    """
+    tree: dict[str, object] = {}
+    for name, value in values.items():
+        if value.is_set:
+            *groups, key = _path(name, values)
+            branch = tree
+            for group in groups:
+                branch = branch.setdefault(group, {})  # type: ignore[assignment]
+            branch[key] = _value_text(value)
+    lines = [f"{_key(fully_qualified_name, '')}", f"  {PARAMETERS_KEY}:", *_lines(tree, "    ")]
+    if not tree:
+        lines[-1] += " {}"
+    return "\n".join(lines) + "\n"
+
+
+def _path(name: str, values: Mapping[str, ParameterValue]) -> list[str]:
+    """Split a name at its dots, up to a group whose name is also a parameter's."""
+    parts = name.split(".", _MAX_LEVELS)
+    prefix = ""
+    for index, part in enumerate(parts[:-1]):
+        prefix += part
+        if prefix in values:
+            return [*parts[:index], ".".join(parts[index:])]
+        prefix += "."
+    return parts
+
+
+def _lines(tree: dict[str, object], indent: str) -> Iterator[str]:
+    for name, item in tree.items():
+        key = _key(name, indent)
+        if isinstance(item, dict):
+            yield key
+            yield from _lines(item, f"{indent}  ")
+        else:
+            yield f"{key} {item}"
+
+
+def _key(name: str, indent: str) -> str:
+    text = name if _PLAIN.match(name) or name.isdigit() else _quoted(name)
+    return f"{indent}{text}:" if len(text) <= _MAX_SIMPLE_KEY else f"{indent}? {text}\n{indent}:"
+
+
+def _value_text(value: ParameterValue) -> str:
+    content = value.value
+    if isinstance(content, bytes):
+        return f'!!binary "{base64.b64encode(content).decode("ascii")}"'
+    if isinstance(content, tuple):
+        return f"[{', '.join(map(_scalar_text, content))}]"
+    assert content is not None
+    return _scalar_text(content)
+
+
+def _scalar_text(value: bool | int | float | str) -> str:
+    if isinstance(value, str):
+        is_plain = _PLAIN.match(value) and plain_scalar(value).type is ParameterType.STRING
+        return value if is_plain else _quoted(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
+        if underflows(repr(value), value):
+            return value.hex()  # as a decimal number it would be read as a string
+    return repr(value)
+
+
+def _quoted(text: str) -> str:
+    """Return the text in double quotes, with escapes for all characters that are not printable."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    if quoted.isprintable():
+        return quoted
+    hidden = {char for char in set(quoted) if not char.isprintable()}
+    escapes = {char: f"\\u{ord(char):04x}" if char < "\U00010000" else f"\\U{ord(char):08x}" for char in hidden}
+    if len(hidden) > _MAX_REPLACED:
+        return quoted.translate({ord(char): escape for char, escape in escapes.items()})
+    for char, escape in escapes.items():
+        quoted = quoted.replace(char, escape)
+    return quoted

@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
-from rosidl_py_gen.runtime.entities.lazy_types import lazy_message_type, lazy_service_type
+from rosidl_py_gen.runtime.entities.message_types import lazy_message_type, lazy_service_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.runtime.logs.loggers import report_failure
-from rosidl_py_gen.runtime.time.clock_timer import sleep_until_due
-from rosidl_py_gen.runtime.time.timer_schedule import TimerSchedule
+from rosidl_py_gen.runtime.time.clock_timer import TimerSchedule, sleep_until_due
 from rosidl_py_gen.runtime.time.values import (
     ClockChange,
     ClockType,

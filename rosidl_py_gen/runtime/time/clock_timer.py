@@ -1,25 +1,132 @@
-"""Waiting until a schedule is due, by a clock that can jump.
+"""Schedules of timers, rates and sleeps, and waiting until one is due, by a clock that can jump.
 
-With simulated time, each jump is checked. System time is checked at least once a second, because it may be set.
-Thread: loop, except for jumps, `arm_threadsafe` and `close`.
+Due times are the first one plus multiples of the period, as in rcl. Missed periods are skipped and counted. With
+simulated time, each jump is checked. System time is checked at least once a second, because it may be set.
+Source: docs/internals/protocol.md 9.6.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import complete_threadsafe, current_loop
-from rosidl_py_gen.runtime.time.values import ClockType
+from rosidl_py_gen.runtime.time.values import ClockType, TimeRangeError, finite_number, seconds_to_ns, timeout_to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.time.clock import Clock
-    from rosidl_py_gen.runtime.time.timer_schedule import TimerSchedule
     from rosidl_py_gen.runtime.time.values import TimeJump
+
+
+@dataclass(frozen=True, slots=True)
+class TimerCall:
+    """Call of a timer.
+
+    Attributes:
+        since_last_ns: time since the previous call, or since creation.
+        missed: number of whole periods without a call.
+    """
+
+    since_last_ns: int
+    missed: int
+
+
+class TimerSchedule:
+    """Due time of a timer or sleep; the methods take the time of its clock.
+
+    Args:
+        waits_at_zero: the clock is of ROS time, on which 0 means that no `/clock` message has arrived.
+    """
+
+    __slots__ = ("_elapsed_before_jump_ns", "canceled", "last_ns", "next_ns", "period_ns", "waits_at_zero")
+
+    def __init__(self, period_ns: int, now_ns: int, *, waits_at_zero: bool = False) -> None:
+        self.period_ns = _checked(period_ns)
+        self.last_ns = now_ns
+        self.next_ns = now_ns + period_ns
+        self.canceled = False
+        self.waits_at_zero = waits_at_zero
+        self._elapsed_before_jump_ns = 0
+
+    def time_until_ns(self, now_ns: int) -> int | None:
+        """Return the time to the next call, 0 or less if due; None while canceled, or before the clock has started."""
+        if self.canceled or (self.waits_at_zero and now_ns == 0):
+            return None
+        return self.next_ns - now_ns
+
+    def is_ready(self, now_ns: int) -> bool:
+        """Return True if a call is due."""
+        remaining = self.time_until_ns(now_ns)
+        return remaining is not None and remaining <= 0
+
+    def mark_called(self, now_ns: int) -> TimerCall:
+        """Record a call, and advance to the first due time later than now."""
+        since_last_ns = now_ns - self.last_ns
+        self.last_ns = now_ns
+        missed = 0
+        if self.period_ns == 0:
+            self.next_ns = now_ns
+        else:
+            self.next_ns += self.period_ns
+            if self.next_ns <= now_ns:
+                missed = (now_ns - self.next_ns) // self.period_ns + 1
+                self.next_ns += missed * self.period_ns
+        return TimerCall(since_last_ns, missed)
+
+    def cancel(self) -> None:
+        """Stop until `reset`."""
+        self.canceled = True
+
+    def reset(self, now_ns: int) -> None:
+        """Restart the period; retains the time of the last call, as rcl does."""
+        self.canceled = False
+        self.next_ns = now_ns + self.period_ns
+
+    def change_period(self, period_ns: int) -> None:
+        """Use another period after the next call."""
+        self.period_ns = _checked(period_ns)
+
+    def before_source_change(self, now_ns: int) -> None:
+        """Store the elapsed part of the period, before ROS time is activated or deactivated."""
+        if now_ns == 0:
+            self._elapsed_before_jump_ns = 0
+            return
+        elapsed = self.period_ns - (self.next_ns - now_ns)
+        self._elapsed_before_jump_ns = min(max(elapsed, 0), self.period_ns)
+
+    def after_source_change(self, now_ns: int) -> None:
+        """Continue the period in the new time, because the zeros of both are unrelated."""
+        if now_ns == 0:
+            return
+        elapsed, self._elapsed_before_jump_ns = self._elapsed_before_jump_ns, 0
+        self.last_ns = now_ns - elapsed
+        self.next_ns = self.last_ns + self.period_ns
+
+    def after_jump(self, now_ns: int) -> None:
+        """Start a new period if the clock has jumped to before the last call."""
+        if now_ns < self.last_ns and now_ns < self.next_ns:
+            self.last_ns = now_ns
+            self.next_ns = now_ns + self.period_ns
+
+
+def period_to_ns(period_s: object) -> int:
+    """Convert a period in seconds; raises `TypeError`, and `TimeRangeError` if it is negative or not finite."""
+    period_ns = timeout_to_ns("period_s", period_s)
+    if period_ns is None:
+        raise TimeRangeError(f"period_s must be finite, got {period_s!r}")
+    return period_ns
+
+
+def _checked(period_ns: int) -> int:
+    if isinstance(period_ns, bool) or not isinstance(period_ns, int) or period_ns < 0:
+        raise TimeRangeError(f"the period of a timer must be an int of nanoseconds >= 0, got {period_ns!r}")
+    return period_ns
+
 
 _MAX_SLEEP_S = 1.0
 """Maximum time between two checks of the system time; a timer is at most that late after the time was set."""
@@ -145,3 +252,38 @@ class _ClockWait(ClockTimer):
         elif self._ends_with_source:
             self._end(False)
         super()._after_jump(jump)
+
+
+class Rate:
+    """Fixed frequency of a loop: ``while True: work(); await rate.sleep()``. Missed periods are skipped.
+
+    A jump back of the clock starts a new period. If ROS time is activated or deactivated during `sleep`, the elapsed
+    part of the period counts.
+    """
+
+    def __init__(self, clock: Clock, frequency_hz: float) -> None:
+        """Raise `TypeError` for a frequency that is not a number, `TimeRangeError` unless it is in (0, 1e9]."""
+        self._clock = clock
+        self._period_ns = _period_ns(frequency_hz)
+        self._schedule: TimerSchedule | None = None
+        self._was_active = clock.ros_time_is_active
+
+    async def sleep(self) -> None:
+        """Wait for the end of the current period; the first call starts the first one.
+
+        There is no blocking form, because a clock has no event loop that could run while it waits.
+        """
+        schedule, active = self._schedule, self._clock.ros_time_is_active
+        if schedule is None or active != self._was_active:  # first call, or the source has changed since the last one
+            self._schedule = schedule = self._clock._schedule(self._period_ns, self._clock.now_ns())
+        schedule.after_jump(self._clock.now_ns())  # the clock may have jumped back since the last call
+        await sleep_until_due(self._clock, schedule, ends_with_source=False)
+        self._was_active = self._clock.ros_time_is_active
+
+
+def _period_ns(frequency_hz: object) -> int:
+    frequency = finite_number("frequency_hz", frequency_hz, "a number")
+    # The period of lower frequencies would not be a finite float.
+    if not 1e-300 <= frequency <= NS_PER_S:
+        raise TimeRangeError(f"frequency_hz must be positive, finite and at most 1e9, got {frequency!r}")
+    return seconds_to_ns("the period", 1 / frequency)

@@ -14,8 +14,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.msgs.type_description_interfaces import srv
 from rosidl_py_gen.runtime.entities.client import Client
-from rosidl_py_gen.runtime.entities.lazy_types import lazy_service_type
-from rosidl_py_gen.runtime.entities.message_types import raw_type
+from rosidl_py_gen.runtime.entities.message_types import lazy_service_type, raw_type
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT

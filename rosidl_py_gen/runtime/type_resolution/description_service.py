@@ -19,8 +19,7 @@ from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description,
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
-from rosidl_py_gen.runtime.entities.lazy_types import lazy_service_type
-from rosidl_py_gen.runtime.entities.message_types import class_of
+from rosidl_py_gen.runtime.entities.message_types import class_of, lazy_service_type
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
 from rosidl_py_gen.runtime.transport.api import SecurityError

@@ -13,7 +13,6 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from support.example_counts import examples
 
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime.actions.errors import UnknownGoalError
 from rosidl_py_gen.runtime.actions.states import (
     ZERO_ID,
     CancelCode,
@@ -23,6 +22,7 @@ from rosidl_py_gen.runtime.actions.states import (
     GoalStatus,
     GoalTable,
     GoalTransitionError,
+    UnknownGoalError,
     next_goal_status,
 )
 

@@ -22,7 +22,7 @@ from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     GetState,
 )
 from rosidl_py_gen.runtime import Context, LifecycleNode
-from rosidl_py_gen.runtime.lifecycle.transitions import State, TransitionCallbackReturn, TransitionError
+from rosidl_py_gen.runtime.lifecycle.state_machine import State, TransitionCallbackReturn, TransitionError
 
 
 class Managed(LifecycleNode):

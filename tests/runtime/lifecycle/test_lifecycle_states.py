@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from support.example_counts import examples
 
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime.lifecycle.transitions import (
+from rosidl_py_gen.runtime.lifecycle.state_machine import (
     LIFECYCLE_TRANSITIONS,
     State,
     TransitionCallbackReturn,

@@ -13,14 +13,14 @@ import pytest
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.logs.log_file import (
+from rosidl_py_gen.runtime.logs.loggers import get_logger, get_root_logger
+from rosidl_py_gen.runtime.logs.outputs import (
     LogFile,
     LogFileError,
     get_logging_directory,
     log_file_name,
     program_prefix,
 )
-from rosidl_py_gen.runtime.logs.loggers import get_logger, get_root_logger
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 
 OpenNode = Callable[..., Node]

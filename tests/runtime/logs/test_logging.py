@@ -17,8 +17,7 @@ from support.node_fixtures import World
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
-from rosidl_py_gen.runtime.logs import console as log_console
-from rosidl_py_gen.runtime.logs.console import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
+from rosidl_py_gen.runtime.logs import outputs as log_console
 from rosidl_py_gen.runtime.logs.loggers import (
     DEBUG,
     ERROR,
@@ -38,6 +37,7 @@ from rosidl_py_gen.runtime.logs.loggers import (
     ros_level,
     set_logger_level,
 )
+from rosidl_py_gen.runtime.logs.outputs import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
 from rosidl_py_gen.runtime.logs.rosout import LogFields, RosoutRouter, log_fields, message_text, shared_router
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import parameter_value

@@ -32,8 +32,12 @@ from rosidl_py_gen.runtime import (
     TransitionCallbackReturn,
     WaitTimeoutError,
 )
-from rosidl_py_gen.runtime.entities.lazy_types import lazy_message_type, lazy_service_type
-from rosidl_py_gen.runtime.entities.message_types import message_type, service_type
+from rosidl_py_gen.runtime.entities.message_types import (
+    lazy_message_type,
+    lazy_service_type,
+    message_type,
+    service_type,
+)
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability

@@ -9,7 +9,7 @@ from support.keystores import Authority, Keystore
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, MemoryTransport, QoSProfile, RosArgumentError, SecurityError, find_security
-from rosidl_py_gen.runtime.node import context_core
+from rosidl_py_gen.runtime.node import context as node_context
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def test_a_context_that_cannot_be_made_leaves_no_participant(failing: str, monke
     def fail(*_: object) -> None:
         raise SecurityError(REASON)
 
-    monkeypatch.setattr(context_core, failing, fail)
+    monkeypatch.setattr(node_context, failing, fail)
     with pytest.raises(SecurityError, match=REASON):
         Context(args=["x"], transport=Recorded())
     (participant,) = opened

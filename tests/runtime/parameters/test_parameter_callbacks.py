@@ -12,8 +12,7 @@ from typing import Annotated, Any
 import pytest
 
 from rosidl_py_gen.runtime import CallbackAnswerError, ParameterEvent, SetResult
-from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
-from rosidl_py_gen.runtime.parameters.proxy import update_parameters
+from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import pytest
 
 from rosidl_py_gen.runtime import ParameterEvent, SetResult
-from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
+from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     Int8,
     ParameterClassError,
@@ -22,7 +22,6 @@ from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     UInt64,
     parameter_fields_of,
 )
-from rosidl_py_gen.runtime.parameters.proxy import snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,

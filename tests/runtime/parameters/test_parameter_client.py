@@ -14,7 +14,7 @@ from support.node_fixtures import World
 
 from rosidl_py_gen.runtime import CallTimeoutError, SetResult
 from rosidl_py_gen.runtime.parameters import store
-from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError
+from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterNameError,
     InvalidParameterValueError,

@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
-from rosidl_py_gen.runtime.parameters.proxy import snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
 

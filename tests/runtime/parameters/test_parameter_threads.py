@@ -11,7 +11,7 @@ from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.parameters.proxy import snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.dataclass_binding import snapshot, update_parameters
 
 
 @dataclass

@@ -9,10 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.example_counts import examples
 
-from rosidl_py_gen.runtime.parameters.files import parse_parameter_file, parse_parameter_value, plain_scalar
-from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for
+from rosidl_py_gen.runtime.parameters.files import (
+    dump_parameters,
+    parse_parameter_file,
+    parse_parameter_value,
+    plain_scalar,
+)
+from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides, overrides_for
 from rosidl_py_gen.runtime.parameters.values import ParameterType, ParameterValue, parameter_value
-from rosidl_py_gen.runtime.parameters.writing import dump_parameters
 
 T = ParameterType
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.time.timer_schedule import TimerSchedule, period_to_ns
+from rosidl_py_gen.runtime.time.clock_timer import TimerSchedule, period_to_ns
 from rosidl_py_gen.runtime.time.values import Duration, TimeRangeError
 
 

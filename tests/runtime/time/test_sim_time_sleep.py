@@ -14,7 +14,7 @@ import pytest
 from support.node_fixtures import World, run, until
 
 from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.rate import Rate
+from rosidl_py_gen.runtime.time.clock_timer import Rate
 from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
 from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 

@@ -18,7 +18,7 @@ from support.node_fixtures import ROOT, World, until, zenoh_environment, zenoh_r
 
 from rosidl_py_gen import compile_definition, type_hash
 from rosidl_py_gen.runtime import Context, Node, QoSProfile, ServerLostError
-from rosidl_py_gen.runtime.node.context_core import resolve_transport
+from rosidl_py_gen.runtime.node.context import resolve_transport
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
 from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
