@@ -33,6 +33,20 @@ _RMW_TO_TRANSPORT = {
     "rmw_zenoh_cpp": ZENOH,
 }
 """Transport for each RMW implementation; all DDS implementations are interoperable."""
+SECURITY_FILES = {
+    "identity_ca.cert.pem": "certificate of the CA that issues the certificates of all peers",
+    "cert.pem": "certificate of the enclave",
+    "key.pem": "private key of the enclave",
+    "permissions_ca.cert.pem": "certificate of the CA that signs governance and permissions",
+    "governance.p7s": "signed rules of the domain",
+    "permissions.p7s": "signed permissions of the enclave",
+}
+"""Purpose of each file of an enclave."""
+_DISABLED = ("", "false", "0", "no", "off")
+_MAX_LISTED_ENCLAVES = 5
+_MAX_FOLDERS = 1000
+"""Maximum number of folders of a keystore to search for the enclaves that an error lists."""
+_UNENCRYPTED = "this process communicates unencrypted, and does not find secured nodes"
 
 
 class EnvironmentSettingError(RosidlError, ValueError):
@@ -145,22 +159,6 @@ def _static_peers(value: str, warnings: list[str]) -> tuple[str, ...]:
         elif peer:
             peers.append(peer)
     return tuple(peers)
-
-
-SECURITY_FILES = {
-    "identity_ca.cert.pem": "certificate of the CA that issues the certificates of all peers",
-    "cert.pem": "certificate of the enclave",
-    "key.pem": "private key of the enclave",
-    "permissions_ca.cert.pem": "certificate of the CA that signs governance and permissions",
-    "governance.p7s": "signed rules of the domain",
-    "permissions.p7s": "signed permissions of the enclave",
-}
-"""Purpose of each file of an enclave."""
-_DISABLED = ("", "false", "0", "no", "off")
-_MAX_LISTED_ENCLAVES = 5
-_MAX_FOLDERS = 1000
-"""Maximum number of folders of a keystore to search for the enclaves that an error lists."""
-_UNENCRYPTED = "this process communicates unencrypted, and does not find secured nodes"
 
 
 def find_security(

@@ -74,6 +74,7 @@ _FIRST_BATCH = 50
 _MAX_BATCH = 1000
 _SMALL = 1 << 18
 """Size of the values of a response, in characters and elements, up to which the next batch is twice as large."""
+T = TypeVar("T")
 
 
 async def read_all(
@@ -129,9 +130,6 @@ async def _read_batch(
         elif middle:
             pending += [names[:middle], names[middle:]]
     return items
-
-
-T = TypeVar("T")
 
 
 class MalformedAnswerError(RosidlError):

@@ -138,9 +138,6 @@ class FixedList(list[Any]):
         return list, (list(self),)
 
 
-_T = TypeVar("_T")
-
-
 class _ParameterBinding:
     """Binding of one parameter object to a store."""
 
@@ -243,12 +240,12 @@ def _require_instance(subject: str, value: object, expected: type) -> None:
 
 def bind_class(
     store: ParameterStore,
-    cls: type[_T],
+    cls: type[T],
     *,
     prefix: str = "",
-    initial: _T | None = None,
-    validator: Callable[[_T], str | None] | None = None,
-) -> _T:
+    initial: T | None = None,
+    validator: Callable[[T], str | None] | None = None,
+) -> T:
     """Declare the fields of `cls` as parameters, all or none, and return the parameter object.
 
     Events and post-set callbacks follow after all declarations. The field of an undeclared parameter keeps its last
@@ -286,15 +283,15 @@ def bind_class(
         assert commit is not None
         commit()
         store.callbacks.add("bound-object", binding.prepare)
-    return cast("_T", ParameterProxy(binding))
+    return cast("T", ParameterProxy(binding))
 
 
-def _default_source(cls: type[_T], initial: _T | None) -> _T:
+def _default_source(cls: type[T], initial: T | None) -> T:
     if initial is None:
         for item in dataclasses.fields(cls):  # type: ignore[arg-type]  # checked by parameter_fields_of
             if item.init and item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
                 raise ParameterClassError(f"{cls.__name__}.{item.name} has no default; add one, or pass initial=")
         return cls()
-    source: _T = current(initial)
+    source: T = current(initial)
     _require_instance("initial", source, cls)
     return source

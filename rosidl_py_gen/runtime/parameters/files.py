@@ -61,6 +61,15 @@ _FLOAT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\Z")
 _HEX_FLOAT = re.compile(r"[+-]?0[xX](?:[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)(?:[pP][+-]?[0-9]+)?\Z")
 _NAN = re.compile(r"(?:\.nan|\.NaN|\.NAN|[+-]?[nN][aA][nN])\Z")
 _INFINITE = re.compile(r"(?P<sign>[+-]?)(?:\.inf|\.Inf|\.INF|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?)\Z")
+_MAX_WRITTEN_LEVELS = 16
+"""Maximum depth of maps below a node; the rest of a longer name becomes one key with dots."""
+_MAX_SIMPLE_KEY = 900
+"""Maximum length of a key before a colon: libyaml accepts 1024 characters. Longer keys follow a question mark."""
+_MAX_REPLACED = 16
+"""Number of different characters that are escaped by one `replace` each, which takes 0.1 s for 100 MB. More of them are
+escaped by `translate`, which takes 0.4 µs for each character of a text that is not ASCII."""
+_PLAIN = re.compile(r"[A-Za-z_/](?:[\w./+ -]{0,300}[\w./+-])?\Z", re.ASCII)
+"""Text that has the same meaning with and without quotes, also in a list."""
 
 
 # ----------------------------------------------------------------------------------------------------------- scalars
@@ -225,17 +234,6 @@ def _bytes(node: yaml.ScalarNode) -> ParameterValue | None:
         return None
 
 
-_MAX_LEVELS = 16
-"""Maximum depth of maps below a node; the rest of a longer name becomes one key with dots."""
-_MAX_SIMPLE_KEY = 900
-"""Maximum length of a key before a colon: libyaml accepts 1024 characters. Longer keys follow a question mark."""
-_MAX_REPLACED = 16
-"""Number of different characters that are escaped by one `replace` each, which takes 0.1 s for 100 MB. More of them are
-escaped by `translate`, which takes 0.4 µs for each character of a text that is not ASCII."""
-_PLAIN = re.compile(r"[A-Za-z_/](?:[\w./+ -]{0,300}[\w./+-])?\Z", re.ASCII)
-"""Text that has the same meaning with and without quotes, also in a list."""
-
-
 def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterValue]) -> str:
     """Return the text of a parameter file for one node, which contains all parameters that have a value.
 
@@ -258,7 +256,7 @@ def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterVal
 
 def _path(name: str, values: Mapping[str, ParameterValue]) -> list[str]:
     """Split a name at its dots, up to a group whose name is also a parameter's."""
-    parts = name.split(".", _MAX_LEVELS)
+    parts = name.split(".", _MAX_WRITTEN_LEVELS)
     prefix = ""
     for index, part in enumerate(parts[:-1]):
         prefix += part

@@ -47,6 +47,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from rosidl_py_gen.runtime.parameters.callbacks import Commit
+NOT_SET = ParameterValue()
+_NESTED_REASON = "parameters cannot be set or declared by a validator"
 
 
 @dataclass(slots=True)
@@ -114,10 +116,6 @@ class Notifier:
             with contextlib.ExitStack() as calls:  # makes all calls even if one raises
                 for parameters in reversed(batch.sets):
                     calls.callback(self.after_set, parameters)
-
-
-NOT_SET = ParameterValue()
-_NESTED_REASON = "parameters cannot be set or declared by a validator"
 
 
 class ParameterStore:

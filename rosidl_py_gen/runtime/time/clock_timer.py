@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.time.values import TimeJump
+_MAX_SLEEP_S = 1.0
+"""Maximum time between two checks of the system time; a timer is at most that late after the time was set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +128,6 @@ def _checked(period_ns: int) -> int:
     if isinstance(period_ns, bool) or not isinstance(period_ns, int) or period_ns < 0:
         raise TimeRangeError(f"the period of a timer must be an int of nanoseconds >= 0, got {period_ns!r}")
     return period_ns
-
-
-_MAX_SLEEP_S = 1.0
-"""Maximum time between two checks of the system time; a timer is at most that late after the time was set."""
 
 
 class ClockTimer:
