@@ -8,10 +8,6 @@ In a notebook, this import or ``%load_ext rosidl_py_gen.numpy`` makes IPython di
 bags as tables of their topics, and nodes as lists of their entities.
 """
 
-from rosidl_py_gen.numpy.clouds import array_to_pointcloud as array_to_pointcloud
-from rosidl_py_gen.numpy.clouds import pointcloud_dtype as pointcloud_dtype
-from rosidl_py_gen.numpy.clouds import pointcloud_to_array as pointcloud_to_array
-from rosidl_py_gen.numpy.clouds import points_to_xyz as points_to_xyz
 from rosidl_py_gen.numpy.common import ConversionError as ConversionError
 from rosidl_py_gen.numpy.compressed import array_to_compressedimage as array_to_compressedimage
 from rosidl_py_gen.numpy.compressed import compressedimage_to_array as compressedimage_to_array
@@ -22,13 +18,17 @@ from rosidl_py_gen.numpy.maps import array_to_occupancygrid as array_to_occupanc
 from rosidl_py_gen.numpy.maps import occupancygrid_to_array as occupancygrid_to_array
 from rosidl_py_gen.numpy.notebook import load_ipython_extension as load_ipython_extension
 from rosidl_py_gen.numpy.notebook import register_if_running as _register_if_running
+from rosidl_py_gen.numpy.points import array_to_pointcloud as array_to_pointcloud
+from rosidl_py_gen.numpy.points import laserscan_to_points as laserscan_to_points
+from rosidl_py_gen.numpy.points import pointcloud_dtype as pointcloud_dtype
+from rosidl_py_gen.numpy.points import pointcloud_to_array as pointcloud_to_array
+from rosidl_py_gen.numpy.points import points_to_xyz as points_to_xyz
 from rosidl_py_gen.numpy.rotations import euler_to_quaternion as euler_to_quaternion
 from rosidl_py_gen.numpy.rotations import matrix_to_quaternion as matrix_to_quaternion
 from rosidl_py_gen.numpy.rotations import matrix_to_transform as matrix_to_transform
 from rosidl_py_gen.numpy.rotations import quaternion_to_euler as quaternion_to_euler
 from rosidl_py_gen.numpy.rotations import quaternion_to_matrix as quaternion_to_matrix
 from rosidl_py_gen.numpy.rotations import transform_to_matrix as transform_to_matrix
-from rosidl_py_gen.numpy.scans import laserscan_to_points as laserscan_to_points
 from rosidl_py_gen.numpy.times import datetime_to_time as datetime_to_time
 from rosidl_py_gen.numpy.times import duration_to_timedelta as duration_to_timedelta
 from rosidl_py_gen.numpy.times import time_to_datetime as time_to_datetime

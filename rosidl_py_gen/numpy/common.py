@@ -1,15 +1,16 @@
-"""Helpers that all conversions share: the error class, checks of fields, and the class of the result."""
+"""Helpers that all conversions share: the error class, checks of fields, the class of the result, and texts in HTML."""
 
 from __future__ import annotations
 
-from functools import wraps
+from functools import partial, wraps
+from html import escape
 from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.errors import RosidlError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,9 +72,10 @@ def as_float64(value: Any, expected: str, field: str = "") -> np.ndarray[Any, np
         raise ConversionError(f"{field}expected {expected}, got {type(value).__name__}: {error!s:.200}") from None
 
 
-def message_class(cls: type[M] | None, name: str) -> Callable[..., M]:
-    """Return the class of the result: `cls`, or the one that is installed or bundled."""
-    return get_message(name) if cls is None else cls  # type: ignore[return-value]
+def message_class(cls: type[M] | None, name: str, header: Message | None = None) -> Callable[..., M]:
+    """Return the class of the result, `cls` or the one that is installed or bundled; makes messages with the header."""
+    found: Any = get_message(name) if cls is None else cls
+    return found if header is None else partial(found, header=header)
 
 
 def check_count(value: Any, field: str) -> int:
@@ -87,3 +89,8 @@ def contiguous_native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any]
     """Return the array contiguous and in one byte order, and True if that is big-endian."""
     piece = np.ascontiguousarray(array)
     return piece, piece.dtype.newbyteorder(">") == piece.dtype and piece.dtype.newbyteorder("<") != piece.dtype
+
+
+def escaped(text: str, max_length: int = 1000) -> str:
+    """Return a text for HTML, of at most `max_length` characters before escaping; texts of peers are not trusted."""
+    return escape(printable(text, max_length))

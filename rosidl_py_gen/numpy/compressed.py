@@ -13,16 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen.base.resources import missing_extra_message
-from rosidl_py_gen.numpy.colors import converted
 from rosidl_py_gen.numpy.common import ConversionError, M, flat_bytes, message_class, reads_message
-from rosidl_py_gen.numpy.images import checked_encoding
+from rosidl_py_gen.numpy.images import Pixels, checked_encoding, converted
 
 if TYPE_CHECKING:
     from types import ModuleType
 
     from rosidl_py_gen.cdr import Message
-
-    Pixels = np.ndarray[Any, np.dtype[Any]]
 
 _FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
 _ENCODINGS = {"L": "mono8", "RGB": "rgb8", "RGBA": "rgba8", "I;16": "mono16", "I;16B": "mono16", "F": "32FC1"}
@@ -171,10 +168,9 @@ def array_to_compressedimage(
         _pillow().fromarray(picture).save(out, format.upper(), **options)
     except (OSError, ValueError) as error:  # JPEG has at most 65535 rows and columns
         raise ConversionError(f"array: {format} does not support {pixels.shape}: {error!s:.200}") from None
-    values = {"header": header} if header is not None else {}
-    data = np.frombuffer(out.getvalue(), np.uint8)
-    make = message_class(cls, "sensor_msgs/msg/CompressedImage")
-    return make(format=f"{encoding}; {format} compressed {order}".rstrip(), data=data, **values)
+    return message_class(cls, "sensor_msgs/msg/CompressedImage", header)(
+        format=f"{encoding}; {format} compressed {order}".rstrip(), data=np.frombuffer(out.getvalue(), np.uint8)
+    )
 
 
 def _pillow() -> ModuleType:

@@ -65,8 +65,7 @@ def array_to_occupancygrid(
         raise ConversionError(f"array: expected integers of shape (height, width), got {cells.dtype} {cells.shape}")
     if cells.size and not (cells.min() >= -1 and cells.max() <= 100):
         raise ConversionError(f"array: cells are from -1 to 100, got {cells.min()} to {cells.max()}")
-    values = {"header": header} if header is not None else {}
-    grid: Any = message_class(cls, "nav_msgs/msg/OccupancyGrid")(**values)
+    grid: Any = message_class(cls, "nav_msgs/msg/OccupancyGrid", header)()
     grid.info.height, grid.info.width = cells.shape
     grid.info.resolution = float(resolution)
     if origin is not None:
