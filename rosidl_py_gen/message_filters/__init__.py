@@ -5,7 +5,7 @@ The synchronizers make the same sets of messages as the Python package message_f
 
 from rosidl_py_gen.message_filters.cache import Cache as Cache
 from rosidl_py_gen.message_filters.filters import MessageFilter as MessageFilter
+from rosidl_py_gen.message_filters.filters import StampError as StampError
 from rosidl_py_gen.message_filters.filters import Subscriber as Subscriber
-from rosidl_py_gen.message_filters.header_stamp import StampError as StampError
 from rosidl_py_gen.message_filters.synchronizers import ApproximateTimeSynchronizer as ApproximateTimeSynchronizer
 from rosidl_py_gen.message_filters.synchronizers import TimeSynchronizer as TimeSynchronizer

@@ -1,4 +1,4 @@
-"""Base class of filters, and subscriptions as the start of a chain of filters.
+"""Base class of filters, subscriptions as the start of a chain of filters, and stamps of messages.
 
 A filter passes messages to its callbacks; a callback may be the `add` of another filter. Plain callbacks are called at
 once, on the thread where the message arrives. `signal_message` returns the coroutine of an async callback, so that the
@@ -13,17 +13,16 @@ from collections import deque
 from functools import partial
 from math import isfinite
 from types import CoroutineType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
-from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.base.waiters import Waiters
-from rosidl_py_gen.message_filters.blocking_calls import NoNodeScope
-from rosidl_py_gen.message_filters.header_stamp import StampError, header_stamp
-from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError
+from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
+from rosidl_py_gen.base.waiters import Waiters, current_loop
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError, WouldDeadlockError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable
@@ -33,6 +32,37 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import Clock, Node, QoSProfile, Subscription
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+
+T = TypeVar("T")
+
+
+class StampError(RosidlError, ValueError):
+    """A message without ``header.stamp`` was passed to a filter that needs it."""
+
+
+def header_stamp(message: Any) -> int | None:
+    """Return the stamp in nanoseconds; None if the message has none."""
+    try:
+        if isinstance(message, dict):
+            stamp = message["header"]["stamp"]
+            return int(stamp["sec"]) * NS_PER_S + int(stamp["nanosec"])
+        return nanoseconds(message.header.stamp)
+    except (AttributeError, KeyError, TypeError):
+        return None
+
+
+class NoNodeScope:
+    """Scope of an object without a node; the scope of a node is an `EntityScope`."""
+
+    def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
+        """Run a coroutine to its end, while other threads feed the object; raises `WouldDeadlockError` in a loop."""
+        if current_loop() is not None:
+            coroutine.close()
+            raise WouldDeadlockError(
+                f"{name}_sync of {caller!r} inside the event loop would deadlock; use 'await ...{name}(...)' in an "
+                "async function, or call it from another thread"
+            )
+        return asyncio.run(coroutine)
 
 
 class MessageFilter:

@@ -13,5 +13,5 @@ from rosidl_py_gen.tf.errors import TransformError as TransformError
 from rosidl_py_gen.tf.errors import TransformTimeoutError as TransformTimeoutError
 from rosidl_py_gen.tf.errors import UnknownFrameError as UnknownFrameError
 from rosidl_py_gen.tf.filter import TransformFilter as TransformFilter
-from rosidl_py_gen.tf.frames import FrameInfo as FrameInfo
+from rosidl_py_gen.tf.frame_tree import FrameInfo as FrameInfo
 from rosidl_py_gen.tf.transform import Transform as Transform

@@ -14,19 +14,16 @@ from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters
-from rosidl_py_gen.message_filters.blocking_calls import NoNodeScope
-from rosidl_py_gen.message_filters.filters import call_all
+from rosidl_py_gen.message_filters.filters import NoNodeScope, call_all
 from rosidl_py_gen.runtime import ClosedError, Durability, Duration, QoSProfile
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
-from rosidl_py_gen.tf.frame_tree import FrameTree
-from rosidl_py_gen.tf.frames import FrameInfo, Link
-from rosidl_py_gen.tf.message_transforms import frame_and_stamp
-from rosidl_py_gen.tf.transform import Transform
+from rosidl_py_gen.tf.frame_tree import FrameInfo, FrameTree, Link
+from rosidl_py_gen.tf.transform import Transform, frame_and_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime import Node, Subscription, TimeJump
+    from rosidl_py_gen.runtime import Node, Subscription
 
 DEPTH = 100
 _UNLIMITED_QUEUE = 1 << 31
@@ -71,9 +68,6 @@ class TransformBuffer:
                     node.logger.warning(f"ignored a transform: {error}", throttle_s=1.0)
             return self._run_callbacks()
 
-        def on_time_jump(_: TimeJump) -> None:
-            self.clear()
-
         cls: Any = get_message("tf2_msgs/msg/TFMessage")
         latched = QoSProfile(depth=DEPTH, durability=Durability.TRANSIENT_LOCAL)
         self._subscriptions = tuple(
@@ -83,7 +77,9 @@ class TransformBuffer:
             for topic, is_static, qos in (("/tf", False, DEPTH), ("/tf_static", True, latched))
         )
         node._scope.register(Registration(self._waiters.wake))
-        node.clock.create_jump_callback(post=on_time_jump, on_clock_change=True, min_backward=Duration(nanoseconds=-1))
+        node.clock.create_jump_callback(
+            post=lambda _: self.clear(), on_clock_change=True, min_backward=Duration(nanoseconds=-1)
+        )
 
     def _receive(self) -> None:
         """Insert the received transforms, unless an event loop runs, which inserts them."""

@@ -1,21 +1,31 @@
-"""Transform between two frames: numpy arrays and methods that apply them."""
+"""Transform between two frames, which applies to arrays of points and to messages.
+
+A transformed message is a copy with other positions and directions; as in tf2, it has the frame and the time of the
+transform. The name of its class selects the function, so classes of any library work.
+"""
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
 from rosidl_py_gen.base.stamps import set_stamp
-from rosidl_py_gen.numpy import ConversionError, quaternion_to_matrix
-from rosidl_py_gen.numpy.common import message_class
-from rosidl_py_gen.tf.message_transforms import T, transformed
+from rosidl_py_gen.errors import printable
+from rosidl_py_gen.message_filters.filters import header_stamp
+from rosidl_py_gen.numpy import ConversionError, pointcloud_to_array, quaternion_to_matrix
+from rosidl_py_gen.numpy.common import flat_bytes, message_class
+from rosidl_py_gen.tf.frame_tree import without_slash
 from rosidl_py_gen.tf.quaternion_math import product
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.numpy.common import M
 
+T = TypeVar("T")
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
@@ -68,7 +78,22 @@ class Transform:
         Raises:
             ConversionError: the message has another type or frame, or the cloud no x, y and z of floats.
         """
-        return transformed(self, message)
+        name = type(message).__name__.rpartition("__")[2]  # some libraries put the package in front
+        if name not in _TRANSFORMERS:
+            known = ", ".join(_TRANSFORMERS)
+            raise ConversionError(f"cannot transform {type(message).__name__}; expected one of {known}")
+        frame, _ = frame_and_stamp(message)
+        if frame != self.source:
+            quoted = printable(frame, 100)
+            raise ConversionError(f'header.frame_id: "{quoted}", but the transform is from "{self.source}"')
+        result: Any = copy(message)
+        result.header = copy(result.header)
+        result.header.frame_id = self.target
+        if self.stamp:
+            result.header.stamp = copy(result.header.stamp)
+            set_stamp(result.header.stamp, self.stamp)
+        _TRANSFORMERS[name](self, result)
+        return cast("T", result)
 
     def inverse(self) -> Transform:
         """Return the transform from `target` to `source`."""
@@ -92,3 +117,106 @@ class Transform:
         move.x, move.y, move.z = self.translation.tolist()
         turn.x, turn.y, turn.z, turn.w = self.rotation.tolist()
         return cast("M", message)
+
+
+# ------------------------------------------------------------------------------------------------------------- messages
+
+
+def frame_and_stamp(message: Any) -> tuple[str, int]:
+    """Return frame and stamp of the header; raises `ConversionError` if the message has none."""
+    stamp = header_stamp(message)
+    frame = getattr(getattr(message, "header", None), "frame_id", None)
+    if stamp is None or not isinstance(frame, str):
+        raise ConversionError(f"cannot transform {type(message).__name__}: it has no header")
+    return without_slash(frame), stamp
+
+
+def _xyz(value: Any) -> tuple[float, float, float]:
+    return value.x, value.y, value.z
+
+
+def _with_xyz(value: Any, numbers: Any) -> Any:
+    changed = copy(value)
+    changed.x, changed.y, changed.z = numbers.tolist()
+    return changed
+
+
+def _rotated(transform: Transform, value: Any) -> Any:
+    changed = copy(value)
+    rotation = tuple(transform.rotation.tolist())
+    changed.x, changed.y, changed.z, changed.w = product(rotation, (value.x, value.y, value.z, value.w))
+    return changed
+
+
+def _transformed_pose(transform: Transform, pose: Any) -> Any:
+    changed = copy(pose)
+    changed.position = _with_xyz(pose.position, transform.apply(_xyz(pose.position)))
+    changed.orientation = _rotated(transform, pose.orientation)
+    return changed
+
+
+def _point(transform: Transform, message: Any) -> None:
+    message.point = _with_xyz(message.point, transform.apply(_xyz(message.point)))
+
+
+def _vector(transform: Transform, message: Any) -> None:
+    message.vector = _with_xyz(message.vector, transform.rotate(_xyz(message.vector)))
+
+
+def _quaternion(transform: Transform, message: Any) -> None:
+    message.quaternion = _rotated(transform, message.quaternion)
+
+
+def _pose(transform: Transform, message: Any) -> None:
+    message.pose = _transformed_pose(transform, message.pose)
+
+
+def _pose_with_covariance(transform: Transform, message: Any) -> None:
+    inner = message.pose = copy(message.pose)
+    inner.pose = _transformed_pose(transform, inner.pose)
+    turn = np.kron(np.eye(2), quaternion_to_matrix(transform.rotation))  # position and angles
+    inner.covariance = (turn @ np.reshape(inner.covariance, (6, 6)) @ turn.T).reshape(36)
+
+
+def _pose_array(transform: Transform, message: Any) -> None:
+    message.poses = [_transformed_pose(transform, pose) for pose in message.poses]
+
+
+def _polygon(transform: Transform, message: Any) -> None:
+    polygon = message.polygon = copy(message.polygon)
+    points = transform.apply(np.array([_xyz(point) for point in polygon.points]).reshape(-1, 3))
+    polygon.points = [_with_xyz(*pair) for pair in zip(polygon.points, points, strict=True)]
+
+
+def _cloud(transform: Transform, message: Any) -> None:
+    source = pointcloud_to_array(message)
+    message.data = flat_bytes(message.data, "data").copy()
+    result = pointcloud_to_array(message)
+    _transform_columns(source, result, ("x", "y", "z"), transform.apply)
+    if {"normal_x", "normal_y", "normal_z"} <= {*(result.dtype.names or ())}:
+        _transform_columns(source, result, ("normal_x", "normal_y", "normal_z"), transform.rotate)
+
+
+def _transform_columns(
+    source: np.ndarray[Any, Any], points: np.ndarray[Any, Any], names: tuple[str, ...], apply: Callable[[Any], Any]
+) -> None:
+    for name in names:
+        kind = points.dtype[name] if name in (points.dtype.names or ()) else None
+        if kind is None or kind.kind != "f" or kind.shape:
+            raise ConversionError(f'fields: transforming needs "{name}" as FLOAT32 or FLOAT64, got {kind or "none"}')
+    with np.errstate(all="ignore"):  # numbers may be infinite, NaN or too large for float32
+        columns = apply(np.stack([source[name] for name in names], -1))
+        for number, name in enumerate(names):
+            points[name] = columns[..., number]
+
+
+_TRANSFORMERS: dict[str, Callable[[Transform, Any], None]] = {
+    "PointStamped": _point,
+    "Vector3Stamped": _vector,
+    "QuaternionStamped": _quaternion,
+    "PoseStamped": _pose,
+    "PoseWithCovarianceStamped": _pose_with_covariance,
+    "PoseArray": _pose_array,
+    "PolygonStamped": _polygon,
+    "PointCloud2": _cloud,
+}
