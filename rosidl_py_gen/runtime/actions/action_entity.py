@@ -101,7 +101,7 @@ class ActionEntity(CompositeEntity):
 
         ``ros2 action echo`` of Kilted and later shows them. Arguments and errors as those of a client or service.
         """
-        self._scope.require_open(self._closed, f"action {self.name}")
+        self._require_open()
         for entity in list(self._parts.owned.values()):
             if isinstance(entity, ServiceEndpoint):
                 entity.configure_introspection(clock, qos, state)

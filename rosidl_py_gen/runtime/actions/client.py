@@ -243,7 +243,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             IncompatibleServiceError: the only servers are Fast DDS servers that cannot be used.
             ClosedError: the client is closed.
         """
-        self._scope.require_open(self._closed, f"the action client of {self.name}")
+        self._require_open()
         self._scope.discovery.refresh()
         return self._is_available.get()
 
@@ -303,7 +303,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             IncompatibleServiceError: as in `server_is_available`.
             ClosedError: the client is closed.
         """
-        self._scope.require_open(self._closed, f"the action client of {self.name}")
+        self._require_open()
         deadline = Deadline(timeout_s)
         request = self._type.cls.SendGoal.Request()
         goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
@@ -463,6 +463,9 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             status = find_status(data, goal_id)
             if status is not None:
                 goal._on_status(status)
+
+    def _described(self) -> str:
+        return f"the action client of {self.name}"
 
     def __repr__(self) -> str:
         return entity_repr(self, self.name, self.action_type, peers=lambda: len(self._send._servers()), peer="server")

@@ -208,6 +208,9 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
         return goal._record.wait_result() if goal is not None else self._goals.table.result(goal_id) or self._unknown
 
+    def _described(self) -> str:
+        return f"action {self.name}"
+
     def __repr__(self) -> str:
         goals = pluralize(len(self.goals), "active goal")
         peers = lambda: len(self._send_goal.matched_clients())  # noqa: E731

@@ -77,7 +77,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             IncompatibleServiceError: all servers use Fast DDS, and the installed Cyclone DDS cannot call them.
             ClosedError: the client is closed.
         """
-        self._scope.require_open(self._closed, f"the client of {self.name}")
+        self._require_open()
         self._scope.discovery.refresh()
         return self._available().is_available
 
@@ -140,8 +140,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             ClosedError: the client was closed, also while waiting.
         """
         scope = self._scope
-        if self._closed or scope.closed:
-            scope.require_open(True, f"the client of {self.name}")
+        self._require_open()
         deadline = Deadline(timeout_s)
         loop = scope.loop_binding.running_loop()
         encoded = self._type.request.encode(request)
@@ -191,7 +190,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             ClosedError: the client is closed.
         """
         scope = self._scope
-        scope.require_open(self._closed, f"the client of {self.name}")
+        self._require_open()
         encoded = self._type.request.encode(request)
         future: concurrent.futures.Future[ResponseT] = concurrent.futures.Future()
 
@@ -229,7 +228,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         Returns:
             The key for `_abandon_request`.
         """
-        self._scope.require_open(self._closed, f"the client of {self.name}")
+        self._require_open()
         self._scope.loop_binding.running_loop()
         self._has_direct_callbacks = True
         pending = PendingRequest(self._type.request.encode(request), on_reply, on_error)
@@ -361,6 +360,9 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             return
         if pending.on_reply(response, server) is not True:
             self._abandon_request(pending.key)
+
+    def _described(self) -> str:
+        return f"the client of {self.name}"
 
     def all_acknowledged(self) -> bool:
         """Return True if every server has received all requests; a live server needs some milliseconds for that."""

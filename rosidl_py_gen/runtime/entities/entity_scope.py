@@ -64,6 +64,14 @@ class Entity:
         """Do the same as `close`; the name in rclpy."""
         self.close()
 
+    def _described(self) -> str:
+        """Return kind and name of the entity for errors, such as ``the publisher on /chatter``."""
+        raise NotImplementedError
+
+    def _require_open(self) -> None:
+        if self._closed or self._scope.closed:
+            self._scope.require_open(True, self._described())
+
     def _begin_close(self, *guids: bytes) -> bool:
         """Unregister the entity and withdraw its endpoints; return False if it was closed before."""
         if self._closed:

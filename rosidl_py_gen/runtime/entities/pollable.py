@@ -19,6 +19,29 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
+
+
+QOS_HINT = "; QoS is given as qos=..."
+
+
+def user_callback(
+    scope: EntityScope,
+    function: Callable[..., object] | None,
+    subject: str,
+    *arguments: str,
+    hint: str = "",
+    type_hint: str = "",
+) -> UserCallback | None:
+    """Return the callback of a user's function, which may be None; raises as `require_callable`, `require_signature`.
+
+    `type_hint` ends the error about an object that is no function, `hint` that about other arguments.
+    """
+    require_callable(function, subject, type_hint)
+    if function is None:
+        return None
+    require_signature(function, subject, *arguments, hint=hint)
+    return UserCallback(scope, function, subject)
 
 
 class CallbackInUseError(RosidlError, TypeError):
@@ -28,6 +51,10 @@ class CallbackInUseError(RosidlError, TypeError):
 class PollableEntity(Entity):
     """Entity with a method `take`."""
 
+    _callback: UserCallback | None
+    """Takes everything, if there is one."""
+    _contents = "messages"
+    """What the callback takes, for errors."""
     _listeners: RegistrationSet[UserCallback] | None = None
     _on_arrival: Callable[[], None] | None = None
     """Calls the listeners; None until the first one is added."""
@@ -52,13 +79,11 @@ class PollableEntity(Entity):
         """
         subject = f"the on_ready function of {self._described()}"
         self._require_takeable()
-        require_callable(function, subject)
-        if function is None:
+        listener = user_callback(self._scope, function, subject)
+        if listener is None:
             raise TypeError(f"{subject} must be a function, got None")
-        require_signature(function, subject)
         if self._listeners is None:
             self._listeners = RegistrationSet()
-        listener = UserCallback(self._scope, function, subject)
         registration = self._listeners.add(listener)
         self._on_arrival = self._notify_ready
         if self._is_ready():
@@ -69,13 +94,16 @@ class PollableEntity(Entity):
         for listener in self._listeners or ():
             listener.call()
 
-    def _described(self) -> str:
-        """Return the entity's kind and name for errors."""
-        raise NotImplementedError
+    def _require_no_callback(self) -> None:
+        if self._callback is not None:
+            raise CallbackInUseError(
+                f"{self._described()} has a callback; its {self._contents} cannot be taken as well"
+            )
 
     def _require_takeable(self) -> None:
         """Raise `CallbackInUseError` or `ClosedError`."""
-        raise NotImplementedError
+        self._require_no_callback()
+        self._require_open()
 
     def _is_ready(self) -> bool:
         raise NotImplementedError

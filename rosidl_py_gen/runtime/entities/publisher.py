@@ -70,7 +70,7 @@ class Publisher(Entity, Generic[T]):
             scope.loop_binding, None if keep_all else max(1, self.qos.depth), scope.report_failure
         )
         self._events = watch_events(
-            scope, self._writer, self._writer.matched_readers, event_callbacks, f"the publisher on {topic}"
+            scope, self._writer, self._writer.matched_readers, event_callbacks, self._described()
         )
         scope.register(self, writer=self._writer.guid)
 
@@ -82,8 +82,7 @@ class Publisher(Entity, Generic[T]):
             TypeError: the message has another type.
             ClosedError: the publisher or its node is closed, also while waiting; the message was not sent.
         """
-        if self._closed or self._scope.closed:
-            self._scope.require_open(True, f"the publisher on {self.topic}")
+        self._require_open()
         loop = self._loop_binding.bound_loop
         if loop is None or loop.is_closed():  # the node was created before its loop
             self._loop_binding.adopt_running_loop()
@@ -101,7 +100,7 @@ class Publisher(Entity, Generic[T]):
         """
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise TypeError(f"publish_raw takes bytes, got {type(data).__name__}: {data!r:.100}")
-        self._scope.require_open(self._closed, f"the publisher on {self.topic}")
+        self._require_open()
         if len(data) < 5 or bytes(data[:2]) != b"\x00\x01":
             found = bytes(data[:4]).hex(" ")
             reason = f"expected the header 00 01 xx xx (XCDR1, little endian) and at least one byte, found {found!r}"
@@ -121,7 +120,7 @@ class Publisher(Entity, Generic[T]):
             return
         while not (self._send_queue.flush() and write()):
             time.sleep(RETRY_INTERVAL_S)
-            self._scope.require_open(self._closed, f"the publisher on {self.topic}")
+            self._require_open()
 
     @property
     def subscription_count(self) -> int:
@@ -196,8 +195,11 @@ class Publisher(Entity, Generic[T]):
 
         Must be called before the lease expires. After that, peers accept the publisher again when it publishes.
         """
-        self._scope.require_open(self._closed, f"the publisher on {self.topic}")
+        self._require_open()
         self._writer.assert_liveliness()
+
+    def _described(self) -> str:
+        return f"the publisher on {self.topic}"
 
     def __repr__(self) -> str:
         details = self.topic, self.message_type, self.qos.short()

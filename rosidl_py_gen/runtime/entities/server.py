@@ -12,13 +12,10 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
-from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError, PollableEntity
+from rosidl_py_gen.runtime.entities.pollable import QOS_HINT, PollableEntity, user_callback
 from rosidl_py_gen.runtime.entities.service_common import ServiceEndpoint, incompatible_peer_text
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.loop.user_callback import UserCallback
-from rosidl_py_gen.runtime.loop.user_functions import require_callable
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer
 
 if TYPE_CHECKING:
@@ -106,6 +103,8 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
 class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
     """Server of a service, created by `Node.create_service`."""
 
+    _contents = "requests"
+
     def __init__(
         self,
         scope: EntityScope,
@@ -117,11 +116,9 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         type_hash_check: TypeCheck | None = None,
     ) -> None:
         subject = f"the handler of service {name}"
-        require_callable(handler, subject, "; QoS is given as qos=...")
-        if handler is not None:
-            require_signature(handler, subject, "the request", hint=_RESPONSE_HINT)
+        callback = user_callback(scope, handler, subject, "the request", hint=_RESPONSE_HINT, type_hint=QOS_HINT)
         super().__init__(scope, service_type, name, qos, is_client=False, type_hash_check=type_hash_check)
-        self._handler = None if handler is None else UserCallback(scope, handler, subject)
+        self._callback = callback
         self._requests: AsyncQueue[ServiceRequest[RequestT, ResponseT]] = AsyncQueue()
         self._transport_server = self._open(scope.participant.create_server(self._spec, self.qos, node=scope.number))
         self._transport_server.set_sink(self._on_requests)
@@ -129,7 +126,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         scope.register(self, reader=reader, writer=writer)
 
     def __aiter__(self) -> ServiceServer[RequestT, ResponseT]:
-        self._require_no_handler()
+        self._require_no_callback()
         return self
 
     async def __anext__(self) -> ServiceRequest[RequestT, ResponseT]:
@@ -150,14 +147,6 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         self._require_takeable()
         return self._requests.take()
 
-    def _require_no_handler(self) -> None:
-        if self._handler is not None:
-            raise CallbackInUseError(f"{self._described()} has a handler; its requests cannot be taken as well")
-
-    def _require_takeable(self) -> None:
-        self._require_no_handler()
-        self._scope.require_open(self._closed, self._described())
-
     def _described(self) -> str:
         return f"service {self.name}"
 
@@ -166,7 +155,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
 
     def _on_requests(self) -> Callable[[], None] | None:
         """Sink of the request reader."""
-        if self._handler is not None:
+        if self._callback is not None:
             return self._read_all
         self._read_all()
         return self._on_arrival if self._requests.waiting else None
@@ -177,10 +166,10 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             request = self._decode_request(*received)
             if request is None:
                 continue
-            if self._handler is None:
+            if self._callback is None:
                 self._requests._push(request)
             else:
-                self._handler.call(request.message, on_result=partial(self._on_result, request))
+                self._callback.call(request.message, on_result=partial(self._on_result, request))
 
     def _decode_request(
         self,
@@ -262,7 +251,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         self._send_queue.flush()
         if self._begin_close(*self._transport_server.endpoints):
             self._requests.close()
-            if self._handler is not None:
-                self._handler.close()
+            if self._callback is not None:
+                self._callback.close()
             self._send_queue.close()
             self._transport_server.close()

@@ -140,9 +140,7 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
             InvalidQoSError: the profile is invalid; nothing is changed.
             ClosedError: the entity is closed.
         """
-        self._scope.require_open(
-            self._closed, f"the client of {self.name}" if self._is_client else f"service {self.name}"
-        )
+        self._require_open()
         from rosidl_py_gen.runtime.entities.introspection import ServiceEventPublisher
 
         publisher = self._introspection

@@ -15,17 +15,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar, cast
 
 from rosidl_py_gen.base.blocking import blocking
-from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.base.waiters import Waiters, current_loop
 from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.entities.entity_scope import Throttle, entity_repr, pluralize
 from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes
-from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError, PollableEntity
+from rosidl_py_gen.runtime.entities.pollable import QOS_HINT, PollableEntity, user_callback
 from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
-from rosidl_py_gen.runtime.loop.user_functions import require_callable, require_concurrency
+from rosidl_py_gen.runtime.loop.user_functions import require_concurrency
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos_matching import resolve_best_available
@@ -83,9 +82,7 @@ class Subscription(PollableEntity, Generic[T]):
         mode = checked_mode(type_hash_check, scope.type_hash_check)
         require_concurrency(concurrency)
         subject = f"the callback of {topic}"
-        require_callable(callback, subject, "; QoS is given as qos=...")
-        if callback is not None:
-            require_signature(callback, subject, "the message", hint=_INFO_HINT)
+        checked = user_callback(scope, callback, subject, "the message", hint=_INFO_HINT, type_hint=QOS_HINT)
         super().__init__(scope)
         self.topic: str = topic
         """Fully qualified name, after expansion and remapping."""
@@ -94,7 +91,7 @@ class Subscription(PollableEntity, Generic[T]):
         self.undecodable: int = 0
         """Number of samples that could not be decoded."""
         self._decode: Callable[[Payload], T] = message_type.decode
-        self._callback = None if callback is None else UserCallback(scope, callback, subject)
+        self._callback = checked
         self._concurrency = concurrency
         self._running_calls = 0
         """Number of calls of an async callback that have not ended."""
@@ -224,7 +221,7 @@ class Subscription(PollableEntity, Generic[T]):
     async def _receive(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
         deadline = Deadline(timeout_s)
-        self._scope.require_open(self._closed, self._described())
+        self._require_open()
         while not self._closed:
             taken = self._take()
             if taken is not None:
@@ -234,11 +231,11 @@ class Subscription(PollableEntity, Generic[T]):
                 raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s", self._why_silent())
         raise ClosedError(f"{self._described()} of node {self._scope.node_name} is closed")
 
-    def _take(self) -> tuple[T, Sample] | None:
-        """Return the oldest message that can be decoded, or None; several threads may take at the same time."""
+    def _take(self, *, newest: bool = False) -> tuple[T, Sample] | None:
+        """Return the oldest or newest message that can be decoded, or None; several threads may take at once."""
         while self._items and not self._closed:
             try:
-                sample = self._items.popleft()
+                sample = self._items.pop() if newest else self._items.popleft()
             except IndexError:  # another thread was faster
                 return None
             data: Payload | None = sample[0]
@@ -262,21 +259,9 @@ class Subscription(PollableEntity, Generic[T]):
         """
         self._require_takeable()
         self._reader.fetch()
-        while self._items:
-            try:
-                sample = self._items.pop()
-            except IndexError:  # another thread was faster
-                break
-            data: Payload | None = sample[0]
-            try:
-                if sample[2] not in self._accepted_writers:
-                    data = self._type_hash_filter.payload(sample[2], sample[0])
-                if data is None:
-                    continue
-                self._latest = self._decode(data)
-            except DecodeError as err:
-                self._count_undecodable(err)
-                continue
+        taken = self._take(newest=True)
+        if taken is not None:
+            self._latest = taken[0]
             self._items.clear()
         return self._latest
 
@@ -295,15 +280,6 @@ class Subscription(PollableEntity, Generic[T]):
 
     def _described(self) -> str:
         return f"the subscription on {self.topic}"
-
-    def _require_takeable(self) -> None:
-        self._require_no_callback()
-        if self._closed or self._scope.closed:
-            self._scope.require_open(True, self._described())
-
-    def _require_no_callback(self) -> None:
-        if self._callback is not None:
-            raise CallbackInUseError(f"{self._described()} has a callback; its messages cannot be taken as well")
 
     def _deliver(self) -> None:
         """Call back for the samples that DDS has received, without waiting until the loop reads them."""

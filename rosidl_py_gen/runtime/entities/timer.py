@@ -9,13 +9,11 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.entity_scope import entity_repr
-from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError, PollableEntity
-from rosidl_py_gen.runtime.loop.user_callback import UserCallback
+from rosidl_py_gen.runtime.entities.pollable import PollableEntity, user_callback
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.clock_timer import ClockTimer, TimerCall, TimerSchedule, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
@@ -30,16 +28,15 @@ if TYPE_CHECKING:
 class Timer(PollableEntity):
     """Timer of a clock, created by `Node.create_timer` or `create_wall_timer`."""
 
+    _contents = "ticks"
+
     def __init__(self, scope: EntityScope, period_ns: int, callback: Callable[[], object] | None, clock: Clock) -> None:
-        if callback is not None:
-            if not callable(callback):
-                raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
-            require_signature(callback, "a timer's callback")
+        checked = user_callback(scope, callback, "a timer's callback")
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         super().__init__(scope)
         self._clock = clock
-        self._callback = None if callback is None else UserCallback(scope, callback, "a timer's callback")
+        self._callback = checked
         self._schedule = TimerSchedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
         self._schedule_lock = threading.Lock()  # a reset in another thread must not be lost in a call
         self._worker: asyncio.Task[None] | None = None
@@ -73,7 +70,7 @@ class Timer(PollableEntity):
         tick = self._tick
         await self._waiters.wait(lambda: tick or self._closed)
         if not tick:
-            self._scope.require_open(self._closed, "a timer")
+            self._require_open()
         return tick[0]
 
     def __aiter__(self) -> Timer:
@@ -102,11 +99,6 @@ class Timer(PollableEntity):
             call = self._schedule.mark_called(now_ns)
         self._clock_timer.arm_threadsafe()
         return self._count(call)
-
-    def _require_takeable(self) -> None:
-        if self._callback is not None:
-            raise CallbackInUseError("this timer has a callback; its ticks cannot be taken as well")
-        self._scope.require_open(self._closed, "a timer")
 
     def _described(self) -> str:
         return "a timer"
@@ -177,7 +169,7 @@ class Timer(PollableEntity):
 
     def reset(self) -> None:
         """Start a period now, also if the timer was canceled; raises `ClosedError`."""
-        self._scope.require_open(self._closed, "a timer")
+        self._require_open()
         now_ns = self._clock.now_ns()
         with self._schedule_lock:
             self._schedule.reset(now_ns)

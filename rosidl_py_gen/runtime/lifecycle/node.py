@@ -102,13 +102,9 @@ class LifecycleNode(Node):
 
     @overload
     def create_lifecycle_publisher(
-        self,
-        msg_type: type[MessageT],
-        topic: str,
-        qos: QoSLike = 10,
-        *,
+        self, msg_type: type[MessageT], topic: str, qos: QoSLike = 10, *,
         event_callbacks: PublisherEventCallbacks | None = None,
-    ) -> LifecyclePublisher[MessageT]: ...
+    ) -> LifecyclePublisher[MessageT]: ...  # fmt: skip
     @overload
     def create_lifecycle_publisher(
         self, msg_type: str, topic: str, qos: QoSLike = 10, *, event_callbacks: PublisherEventCallbacks | None = None

@@ -121,25 +121,14 @@ class ActionMethods(NodeBase):
 
     @overload
     def create_action_client(
-        self,
-        action: type[ActionT],
-        name: str,
-        *,
-        feedback_depth: int = 100,
-        server_lost_timeout_s: float = 5.0,
-        arrays: bool = False,
-        type_hash_check: TypeCheck | None = None,
-    ) -> ActionClient[ActionT]: ...
+        self, action: type[ActionT], name: str, *, feedback_depth: int = 100, server_lost_timeout_s: float = 5.0,
+        arrays: bool = False, type_hash_check: TypeCheck | None = None,
+    ) -> ActionClient[ActionT]: ...  # fmt: skip
     @overload
     def create_action_client(
-        self,
-        action: str,
-        name: str,
-        *,
-        feedback_depth: int = 100,
-        server_lost_timeout_s: float = 5.0,
+        self, action: str, name: str, *, feedback_depth: int = 100, server_lost_timeout_s: float = 5.0,
         type_hash_check: TypeCheck | None = None,
-    ) -> ActionClient[UntypedAction]: ...
+    ) -> ActionClient[UntypedAction]: ...  # fmt: skip
     def create_action_client(
         self,
         action: type[Action[Any, Any, Any]] | str,

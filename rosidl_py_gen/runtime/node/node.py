@@ -33,7 +33,7 @@ from rosidl_py_gen.runtime.node.graph_methods import GraphMethods
 from rosidl_py_gen.runtime.node.node_base import NodeOptions
 from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
 from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
-from rosidl_py_gen.runtime.node.time_methods import TimeMethods
+from rosidl_py_gen.runtime.node.sim_time import TimeMethods
 from rosidl_py_gen.runtime.node.type_methods import TypeMethods
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, as_profile
 
@@ -216,24 +216,14 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     @overload
     def create_publisher(
-        self,
-        msg_type: type[MessageT],
-        topic: str,
-        qos: QoSLike = 10,
-        *,
-        type_hash_check: TypeCheck | None = None,
+        self, msg_type: type[MessageT], topic: str, qos: QoSLike = 10, *, type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
-    ) -> Publisher[MessageT]: ...
+    ) -> Publisher[MessageT]: ...  # fmt: skip
     @overload
     def create_publisher(
-        self,
-        msg_type: str,
-        topic: str,
-        qos: QoSLike = 10,
-        *,
-        type_hash_check: TypeCheck | None = None,
+        self, msg_type: str, topic: str, qos: QoSLike = 10, *, type_hash_check: TypeCheck | None = None,
         event_callbacks: PublisherEventCallbacks | None = None,
-    ) -> Publisher[DictMessage]: ...
+    ) -> Publisher[DictMessage]: ...  # fmt: skip
     def create_publisher(
         self,
         msg_type: type[Message] | str,
@@ -271,47 +261,23 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     @overload
     def create_subscription(
-        self,
-        msg_type: type[MessageT],
-        topic: str,
-        callback: Callable[[MessageT], object] | None = None,
-        qos: QoSLike = 10,
-        *,
-        raw: Literal[False] = False,
-        arrays: bool = False,
-        ignore_local: bool = False,
-        type_hash_check: TypeCheck | None = None,
-        event_callbacks: SubscriptionEventCallbacks | None = None,
+        self, msg_type: type[MessageT], topic: str, callback: Callable[[MessageT], object] | None = None,
+        qos: QoSLike = 10, *, raw: Literal[False] = False, arrays: bool = False, ignore_local: bool = False,
+        type_hash_check: TypeCheck | None = None, event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
-    ) -> Subscription[MessageT]: ...
+    ) -> Subscription[MessageT]: ...  # fmt: skip
     @overload
     def create_subscription(
-        self,
-        msg_type: type[Message] | str,
-        topic: str,
-        callback: Callable[[bytes], object] | None = None,
-        qos: QoSLike = 10,
-        *,
-        raw: Literal[True],
-        ignore_local: bool = False,
-        type_hash_check: TypeCheck | None = None,
-        event_callbacks: SubscriptionEventCallbacks | None = None,
-        concurrency: int = 1,
-    ) -> Subscription[bytes]: ...
+        self, msg_type: type[Message] | str, topic: str, callback: Callable[[bytes], object] | None = None,
+        qos: QoSLike = 10, *, raw: Literal[True], ignore_local: bool = False, type_hash_check: TypeCheck | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None, concurrency: int = 1,
+    ) -> Subscription[bytes]: ...  # fmt: skip
     @overload
     def create_subscription(
-        self,
-        msg_type: str,
-        topic: str,
-        callback: Callable[[DictMessage], object] | None = None,
-        qos: QoSLike = 10,
-        *,
-        raw: Literal[False] = False,
-        ignore_local: bool = False,
-        type_hash_check: TypeCheck | None = None,
-        event_callbacks: SubscriptionEventCallbacks | None = None,
-        concurrency: int = 1,
-    ) -> Subscription[DictMessage]: ...
+        self, msg_type: str, topic: str, callback: Callable[[DictMessage], object] | None = None, qos: QoSLike = 10, *,
+        raw: Literal[False] = False, ignore_local: bool = False, type_hash_check: TypeCheck | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None, concurrency: int = 1,
+    ) -> Subscription[DictMessage]: ...  # fmt: skip
     def create_subscription(
         self,
         msg_type: type[Message] | str,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 from rosidl_py_gen.base.registration import Registration, RegistrationSet
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.node.node_base import NodeBase
-from rosidl_py_gen.runtime.node.time_methods import TimeSource
+from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.parameters.callbacks import require_plain
 from rosidl_py_gen.runtime.parameters.initial_values import overrides_for, sources_for
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
@@ -155,31 +155,19 @@ class ParameterMethods(NodeBase):
 
     @overload
     def declare_parameter(
-        self,
-        name: str,
-        default: ScalarT,
-        descriptor: ParameterDescriptor | None = None,
-        *,
+        self, name: str, default: ScalarT, descriptor: ParameterDescriptor | None = None, *,
         ignore_override: bool = False,
-    ) -> ScalarT: ...
+    ) -> ScalarT: ...  # fmt: skip
     @overload
     def declare_parameter(
-        self,
-        name: str,
-        default: list[ItemT] | tuple[ItemT, ...],
-        descriptor: ParameterDescriptor | None = None,
-        *,
+        self, name: str, default: list[ItemT] | tuple[ItemT, ...], descriptor: ParameterDescriptor | None = None, *,
         ignore_override: bool = False,
-    ) -> tuple[ItemT, ...]: ...
+    ) -> tuple[ItemT, ...]: ...  # fmt: skip
     @overload
     def declare_parameter(
-        self,
-        name: str,
-        default: object = None,
-        descriptor: ParameterDescriptor | None = None,
-        *,
+        self, name: str, default: object = None, descriptor: ParameterDescriptor | None = None, *,
         ignore_override: bool = False,
-    ) -> PythonValue: ...
+    ) -> PythonValue: ...  # fmt: skip
     def declare_parameter(
         self,
         name: str,

@@ -26,25 +26,16 @@ class ServiceMethods(NodeBase):
 
     @overload
     def create_service(
-        self,
-        srv_type: type[Service[RequestT, ResponseT]],
-        name: str,
-        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None = None,
-        qos: QoSLike = 10,
-        *,
-        arrays: bool = False,
-        type_hash_check: TypeCheck | None = None,
-    ) -> ServiceServer[RequestT, ResponseT]: ...
+        self, srv_type: type[Service[RequestT, ResponseT]], name: str,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None = None, qos: QoSLike = 10, *,
+        arrays: bool = False, type_hash_check: TypeCheck | None = None,
+    ) -> ServiceServer[RequestT, ResponseT]: ...  # fmt: skip
     @overload
     def create_service(
-        self,
-        srv_type: str,
-        name: str,
-        handler: Callable[[DictMessage], DictMessage | Awaitable[DictMessage]] | None = None,
-        qos: QoSLike = 10,
-        *,
+        self, srv_type: str, name: str,
+        handler: Callable[[DictMessage], DictMessage | Awaitable[DictMessage]] | None = None, qos: QoSLike = 10, *,
         type_hash_check: TypeCheck | None = None,
-    ) -> ServiceServer[DictMessage, DictMessage]: ...
+    ) -> ServiceServer[DictMessage, DictMessage]: ...  # fmt: skip
     def create_service(
         self,
         srv_type: type[Service[Any, Any]] | str,
@@ -86,14 +77,9 @@ class ServiceMethods(NodeBase):
 
     @overload
     def create_client(
-        self,
-        srv_type: type[Service[RequestT, ResponseT]],
-        name: str,
-        qos: QoSLike = 10,
-        *,
-        arrays: bool = False,
+        self, srv_type: type[Service[RequestT, ResponseT]], name: str, qos: QoSLike = 10, *, arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
-    ) -> Client[RequestT, ResponseT]: ...
+    ) -> Client[RequestT, ResponseT]: ...  # fmt: skip
     @overload
     def create_client(
         self, srv_type: str, name: str, qos: QoSLike = 10, *, type_hash_check: TypeCheck | None = None

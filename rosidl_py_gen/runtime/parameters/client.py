@@ -432,5 +432,8 @@ class ParameterClient(CompositeEntity):
 
     def events(self) -> ParameterEvents:
         """Return an iterator of the remote node's parameter events."""
-        self._scope.require_open(self._closed, f"the parameter client of {self.node}")
+        self._require_open()
         return ParameterEvents(self._parts, self._names, self.node)
+
+    def _described(self) -> str:
+        return f"the parameter client of {self.node}"

@@ -108,7 +108,7 @@ class SimTimePublisher(CompositeEntity):
     @rate.setter
     def rate(self, rate: float) -> None:
         rate = _checked_rate(rate)
-        self._scope.require_open(self._closed, "a publisher of simulated time")
+        self._require_open()
         previous, self._rate = self._rate, rate
         if not rate:
             self._timer.cancel()
@@ -141,6 +141,9 @@ class SimTimePublisher(CompositeEntity):
         _require_time("now", now)
         self._publisher.publish(ClockMessage(clock=now.to_msg()))
         self._now_ns = now.nanoseconds
+
+    def _described(self) -> str:
+        return "a publisher of simulated time"
 
     def _tick(self) -> None:
         wall_ns = self._wall.now_ns()
