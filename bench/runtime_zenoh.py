@@ -19,7 +19,7 @@ from typing import Any
 
 from runtime_common import STOP, TEXT, cpu_s, percentile, report
 
-from rosidl_py_gen.runtime.transport.zenoh.attachment import pack, unpack
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack, unpack
 
 
 @contextmanager

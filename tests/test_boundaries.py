@@ -78,7 +78,7 @@ RESTRICTED = {
     # Others ask the loop, or the clocks of the transport, which stand still in tests. The second half of these modules
     # is about threads, processes and files.
     r"time\.(monotonic|time|perf_counter)(_ns)?": (
-        "runtime.transport.clock_functions",
+        "runtime.transport.api",
         "runtime.transport.cyclone",
         "runtime.transport.zenoh",
         "runtime.logs",

@@ -155,7 +155,10 @@ from rosidl_py_gen.runtime.transport.api import SecurityEnclave as SecurityEncla
 from rosidl_py_gen.runtime.transport.api import SecurityError as SecurityError
 from rosidl_py_gen.runtime.transport.api import Transport as Transport
 from rosidl_py_gen.runtime.transport.api import TransportError as TransportError
-from rosidl_py_gen.runtime.transport.cyclone.sockets import ENOUGH_SOCKET_BYTES as ENOUGH_SOCKET_BYTES
+from rosidl_py_gen.runtime.transport.cyclone.endpoints import ENOUGH_SOCKET_BYTES as ENOUGH_SOCKET_BYTES
+from rosidl_py_gen.runtime.transport.matching import Compatibility as Compatibility
+from rosidl_py_gen.runtime.transport.matching import CompatibilityResult as CompatibilityResult
+from rosidl_py_gen.runtime.transport.matching import check_compatible as check_compatible
 from rosidl_py_gen.runtime.transport.memory import MemoryTransport as MemoryTransport
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS as ACTION_STATUS
 from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE as BEST_AVAILABLE
@@ -170,8 +173,5 @@ from rosidl_py_gen.runtime.transport.qos import Liveliness as Liveliness
 from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind as QoSPolicyKind
 from rosidl_py_gen.runtime.transport.qos import QoSProfile as QoSProfile
 from rosidl_py_gen.runtime.transport.qos import Reliability as Reliability
-from rosidl_py_gen.runtime.transport.qos_matching import Compatibility as Compatibility
-from rosidl_py_gen.runtime.transport.qos_matching import CompatibilityResult as CompatibilityResult
-from rosidl_py_gen.runtime.transport.qos_matching import check_compatible as check_compatible
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter as ZenohRouter
 from rosidl_py_gen.runtime.type_resolution.description_client import TypeDescriptionError as TypeDescriptionError

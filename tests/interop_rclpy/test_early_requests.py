@@ -13,7 +13,7 @@ from support.node_fixtures import until
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_samples
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import request_samples
 from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 if TYPE_CHECKING:

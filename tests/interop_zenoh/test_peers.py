@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 from support.node_fixtures import until
 
 from rosidl_py_gen.runtime import QoSProfile, ServerLostError
-from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import gid_of
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import gid_of
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable

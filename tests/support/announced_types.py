@@ -20,7 +20,7 @@ from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription_Response,
 )
 from rosidl_py_gen.runtime.transport.dds import discovery_info
-from rosidl_py_gen.runtime.transport.type_names import wire_type
+from rosidl_py_gen.runtime.transport.dds.names import wire_type
 from support import raw_endpoints
 from support.raw_endpoints import topic_name
 

@@ -32,7 +32,7 @@ from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.runtime import Context, LoopRunner, MemoryTransport, Node
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
-from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS, ClockFunctions
+from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
 from rosidl_py_gen.runtime.transport.cyclone import library
 from support.machine_locks import holds, lock
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.dds.names import topic_key_of, wire_name
+from rosidl_py_gen.runtime.transport.dds.names import ros_type, topic_key_of, wire_name
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 from rosidl_py_gen.runtime.transport.memory import MemoryParticipant
-from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Reader, Writer

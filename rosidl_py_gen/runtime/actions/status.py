@@ -24,7 +24,7 @@ from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.message_types import MessageType
-    from rosidl_py_gen.runtime.transport.samples import Payload
+    from rosidl_py_gen.runtime.transport.api import Payload
 
 _ROW = struct.Struct("<16s3xiIB")
 _FIRST = HEADER_BYTES + COUNT_BYTES

@@ -21,8 +21,8 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
+    from rosidl_py_gen.runtime.transport.api import Payload
     from rosidl_py_gen.runtime.transport.qos import QoSLike
-    from rosidl_py_gen.runtime.transport.samples import Payload
 
 
 class IntrospectionState(IntEnum):

@@ -21,7 +21,7 @@ from rosidl_py_gen.msgs.hashes import HASHES
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.samples import Payload
+    from rosidl_py_gen.runtime.transport.api import Payload
 
 T = TypeVar("T")
 RequestT = TypeVar("RequestT")

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
+    from rosidl_py_gen.runtime.transport.api import Payload
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.samples import Payload
     from rosidl_py_gen.runtime.transport.service_api import RequestId
 
 RequestT = TypeVar("RequestT")

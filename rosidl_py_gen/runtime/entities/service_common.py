@@ -11,7 +11,7 @@ from rosidl_py_gen.runtime.entities.service_converters import ServiceConverters
 from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode, type_hashes_differ
 from rosidl_py_gen.runtime.loop.send_queue import SendQueue
-from rosidl_py_gen.runtime.transport.qos_matching import without_best_available
+from rosidl_py_gen.runtime.transport.matching import without_best_available
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
 
 if TYPE_CHECKING:

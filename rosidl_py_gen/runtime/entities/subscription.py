@@ -27,7 +27,7 @@ from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.loop.user_functions import require_concurrency
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.qos_matching import resolve_best_available
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
 if TYPE_CHECKING:
     from collections import deque
@@ -37,9 +37,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import MessageType
     from rosidl_py_gen.runtime.graph.endpoint_events import SubscriptionEventCallbacks
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
-    from rosidl_py_gen.runtime.transport.api import Reader
+    from rosidl_py_gen.runtime.transport.api import Payload, Reader, Sample
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.samples import Payload, Sample
 
 T = TypeVar("T")
 

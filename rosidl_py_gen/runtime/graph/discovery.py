@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, NodeEntities
-from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility, IncompatibilityKind
+from rosidl_py_gen.runtime.transport.matching import Incompatibility, IncompatibilityKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

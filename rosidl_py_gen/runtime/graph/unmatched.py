@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-from rosidl_py_gen.runtime.transport.qos_matching import find_preset
+from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind, find_preset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from rosidl_py_gen.runtime.graph.graph import Graph
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
-    from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility
+    from rosidl_py_gen.runtime.transport.matching import Incompatibility
 
 _MAX_PEERS = 3
 """Maximum number of peers that a text names."""

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.base.registration import Registration
     from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
-    from rosidl_py_gen.runtime.transport.api import Participant
-    from rosidl_py_gen.runtime.transport.samples import Sink
+    from rosidl_py_gen.runtime.transport.api import Participant, Sink
 
 T = TypeVar("T")
 

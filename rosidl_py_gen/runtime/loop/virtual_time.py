@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
-from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
+from rosidl_py_gen.runtime.transport.api import ClockFunctions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

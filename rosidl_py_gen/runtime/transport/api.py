@@ -10,21 +10,82 @@ thread, also while the loop still waits; a sink pops what it needs from the queu
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
+from rosidl_py_gen.cdr.layout import NETWORK_ALIGN, PADDING
 from rosidl_py_gen.errors import ExtraMissingError, RosidlError
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities, TopicKey
-from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
-    from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-    from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
+    from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec, TransportClient, TransportServer
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFunctions:
+    """Clocks of a transport: those of this machine, or those of a test with virtual time.
+
+    Attributes:
+        system_ns: nanoseconds since the epoch.
+        steady_ns: nanoseconds of a monotonic clock. The event loop's `time` must run at the same speed.
+    """
+
+    system_ns: Callable[[], int] = time.time_ns
+    steady_ns: Callable[[], int] = time.monotonic_ns
+
+
+SYSTEM_CLOCKS = ClockFunctions()
+"""Clocks of this machine."""
+
+
+Payload: TypeAlias = "bytes | memoryview"
+"""A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
+
+Sample: TypeAlias = "tuple[Payload, int, int, int, int | None]"
+"""Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns), and the writer's
+sequence number if the transport reports it.
+
+A plain tuple: it is created for each message, and a named tuple costs ten times as much.
+"""
+
+Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
+"""Takes what was received. It does not call functions of the user; it returns a function that does, which is called
+a moment later."""
+
+_PADDING = PADDING[NETWORK_ALIGN]
+
+
+def pad_to_4_bytes(data: Payload) -> bytes:
+    """Return the sample padded with zeros, as DDS would send up to three bytes of memory after it."""
+    return bytes(data) + _PADDING[len(data) % NETWORK_ALIGN]
+
+
+class ReceiveQueue:
+    """Received samples that were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL retains all.
+
+    Appending and popping are single operations of a deque, so one thread may append while another one pops.
+    """
+
+    __slots__ = ("dropped", "items")
+
+    def __init__(self, qos: QoSProfile) -> None:
+        depth = None if qos.history is History.KEEP_ALL else max(1, qos.depth)
+        self.items: deque[Sample] = deque(maxlen=depth)
+        self.dropped = 0
+
+    def push(self, sample: Sample) -> None:
+        """Add the newest sample."""
+        items = self.items
+        if len(items) == items.maxlen:
+            self.dropped += 1
+        items.append(sample)
 
 
 class TransportError(RosidlError):

@@ -15,7 +15,15 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS, ClockFunctions
+from rosidl_py_gen.runtime.transport.api import (
+    SYSTEM_CLOCKS,
+    ClockFunctions,
+    Payload,
+    ReceiveQueue,
+    Sample,
+    Sink,
+    pad_to_4_bytes,
+)
 from rosidl_py_gen.runtime.transport.discovery_events import (
     DiscoveredEndpoint,
     DiscoveryEvent,
@@ -25,10 +33,8 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     ParticipantDiscovered,
     TopicKey,
 )
-from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
+from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind, check_compatible
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, effective
-from rosidl_py_gen.runtime.transport.qos_matching import check_compatible
-from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sample, Sink, pad_to_4_bytes
 from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServerAvailability, ServiceSpec
 from rosidl_py_gen.runtime.transport.service_endpoints import (
     EndpointPairClient,

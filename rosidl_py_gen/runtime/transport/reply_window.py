@@ -17,7 +17,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS, ClockFunctions
+from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 if TYPE_CHECKING:

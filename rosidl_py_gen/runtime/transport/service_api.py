@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.errors import DecodeError
-    from rosidl_py_gen.runtime.transport.samples import Payload, Sink
+    from rosidl_py_gen.runtime.transport.api import Payload, Sink
 
 
 class ServiceConversion(NamedTuple):

@@ -7,17 +7,51 @@ servers of which none is left.
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, EntityLost, TopicKey
-from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 from rosidl_py_gen.runtime.transport.service_api import NoReply, Reply, ServerAvailability, ServiceSpec
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Hashable, Iterable
 
     from rosidl_py_gen.runtime.transport.api import Reader, Writer
+
+ResultT = TypeVar("ResultT")
+
+
+class Versioned(Protocol):
+    """A set of endpoints whose `version` grows with each change."""
+
+    version: int
+
+
+class MatchCache(Generic[ResultT]):
+    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same."""
+
+    def __init__(self, endpoints: Versioned, check: Callable[[Hashable], ResultT]) -> None:
+        self._endpoints = endpoints
+        self._check = check
+        self._positive: dict[Hashable, ResultT] = {}
+        self._version = -1
+
+    def get(self, key: Hashable = None) -> ResultT:
+        """Return the cached result for `key`, or check."""
+        version = self._endpoints.version
+        if version != self._version:
+            self._positive.clear()
+            self._version = version
+        result = self._positive.get(key)
+        if result is None:
+            result = self._check(key)
+            if result and version == self._version:  # else another thread has seen a newer version
+                self._positive[key] = result
+        return result
+
+    def clear(self) -> None:
+        """Discard all results."""
+        self._positive.clear()
 
 
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:

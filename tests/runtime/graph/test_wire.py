@@ -9,11 +9,11 @@ from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.graph.graph import BARE_DDS_NODE, UNKNOWN_NODE, Graph
-from rosidl_py_gen.runtime.transport.dds import discovery_info_message
+from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.dds import names as ddsnames
+from rosidl_py_gen.runtime.transport.dds.names import ros_type, wire_type
 from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, NodeEntities, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.type_names import ros_type, wire_type
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
 GUID = PREFIX + b"\0\0\1\xc1"
@@ -97,7 +97,7 @@ def test_user_data_is_read_up_to_what_is_malformed(data: bytes, pairs: dict[str,
 
 def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
     reader, writer = PREFIX + b"\0\0\5\4", PREFIX + b"\0\0\6\3"
-    data = discovery_info_message.encode(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
+    data = discovery_info.encode_message(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
     expected = ParticipantEntitiesInfo(
         gid=Gid(data=GUID),
         node_entities_info_seq=[
@@ -106,7 +106,7 @@ def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
     )
     assert data == expected.encode()
     assert ParticipantEntitiesInfo._TYPE.hash == HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
-    assert discovery_info_message.decode(data, PREFIX).nodes[0].writer_gids == {writer}
+    assert discovery_info.decode_message(data, PREFIX).nodes[0].writer_gids == {writer}
 
 
 @pytest.mark.parametrize("pad", [b"", b"\0\0"])
@@ -123,7 +123,7 @@ def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
         + (number(1) + reader + tail)
         + number(0)
     ) + pad
-    message = discovery_info_message.decode(data, PREFIX)
+    message = discovery_info.decode_message(data, PREFIX)
     assert message.participant_guid == GUID
     assert message.nodes == [NodeEntities("/", "ab", frozenset([reader]), frozenset())]
 
@@ -132,14 +132,14 @@ def test_an_invalid_name_or_guid_hides_no_other_node_of_the_participant() -> Non
     good = NodeEntities("/", "good", frozenset(), frozenset())
     for name in ("", "a b", "a\0b", "\n\x1b[31m", "x" * 2_000_000):
         sent = [good, NodeEntities("no//ns", name, frozenset(), frozenset()), good]
-        message = discovery_info_message.decode(discovery_info_message.encode(PREFIX + b"\0\0\0\7", sent), PREFIX)
+        message = discovery_info.decode_message(discovery_info.encode_message(PREFIX + b"\0\0\0\7", sent), PREFIX)
         assert message[:2] == (GUID, sent)
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])
 def test_other_bytes_are_refused(data: bytes) -> None:
     with pytest.raises(DecodeError):
-        discovery_info_message.decode(data, PREFIX)
+        discovery_info.decode_message(data, PREFIX)
 
 
 def test_endpoints_find_their_node_or_a_placeholder() -> None:

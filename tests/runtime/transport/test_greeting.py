@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import (
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
     acknack_packet,
     parse_locators,
     request_endpoints,

@@ -13,7 +13,7 @@ from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.node.environment import read_environment
-from rosidl_py_gen.runtime.transport.dds import discovery_info, discovery_info_message
+from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -30,23 +30,23 @@ Humble: Any = get_message("rmw_dds_common/msg/ParticipantEntitiesInfo", distro="
 
 
 def test_the_format_of_humble_is_what_its_class_writes() -> None:
-    data = discovery_info_message.encode(GUID, NODES, is_humble=True)
+    data = discovery_info.encode_message(GUID, NODES, is_humble=True)
     message = Humble.decode(data)
     assert message.encode() == data
     (node,) = message.node_entities_info_seq
     assert (node.node_namespace, node.node_name) == ("/robot", "talker")
     assert [bytes(gid.data) for gid in node.reader_gid_seq] == [READER + bytes(8)]
-    assert discovery_info_message.decode(data, PREFIX) == (GUID, NODES, True)
-    assert discovery_info_message.decode(discovery_info_message.encode(GUID, NODES), PREFIX) == (GUID, NODES, False)
+    assert discovery_info.decode_message(data, PREFIX) == (GUID, NODES, True)
+    assert discovery_info.decode_message(discovery_info.encode_message(GUID, NODES), PREFIX) == (GUID, NODES, False)
 
 
 def test_later_distributions_read_no_nodes_in_the_format_of_humble() -> None:
-    data = discovery_info_message.encode(GUID, NODES, is_humble=True)
+    data = discovery_info.encode_message(GUID, NODES, is_humble=True)
     assert ParticipantEntitiesInfo.decode(data).node_entities_info_seq == []
 
 
 def test_humble_takes_a_namespace_for_the_number_of_nodes() -> None:
-    data = discovery_info_message.encode(GUID, NODES)
+    data = discovery_info.encode_message(GUID, NODES)
     assert int.from_bytes(data[HEADER_BYTES + 24 :][:4], "little") == int.from_bytes(b"/rob", "little") > 1.6e9
     with pytest.raises(DecodeError):
         Humble.decode(data)
@@ -73,7 +73,7 @@ class Formats:
         while self._reader.queue.items:
             data, _, handle, *_ = self._reader.queue.items.popleft()
             if (self._reader.writer_guid(handle) or b"")[:12] == self._prefix:
-                self._last = discovery_info_message.decode(data, self._prefix).is_humble
+                self._last = discovery_info.decode_message(data, self._prefix).is_humble
         return self._last
 
 
@@ -161,7 +161,7 @@ async def test_a_message_that_is_read_after_its_writer_has_left_does_not_decide_
     topic.forward_events([EntityLost(short)])
     assert topic._wrote_humble is False
     monkeypatch.setattr(topic._reader, "writer_guid", lambda _: short)
-    topic._reader.queue.items.append((discovery_info_message.encode(GUID, NODES, is_humble=True), 0, 1, 0, None))
+    topic._reader.queue.items.append((discovery_info.encode_message(GUID, NODES, is_humble=True), 0, 1, 0, None))
     topic._on_messages()
     assert topic._wrote_humble is False
     assert short not in topic._layouts and short not in topic._heard_writers and short not in topic._undecided

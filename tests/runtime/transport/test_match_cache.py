@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.match_cache import MatchCache
+from rosidl_py_gen.runtime.transport.service_endpoints import MatchCache
 
 if TYPE_CHECKING:
     from collections.abc import Hashable

@@ -10,7 +10,14 @@ import pytest
 
 from rosidl_py_gen.runtime.transport import qos
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
-from rosidl_py_gen.runtime.transport.incompatibility import Incompatibility, IncompatibilityKind
+from rosidl_py_gen.runtime.transport.matching import (
+    Compatibility,
+    Incompatibility,
+    IncompatibilityKind,
+    check_compatible,
+    resolve_best_available,
+    without_best_available,
+)
 from rosidl_py_gen.runtime.transport.qos import (
     BEST_AVAILABLE,
     DEFAULT,
@@ -24,12 +31,6 @@ from rosidl_py_gen.runtime.transport.qos import (
     QoSProfile,
     Reliability,
     as_profile,
-)
-from rosidl_py_gen.runtime.transport.qos_matching import (
-    Compatibility,
-    check_compatible,
-    resolve_best_available,
-    without_best_available,
 )
 
 REL, BE = Reliability.RELIABLE, Reliability.BEST_EFFORT

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rosidl_py_gen.runtime.transport.clock_functions import ClockFunctions
+from rosidl_py_gen.runtime.transport.api import ClockFunctions
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ACK_TIMEOUT_S, HOLD_S, PROBE_S, ReplyWindow
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rosidl_py_gen.runtime.transport.api import pad_to_4_bytes
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
 from rosidl_py_gen.runtime.transport.dds.correlation import embed_identity, extract_identity
-from rosidl_py_gen.runtime.transport.samples import pad_to_4_bytes
 
 FAST, CYCLONE, RTI, OTHER = b"\x01\x0f", b"\x01\x10", b"\x01\x01", b"\x01\x12"
 READER = bytes(range(12)) + b"\0\0\x13\x04"

@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     discard_secured_fast_dds,
     has_hashed_guid,
 )
-from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, topic_key_of
+from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, ros_type, topic_key_of
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,
@@ -38,7 +38,6 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     EntityLost,
     ParticipantDiscovered,
 )
-from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

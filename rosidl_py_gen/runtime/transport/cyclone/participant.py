@@ -24,15 +24,23 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings, SecurityError, TransportError
-from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
+from rosidl_py_gen.runtime.transport.api import (
+    SYSTEM_CLOCKS,
+    DiscoveryRange,
+    DomainSettings,
+    SecurityError,
+    TransportError,
+)
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_acknack import request_endpoints, request_samples
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import EarlySampleReaders
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
+    EarlySampleReaders,
+    request_endpoints,
+    request_samples,
+)
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import PROBE_TYPE, FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
 from rosidl_py_gen.runtime.transport.cyclone.security import (
@@ -58,11 +66,10 @@ from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.runtime.transport.api import SecurityEnclave
+    from rosidl_py_gen.runtime.transport.api import SecurityEnclave, Sink
+    from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
     from rosidl_py_gen.runtime.transport.cyclone.governance import Governance
     from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog
-    from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
-    from rosidl_py_gen.runtime.transport.samples import Sink
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256

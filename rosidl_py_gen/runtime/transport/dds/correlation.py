@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
-    from rosidl_py_gen.runtime.transport.samples import Payload
+    from rosidl_py_gen.runtime.transport.api import Payload
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
 """GUID of a client and number of its request; sent with the request and with its reply."""

@@ -1,4 +1,8 @@
-"""Topic `ros_discovery_info`, on which DDS participants announce their nodes.
+"""Topic `ros_discovery_info`, on which DDS participants announce their nodes, and the codec of its message.
+
+The codec is not generated, because one type name stands for two layouts: GIDs of Humble have 24 bytes, later ones 16.
+The message begins with the GUID of its sender, and only the right layout consumes the rest exactly. Big-endian messages
+do not exist.
 
 Source: docs/internals/protocol.md 6.2.
 """
@@ -6,15 +10,15 @@ Source: docs/internals/protocol.md 6.2.
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.waiters import current_loop
+from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES, NETWORK_ALIGN, NUL, align_offset
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, Reader
-from rosidl_py_gen.runtime.transport.dds import discovery_info_message
 from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
@@ -27,13 +31,124 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
-    from rosidl_py_gen.runtime.transport.dds.discovery_info_message import DiscoveryInfoMessage
+    from rosidl_py_gen.runtime.transport.api import Payload
     from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 
-DISCOVERY_TOPIC = "ros_discovery_info"
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+_PARTICIPANT = bytes.fromhex("000001c1")
+"""Entity id of every participant. The last bytes of the GUID in a message may be others."""
+GID_BYTES = 16
+HUMBLE_GID_BYTES = 24
+"""Size of a GID in Humble and earlier: a GUID, then zeros."""
+_MAX_ITEMS = 1 << 20
+"""Maximum number of nodes or endpoints of a participant; a larger number means that the layout is wrong."""
+
+
+class DiscoveryInfoMessage(NamedTuple):
+    """All nodes of one participant; `is_humble` is True if GIDs have 24 bytes."""
+
+    participant_guid: bytes
+    nodes: list[NodeEntities]
+    is_humble: bool = False
+
+
+def encode_message(participant_guid: bytes, nodes: Iterable[NodeEntities], *, is_humble: bool = False) -> bytes:
+    """Encode a message; with `is_humble`, in the layout of Humble."""
+    gid_bytes = HUMBLE_GID_BYTES if is_humble else GID_BYTES
+    out = bytearray(HEADER)
+    out += participant_guid.ljust(gid_bytes, b"\0")
+    entries = list(nodes)
+    _append_count(out, len(entries))
+    for node in entries:
+        for text in (node.namespace, node.name):
+            data = text.encode() + NUL
+            _append_count(out, len(data))
+            out += data
+        for gids in (node.reader_gids, node.writer_gids):
+            _append_count(out, len(gids))
+            out += b"".join(gid.ljust(gid_bytes, b"\0") for gid in sorted(gids))
+    return bytes(out)
+
+
+def _append_count(out: bytearray, count: int) -> None:
+    out += bytes(align_offset(len(out), COUNT_BYTES) - len(out))
+    out += count.to_bytes(COUNT_BYTES, "little")
+
+
+def decode_message(data: Payload, sender_prefix: bytes) -> DiscoveryInfoMessage:
+    """Decode the message of the participant whose GUID begins with `sender_prefix` (12 bytes).
+
+    Raises:
+        DecodeError: the bytes have neither layout.
+    """
+    raw = bytes(data)
+    is_humble = False
+    try:
+        nodes = _MessageCursor(raw, GID_BYTES, sender_prefix).message()
+    except DecodeError as error:
+        try:
+            nodes = _MessageCursor(raw, HUMBLE_GID_BYTES, sender_prefix).message()
+            is_humble = True
+        except DecodeError:
+            raise error from None
+    participant = raw[HEADER_BYTES : HEADER_BYTES + GUID_PREFIX_BYTES] + _PARTICIPANT
+    return DiscoveryInfoMessage(participant, nodes, is_humble)
+
+
+@dataclass(slots=True)
+class _MessageCursor:
+    """Decoder of one layout; `position` counts from the start of the header."""
+
+    data: bytes
+    gid_bytes: int
+    sender_prefix: bytes
+    position: int = HEADER_BYTES
+
+    def message(self) -> list[NodeEntities]:
+        if self._read(self.gid_bytes)[:GUID_PREFIX_BYTES] != self.sender_prefix:
+            raise DecodeError(f"{_TYPE}.gid", HEADER_BYTES, "expected the GUID of the sender")
+        nodes = [self._node() for _ in range(self._count("node_entities_info_seq"))]
+        # The network pads to a multiple of 4 (docs/internals/protocol.md 2.4).
+        left = len(self.data) - self.position
+        if left >= NETWORK_ALIGN or any(self.data[self.position :]):
+            raise DecodeError(_TYPE, self.position, f"expected the end of the message, found {left} more bytes")
+        return nodes
+
+    def _node(self) -> NodeEntities:
+        namespace, name = self._text(), self._text()
+        readers = self._gids("reader_gid_seq")
+        return NodeEntities(namespace, name, readers, self._gids("writer_gid_seq"))
+
+    def _read(self, size: int) -> bytes:
+        end = self.position + size
+        if end > len(self.data):
+            left = len(self.data) - self.position
+            raise DecodeError(_TYPE, self.position, f"expected {size} bytes, found {left}")
+        data = self.data[self.position : end]
+        self.position = end
+        return data
+
+    def _number(self) -> int:
+        self.position = align_offset(self.position, COUNT_BYTES)
+        return int.from_bytes(self._read(COUNT_BYTES), "little")
+
+    def _count(self, field: str) -> int:
+        count = self._number()
+        if count > _MAX_ITEMS:
+            offset = self.position - COUNT_BYTES
+            raise DecodeError(f"{_TYPE}.{field}", offset, f"expected at most {_MAX_ITEMS} elements, found {count}")
+        return count
+
+    def _text(self) -> str:
+        return self._read(self._number()).rstrip(NUL).decode(errors="replace")
+
+    def _gids(self, field: str) -> frozenset[bytes]:
+        return frozenset(self._read(self.gid_bytes)[:16] for _ in range(self._count(field)))
+
+
+DISCOVERY_TOPIC = "ros_discovery_info"
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
 _RETRY_DELAYS_S = (0.05, 0.2, 0.5)
@@ -109,7 +224,7 @@ class DiscoveryInfoTopic:
 
     def _write(self) -> None:
         is_humble = self._wrote_humble = self._is_humble_wanted()
-        self._writer.write(discovery_info_message.encode(self._participant.guid, self._nodes, is_humble=is_humble))
+        self._writer.write(encode_message(self._participant.guid, self._nodes, is_humble=is_humble))
 
     def read(self) -> None:
         """Report the received announcements."""
@@ -211,7 +326,7 @@ class DiscoveryInfoTopic:
                 self._heard_writers.add(guid)
             prefix = guid[:GUID_PREFIX_BYTES]
             try:
-                message = discovery_info_message.decode(data, prefix)
+                message = decode_message(data, prefix)
             except DecodeError as err:
                 internal_logger().warning(f"ignored a graph message of participant {prefix.hex('.')}: {err}")
                 continue

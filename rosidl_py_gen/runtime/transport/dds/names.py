@@ -1,4 +1,4 @@
-"""Names of ROS topics and services in DDS, and the texts that ROS puts into USER_DATA.
+"""Names of ROS topics, services and types in DDS, and the texts that ROS puts into USER_DATA. Zenoh has the same types.
 
 A name without the form of ROS is an unmangled topic, never an error: DDS programs that do not use ROS may share the
 domain.
@@ -15,6 +15,23 @@ from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, 
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+
+def wire_type(ros_name: str) -> str:
+    """Convert ``std_msgs/msg/String`` to ``std_msgs::msg::dds_::String_``; return any other text unchanged."""
+    parts = ros_name.split("/")
+    if len(parts) != 3:
+        return ros_name
+    package, kind, name = parts
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def ros_type(wire_name: str) -> str:
+    """Convert ``std_msgs::msg::dds_::String_`` to ``std_msgs/msg/String``; return any other text unchanged."""
+    if "dds_::" not in wire_name or not wire_name.endswith("_"):
+        return wire_name
+    return wire_name.replace("dds_::", "")[:-1].replace("::", "/")
+
 
 _AFFIXES: Mapping[Literal["topic", "request", "reply"], tuple[str, str]] = {
     "topic": ("rt", ""),

@@ -12,12 +12,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
-from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name
+from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer, ServiceWriter
-from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-from rosidl_py_gen.runtime.transport.qos_matching import check_compatible
+from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind, check_compatible
 from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
-from rosidl_py_gen.runtime.transport.type_names import wire_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -22,7 +22,6 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     strip_request_header,
     uses_sample_identity,
 )
-from rosidl_py_gen.runtime.transport.match_cache import MatchCache
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
@@ -32,11 +31,11 @@ from rosidl_py_gen.runtime.transport.service_api import (
     ServerAvailability,
     ServiceSpec,
 )
-from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient, EndpointPairServer
+from rosidl_py_gen.runtime.transport.service_endpoints import EndpointPairClient, EndpointPairServer, MatchCache
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.api import Payload
     from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
-    from rosidl_py_gen.runtime.transport.samples import Payload
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before

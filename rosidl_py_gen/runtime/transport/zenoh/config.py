@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import zenoh
 
 from rosidl_py_gen.errors import RosidlError, printable
-from rosidl_py_gen.runtime.transport.zenoh.keys import FORMAT_VARIABLE
+from rosidl_py_gen.runtime.transport.matching import FORMAT_VARIABLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -37,13 +37,16 @@ import zenoh.handlers
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.api import Payload, ReceiveQueue, Sink, TransportError
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, Reliability
-from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
-from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
-from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_buffer_key
-from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
+    DEFAULT_DEPTH,
+    AttachmentError,
+    cpu_buffer_key,
+    pack_attachment,
+    unpack_attachment,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -157,7 +160,7 @@ class ZenohWriter:
     def write(self, data: Payload) -> bool:
         if self._closed:
             raise ClosedError(f"the writer of {self.info.topic_key.name} is closed")
-        attachment = pack(next(self._numbers), _time_ns(), self.guid)
+        attachment = pack_attachment(next(self._numbers), _time_ns(), self.guid)
         try:
             self._put(data if data.__class__ is bytes else bytes(data), attachment=attachment)
         except zenoh.ZError as error:
@@ -288,7 +291,7 @@ class ZenohReader:
         try:
             if attachment is None:
                 raise AttachmentError("expected an attachment of 33 bytes, found none")
-            return unpack(attachment.to_bytes())
+            return unpack_attachment(attachment.to_bytes())
         except AttachmentError as error:
             self._bad_attachment = self._bad_attachment or f"dropped a sample on {received.key_expr}: {error}"
             self._owner.ready_sinks.put(self._log_bad_attachment)  # in the loop: log handlers may block

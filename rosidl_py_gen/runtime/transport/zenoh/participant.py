@@ -20,24 +20,14 @@ import zenoh
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
+from rosidl_py_gen.runtime.transport.dds.names import wire_type
 from rosidl_py_gen.runtime.transport.qos import Durability, QoSProfile
-from rosidl_py_gen.runtime.transport.type_names import wire_type
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import (
     ZenohReader,
     ZenohWriter,
     leak_after_fork,
     zenoh_handler,
 )
-from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
-from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import (
-    CPU_BACKEND,
-    EndpointToken,
-    EntityKind,
-    NodeToken,
-    gid_of,
-    tokens_of,
-)
-from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
 from rosidl_py_gen.runtime.transport.zenoh.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
@@ -46,13 +36,24 @@ from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
     incompatibility,
     participant_guid,
 )
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
+    CPU_BACKEND,
+    EndpointToken,
+    EntityKind,
+    NodeToken,
+    data_key,
+    gid_of,
+    qos_text,
+    read_qos,
+    tokens_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rosidl_py_gen.runtime.transport.api import Sink
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
-    from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-    from rosidl_py_gen.runtime.transport.samples import Sink
+    from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.samples import Sink
+    from rosidl_py_gen.runtime.transport.api import Sink
 
 _MAX_BYTES = 64
 

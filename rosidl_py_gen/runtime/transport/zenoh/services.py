@@ -28,9 +28,9 @@ from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability, no_conversion
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
-from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
@@ -185,7 +185,10 @@ class ZenohClient(_ZenohServiceEndpoint):
         query_timeout_s = self._default_timeout_s
         if timeout_s is not None:
             query_timeout_s = min(timeout_s + _QUERY_TIMEOUT_MARGIN_S, _NO_TIMEOUT_S)
-        callback, attachment = zenoh_handler(query.on_reply, query.on_end), pack(number, _time_ns(), self.guid)
+        callback, attachment = (
+            zenoh_handler(query.on_reply, query.on_end),
+            pack_attachment(number, _time_ns(), self.guid),
+        )
         try:
             self._owner.session.get(
                 key,
@@ -419,7 +422,7 @@ class ZenohServer(_ZenohServiceEndpoint):
             key = self._key
             if type_hash:
                 key, data = self._key_of(type_hash), self._conversion(type_hash).sent(data)
-            query.reply(key, data, attachment=pack(number, _time_ns(), gid))
+            query.reply(key, data, attachment=pack_attachment(number, _time_ns(), gid))
         except zenoh.ZError as error:
             subject = f"Zenoh could not send a response of {len(data)} bytes on {self.info.topic_key.name}"
             raise TransportError(f"{subject}: {error}") from None

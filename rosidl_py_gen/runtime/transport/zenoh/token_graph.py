@@ -16,6 +16,7 @@ from collections import defaultdict, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.runtime.transport.dds.names import ros_type
 from rosidl_py_gen.runtime.transport.discovery_events import (
     DiscoveredEndpoint,
     DiscoveryEvent,
@@ -25,15 +26,14 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     ParticipantDiscovered,
     TopicKey,
 )
-from rosidl_py_gen.runtime.transport.incompatibility import IncompatibilityKind
-from rosidl_py_gen.runtime.transport.type_names import ros_type
-from rosidl_py_gen.runtime.transport.zenoh.keys import valid_hash_or_empty
-from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import (
+from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     EndpointToken,
     EntityKind,
     NodeToken,
     gid_of,
     read_token,
+    valid_hash_or_empty,
 )
 
 if TYPE_CHECKING:

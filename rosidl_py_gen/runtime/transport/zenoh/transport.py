@@ -12,8 +12,7 @@ from typing import ClassVar
 
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.api import BackendMissingError, DomainSettings, TransportError
-from rosidl_py_gen.runtime.transport.clock_functions import SYSTEM_CLOCKS
+from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, BackendMissingError, DomainSettings, TransportError
 
 try:
     import zenoh

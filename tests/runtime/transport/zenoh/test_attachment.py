@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import AttachmentError, pack_attachment, unpack_attachment
 
 GID = bytes.fromhex("eb85fa883b7846dc448a4501890ad062")
 BYTES = bytes.fromhex(
@@ -21,8 +21,8 @@ NUMBERS = st.integers(0, 2**63 - 1)
 
 
 def test_an_attachment_has_number_time_and_gid() -> None:
-    assert pack(1, 123456789, GID) == BYTES
-    assert unpack(BYTES) == (1, 123456789, GID)
+    assert pack_attachment(1, 123456789, GID) == BYTES
+    assert unpack_attachment(BYTES) == (1, 123456789, GID)
 
 
 def test_zenoh_itself_writes_the_same_bytes() -> None:
@@ -32,16 +32,16 @@ def test_zenoh_itself_writes_the_same_bytes() -> None:
 
 @given(NUMBERS, NUMBERS, st.binary(min_size=16, max_size=16))
 def test_what_was_packed_comes_back(sequence: int, stamp_ns: int, gid: bytes) -> None:
-    assert unpack(pack(sequence, stamp_ns, gid)) == (sequence, stamp_ns, gid)
+    assert unpack_attachment(pack_attachment(sequence, stamp_ns, gid)) == (sequence, stamp_ns, gid)
 
 
 @given(st.binary(max_size=100))
 def test_no_bytes_raise_anything_but_our_error(data: bytes) -> None:
     try:
-        sequence, stamp_ns, gid = unpack(data)
+        sequence, stamp_ns, gid = unpack_attachment(data)
     except AttachmentError:
         return
-    assert pack(sequence, stamp_ns, gid) == data
+    assert pack_attachment(sequence, stamp_ns, gid) == data
 
 
 @pytest.mark.parametrize(
@@ -57,4 +57,4 @@ def test_no_bytes_raise_anything_but_our_error(data: bytes) -> None:
 )
 def test_an_error_names_the_byte(data: bytes, message: str) -> None:
     with pytest.raises(AttachmentError, match=re.escape(message)):
-        unpack(data)
+        unpack_attachment(data)

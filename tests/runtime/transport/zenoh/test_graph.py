@@ -14,14 +14,14 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     ParticipantDiscovered,
 )
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import (
+from rosidl_py_gen.runtime.transport.zenoh.token_graph import TokenGraph, endpoints_of, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     EndpointToken,
     EntityKind,
     NodeToken,
     gid_of,
     read_token,
 )
-from rosidl_py_gen.runtime.transport.zenoh.token_graph import TokenGraph, endpoints_of, participant_guid
 
 ODD = [
     "@ros2_lv/0/1a/5/5/NN/%/%/a",

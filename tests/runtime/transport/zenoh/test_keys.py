@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_buffer_key, data_key, valid_hash_or_empty
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import cpu_buffer_key, data_key, valid_hash_or_empty
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 STRING = "std_msgs::msg::dds_::String_"

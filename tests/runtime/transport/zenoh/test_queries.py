@@ -15,7 +15,7 @@ from support.node_fixtures import World, until, zenoh_environment
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 from rosidl_py_gen.runtime.transport.zenoh import services
-from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
 
 GID = bytes(range(16))
 
@@ -148,7 +148,7 @@ async def test_a_response_without_content_is_no_lost_server_but_one_without_head
 ) -> None:
     calling = pair.call()
     (gid, number), query = await pair.first_request()
-    query.reply(pair.key, data, attachment=pack(number, 1, gid))
+    query.reply(pair.key, data, attachment=pack_attachment(number, 1, gid))
     query.drop()
     with pytest.raises(error):
         await calling
@@ -157,8 +157,8 @@ async def test_a_response_without_content_is_no_lost_server_but_one_without_head
 async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
     assert await pair.client.wait_for_service(5)
     for data in (b"", b"x", b"\0\1\0"):
-        pair.session.get(pair.key, payload=data, attachment=pack(1, 1, GID))
-    pair.session.get(pair.key, payload=bytes((0, 1)) + bytes(18), attachment=pack(2, 1, GID))
+        pair.session.get(pair.key, payload=data, attachment=pack_attachment(1, 1, GID))
+    pair.session.get(pair.key, payload=bytes((0, 1)) + bytes(18), attachment=pack_attachment(2, 1, GID))
     await until(lambda: pair.reader._queries)
     assert list(pair.reader._queries) == [(GID, 2)]
 
@@ -207,7 +207,11 @@ async def test_samples_without_attachment_are_dropped_with_a_word(
     while "expected an attachment of 33 bytes, found none" not in caplog.text:  # at most one per second is logged
         await asyncio.to_thread(session.put, key, data)
         await asyncio.sleep(0.1)
-    for payload, attachment in ((data, b"\x01" * 33), (b"", pack(1, 1, GID)), (data, pack(2, 1, GID))):
+    for payload, attachment in (
+        (data, b"\x01" * 33),
+        (b"", pack_attachment(1, 1, GID)),
+        (data, pack_attachment(2, 1, GID)),
+    ):
         await asyncio.to_thread(session.put, key, payload, attachment=attachment)
     assert (await subscription.receive(5)).data == "x"
     assert len(subscription._items) == 0

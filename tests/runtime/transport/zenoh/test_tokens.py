@@ -20,16 +20,17 @@ from rosidl_py_gen.runtime.transport.qos import (
     QoSProfile,
     Reliability,
 )
-from rosidl_py_gen.runtime.transport.zenoh.liveliness_tokens import (
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     CPU_BACKEND,
     EndpointToken,
     EntityKind,
     NodeToken,
     gid_of,
+    qos_text,
+    read_qos,
     read_token,
     tokens_of,
 )
-from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
 
 ZID = "8b20917502ee955ac4476e0266340d5c"
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"

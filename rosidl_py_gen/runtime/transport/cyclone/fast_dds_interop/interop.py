@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
-    from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
+    from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
 
 _UNBOUND = "with it, Cyclone DDS before 11 finds no nodes on Fast DDS; data may go to any address that peers announce"

@@ -45,8 +45,8 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
-    from rosidl_py_gen.runtime.transport.cyclone.topics import Sertype
 
 _BAD_PARAMETER = -3
 _DISCARDED = 1

@@ -1,0 +1,298 @@
+"""Formats of rmw_zenoh_cpp: keys of topics and services, attachments, QoS profiles, and liveliness tokens.
+
+Key: it contains the type hash and is matched as a whole. Two endpoints with different definitions exchange nothing, and
+Zenoh reports nothing.
+
+Attachment of a sample, request or reply: sequence number, time and GID of the sender, in 33 bytes; that of a reply has
+the number and the GID of its request. Peers on rmw_zenoh_cpp may crash if they receive any other bytes, so only
+`pack_attachment` creates attachments.
+
+QoS: each profile has one text. Numbers that equal the default of rmw_zenoh_cpp are omitted, so that all implementations
+write the same token. Endpoints decide what a profile means to Zenoh.
+
+Token, by which a node or endpoint announces that it exists: its text is the only description of an endpoint, and its
+hash is the endpoint's GID. So own texts are canonical, and those of peers are hashed as received.
+
+Source: docs/internals/zenoh.md 2, 3, 4.2 to 4.4 and 9 (liveliness_utils.cpp, qos.cpp and attachment_helpers.cpp).
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import struct
+from dataclasses import dataclass
+from enum import Enum
+
+import xxhash
+
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.transport.qos import (
+    INFINITE_NS,
+    MAX_DEPTH,
+    Durability,
+    History,
+    InvalidQoSError,
+    Liveliness,
+    QoSProfile,
+    Reliability,
+)
+
+HASH_NOT_SUPPORTED = "TypeHashNotSupported"
+"""Replaces the type hash in Humble, which has none, in its format, and where the hash is unknown."""
+_TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
+
+
+def data_key(domain_id: int, name: str, type_name: str, type_hash: str) -> str:
+    """Return the key of a topic's samples or of a service's requests.
+
+    Args:
+        name: resolved name, ``/robot1/chatter``.
+        type_name: ``std_msgs::msg::dds_::String_``; of a service without ``Request_`` and ``Response_``.
+        type_hash: of the message, or of the *service*; empty if unknown.
+    """
+    inner = name.removeprefix("/").removesuffix("/")
+    return f"{domain_id}/{inner}/{type_name}/{type_hash or HASH_NOT_SUPPORTED}"
+
+
+def valid_hash_or_empty(chunk: str) -> str:
+    """Return the type hash of a key or token; empty if it is not a valid one, as in Humble."""
+    return chunk if _TYPE_HASH.match(chunk) else ""
+
+
+def cpu_buffer_key(key: str) -> str:
+    """Return the key on which publishers of Lyrical and later send to endpoints with `CPU_BACKEND` in their tokens.
+
+    They do so for messages with an unbounded array of bytes that are not transient local; other messages, and all of
+    earlier distributions, are sent on the key itself (docs/internals/zenoh.md 9.2). Arrays in nested messages count
+    from rosidl_typesupport_fastrtps 3.10.1 on, by its release notes.
+    """
+    return f"{key}/_buf_cpu"
+
+
+ATTACHMENT_BYTES = 33
+_GID_BYTES = 16
+_ATTACHMENT = struct.Struct("<qqB16s")
+_LEGACY_ATTACHMENT_BYTES = 77
+
+
+class AttachmentError(RosidlError, ValueError):
+    """An attachment does not have the format of rmw_zenoh_cpp."""
+
+
+def pack_attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
+    """Encode an attachment.
+
+    Args:
+        sequence: number of the sample at its publisher or client, from 1.
+        stamp_ns: time since the Unix epoch.
+        gid: 16 bytes, a result of `gid_of`.
+    """
+    return _ATTACHMENT.pack(sequence, stamp_ns, _GID_BYTES, gid)
+
+
+def unpack_attachment(data: bytes) -> tuple[int, int, bytes]:
+    """Return sequence number, time in ns and GID; raise `AttachmentError`."""
+    if len(data) != ATTACHMENT_BYTES:
+        legacy = (
+            "; that of rmw_zenoh_cpp before Jazzy's 0.2.4: update the peer"
+            if len(data) == _LEGACY_ATTACHMENT_BYTES
+            else ""
+        )
+        raise AttachmentError(f"expected an attachment of {ATTACHMENT_BYTES} bytes, found {len(data)} bytes{legacy}")
+    sequence, stamp_ns, size, gid = _ATTACHMENT.unpack(data)
+    if size != _GID_BYTES:
+        raise AttachmentError(f"attachment: byte 16: expected {_GID_BYTES}, the length of a GID, found {size}")
+    if sequence < 0:
+        raise AttachmentError(f"attachment: byte 0: expected a sequence number of 0 or more, found {sequence}")
+    if stamp_ns < 0:
+        raise AttachmentError(f"attachment: byte 8: expected a time of 0 or more, found {stamp_ns}")
+    return sequence, stamp_ns, gid
+
+
+DEFAULT_DEPTH = 42
+"""Meaning of depth 0 in rmw_zenoh_cpp, also with KEEP_ALL."""
+
+_FOREVER_S, _FOREVER_NS = sec_nanosec(INFINITE_NS)
+_DEFAULTS = (
+    *(int(Reliability.RELIABLE), int(Durability.VOLATILE), int(History.KEEP_LAST), DEFAULT_DEPTH),
+    *(_FOREVER_S, _FOREVER_NS, _FOREVER_S, _FOREVER_NS, int(Liveliness.AUTOMATIC), _FOREVER_S, _FOREVER_NS),
+)
+_FIELD_SIZES = (1, 1, 2, 2, 2, 3)
+"""Number of numbers in each field between colons."""
+_PERIODS = (4, 5, 6, 7, 9, 10)
+"""Indexes of seconds and nanoseconds."""
+_NUMBER_OR_EMPTY = re.compile(r"[0-9]{0,20}\Z")  # as many digits as the greatest size_t of C++ has
+
+
+def qos_text(qos: QoSProfile) -> str:
+    """Return the text, ``::,10:,:,:,,`` for the default profile; raise `InvalidQoSError` for UNKNOWN policies."""
+    policies = (qos.reliability, qos.durability, qos.history, qos.liveliness)
+    for policy in policies:
+        if policy.name == "UNKNOWN":
+            raise InvalidQoSError(f"{type(policy).__name__}.UNKNOWN cannot be announced; only peers have it")
+    deadline, lifespan, lease = (
+        sec_nanosec(period or INFINITE_NS) for period in (qos.deadline_ns, qos.lifespan_ns, qos.liveliness_lease_ns)
+    )
+    # SYSTEM_DEFAULT is 0 in every policy, and 0 means the default of rmw_zenoh_cpp.
+    numbers = (
+        *(int(qos.reliability), int(qos.durability), int(qos.history), qos.depth),
+        *(*deadline, *lifespan, int(qos.liveliness), *lease),
+    )
+    texts = iter(
+        "" if number == default or (number == 0 and index not in _PERIODS) else str(number)
+        for index, (number, default) in enumerate(zip(numbers, _DEFAULTS, strict=True))
+    )
+    return ":".join(",".join(itertools.islice(texts, size)) for size in _FIELD_SIZES)
+
+
+def read_qos(text: str) -> QoSProfile | None:
+    """Parse the profile of a token; return None if rmw_zenoh_cpp would reject it.
+
+    A depth that is too large becomes the maximum, a period that is too long becomes infinite. Further numbers are
+    ignored.
+    """
+    fields = [part.split(",")[:size] for part, size in zip(text.split(":"), _FIELD_SIZES, strict=False)]
+    texts = [text for part in fields for text in part]
+    if [len(part) for part in fields] != list(_FIELD_SIZES) or not all(map(_NUMBER_OR_EMPTY.match, texts)):
+        return None
+    numbers = [int(text) if text else default for text, default in zip(texts, _DEFAULTS, strict=True)]
+    deadline, lifespan, lease = (
+        min(numbers[index] * NS_PER_S + numbers[index + 1], INFINITE_NS) for index in (4, 6, 9)
+    )
+    try:
+        return QoSProfile(
+            history=History(numbers[2]),
+            depth=min(numbers[3], MAX_DEPTH) or DEFAULT_DEPTH,
+            reliability=Reliability(numbers[0]),
+            durability=Durability(numbers[1]),
+            deadline_ns=deadline,
+            lifespan_ns=lifespan,
+            liveliness=Liveliness(numbers[8]),
+            liveliness_lease_ns=lease,
+        )
+    except ValueError:  # an undefined policy
+        return None
+
+
+TOKEN_PREFIX = "@ros2_lv"
+CPU_BACKEND = "backends:cpu:"
+"""Last chunk of a subscription that receives buffers of Lyrical in ordinary memory (`cpu_buffer_key`)."""
+
+_NODE_CHUNKS = 9
+_ENDPOINT_CHUNKS = 13
+_NUMBER = re.compile(r"[0-9]{1,20}\Z")
+_ZID = re.compile(r"(?!0)[0-9a-f]{1,32}\Z")
+
+
+class EntityKind(Enum):
+    """Kind of the entity that a token announces."""
+
+    NODE = "NN"
+    PUBLISHER = "MP"
+    SUBSCRIPTION = "MS"
+    SERVER = "SS"
+    CLIENT = "SC"
+
+
+_ENDPOINTS = {kind.value: kind for kind in EntityKind if kind is not EntityKind.NODE}
+
+
+@dataclass(frozen=True, slots=True)
+class NodeToken:
+    """Token of a node.
+
+    Attributes:
+        zid: id of the session, as Zenoh prints it: hex without leading zeros.
+        node_id: number of the session's counter, which counts nodes and endpoints from 0.
+        namespace: ``/`` or ``/robot1``.
+    """
+
+    domain_id: int
+    zid: str
+    node_id: int
+    name: str
+    namespace: str = "/"
+    enclave: str = "/"
+
+    def __str__(self) -> str:
+        return _chunks(self, self.node_id, EntityKind.NODE)
+
+
+@dataclass(frozen=True, slots=True)
+class EndpointToken:
+    """Token of an endpoint.
+
+    Attributes:
+        entity_id: number of the session's counter.
+        name: fully qualified name of the topic or service.
+        type: DDS name of the message, or of the service without Request and Response.
+        type_hash: text in the token, see `valid_hash_or_empty`; an empty one is written as in Humble.
+        backends: chunk of Lyrical and later; else empty.
+    """
+
+    node: NodeToken
+    entity_id: int
+    kind: EntityKind
+    name: str
+    type: str
+    type_hash: str
+    qos: QoSProfile
+    backends: str = ""
+
+    def __str__(self) -> str:
+        """Return the text; raise `InvalidQoSError` for UNKNOWN policies."""
+        backends = f"/{self.backends}" if self.backends else ""
+        type_hash = self.type_hash or HASH_NOT_SUPPORTED
+        return (
+            f"{_chunks(self.node, self.entity_id, self.kind)}/{_mangled(self.name)}/{self.type}/{type_hash}"
+            f"/{qos_text(self.qos)}{backends}"
+        )
+
+
+def tokens_of(domain_id: int) -> str:
+    """Return the key expression of all tokens of a domain."""
+    return f"{TOKEN_PREFIX}/{domain_id}/**"
+
+
+def gid_of(token: str) -> bytes:
+    """Return the GID, 16 bytes, of the entity of a token: XXH3-128 of its text, low half first."""
+    return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
+
+
+def read_token(text: str) -> NodeToken | EndpointToken | None:
+    """Parse a token; return None if it is not one of ROS, or not one that rmw_zenoh_cpp accepts.
+
+    Further chunks are ignored, as by rmw_zenoh_cpp: later distributions may add some.
+    """
+    chunks = text.split("/")
+    if len(chunks) < _NODE_CHUNKS or chunks[0] != TOKEN_PREFIX or not all(chunks):
+        return None
+    domain_id, zid, node_id, entity_id, kind = chunks[1:6]
+    if not (_ZID.match(zid) and all(map(_NUMBER.match, (domain_id, node_id, entity_id)))):
+        return None
+    enclave, namespace, name = (chunk.replace("%", "/") for chunk in chunks[6:_NODE_CHUNKS])
+    node = NodeToken(int(domain_id), zid, int(node_id), name, namespace, enclave)
+    if kind == EntityKind.NODE.value:
+        return node
+    if kind not in _ENDPOINTS or len(chunks) < _ENDPOINT_CHUNKS:
+        return None
+    topic, type_name, type_hash, qos_chunk, *more = chunks[_NODE_CHUNKS:]
+    qos = read_qos(qos_chunk)
+    if qos is None:
+        return None
+    backends = more[0] if more else ""
+    name = topic.replace("%", "/")
+    return EndpointToken(node, int(entity_id), _ENDPOINTS[kind], name, type_name, type_hash, qos, backends)
+
+
+def _chunks(node: NodeToken, entity_id: int, kind: EntityKind) -> str:
+    return (
+        f"{TOKEN_PREFIX}/{node.domain_id}/{node.zid}/{node.node_id}/{entity_id}/{kind.value}"
+        f"/{_mangled(node.enclave)}/{_mangled(node.namespace)}/{_mangled(node.name)}"
+    )
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
