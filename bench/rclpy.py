@@ -141,14 +141,14 @@ def bare_receive(name: str, count: int) -> None:
     """A thread that reads the pipe Cyclone DDS writes into, and takes samples: no loop, no node, nothing decoded."""
 
     from rosidl_py_gen.runtime.node.environment import read_environment
+    from rosidl_py_gen.runtime.transport.api import EndpointSpec
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
-    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+    from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-    package, _, short = name.split("/")
     participant = CycloneTransport().open(read_environment(os.environ))
-    end = DdsEndpoint("rt/paced", f"{package}::msg::dds_::{short}_", QoSProfile())
-    reader, pipe = participant.make_reader(end), participant.fileno()
+    end = EndpointSpec(TopicKey("topic", "/paced"), name, QoSProfile())
+    reader, pipe = participant.create_reader(end), participant.fileno()
     assert pipe is not None
     os.set_blocking(pipe, True)
     received, begin = 0, 0.0

@@ -102,14 +102,17 @@ class LoopFloor:
 
     def __init__(self, write_to: str, read_from: str) -> None:
         from rosidl_py_gen.runtime.node.environment import read_environment
+        from rosidl_py_gen.runtime.transport.api import EndpointSpec
         from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
-        from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+        from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
         self._participant = CycloneTransport().open(read_environment(os.environ))
         kind = "std_msgs::msg::dds_::String_"
-        self.writer = self._participant.make_writer(DdsEndpoint(write_to, kind, QoSProfile()))
-        self._reader = self._participant.make_reader(DdsEndpoint(read_from, kind, QoSProfile()))
+        self.writer = self._participant.create_writer(EndpointSpec(TopicKey("unmangled", write_to), kind, QoSProfile()))
+        self._reader = self._participant.create_reader(
+            EndpointSpec(TopicKey("unmangled", read_from), kind, QoSProfile())
+        )
         while not (self.writer.matched_readers() and self._reader.matched_writers()):
             time.sleep(0.01)
         time.sleep(0.2)
@@ -176,8 +179,9 @@ class ServiceFloor:
 
     def __init__(self, *, is_client: bool) -> None:
         from rosidl_py_gen.runtime.node.environment import read_environment
+        from rosidl_py_gen.runtime.transport.api import EndpointSpec
         from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-        from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+        from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
         self.fast_dds = cyclone._fast_dds
@@ -185,11 +189,11 @@ class ServiceFloor:
             self.fast_dds.refusal = "not needed"  # keeps its functions out of the way
         participant = cyclone.CycloneTransport().open(read_environment(os.environ))
         request, reply = (
-            DdsEndpoint(f"{prefix}/{SERVICE}{end}", f"std_srvs::srv::dds_::SetBool_{kind}_", QoSProfile().keep_all())
-            for prefix, end, kind in (("rq", "Request", "Request"), ("rr", "Reply", "Response"))
+            EndpointSpec(TopicKey(kind, f"/{SERVICE}"), f"std_srvs/srv/SetBool_{section}", QoSProfile().keep_all())
+            for kind, section in (("request", "Request"), ("reply", "Response"))
         )
-        self.reader = participant.make_reader(reply if is_client else request)
-        self.writer = participant.make_writer(request if is_client else reply)
+        self.reader = participant.create_reader(reply if is_client else request)
+        self.writer = participant.create_writer(request if is_client else reply)
         cyclone._api.set_listener(self.reader.entity, None)
         library = cyclone._api.library
         waitset = library.dds_create_waitset(participant.entity)
@@ -230,7 +234,7 @@ def floor_serve() -> None:
     while True:
         floor.take()
         number += 1
-        floor.writer.write_with_identity(reply, (client, number))
+        floor.writer.write(reply, (client, number))
 
 
 PAIRS = {"loop": ("loop_pong", "loop_ping")}

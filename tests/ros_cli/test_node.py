@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from rosidl_py_gen.base.names import snake_case
 from rosidl_py_gen.runtime.qos import DEFAULT
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities
+from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 if TYPE_CHECKING:
@@ -76,8 +76,10 @@ async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, 
                 f"{namespace}/{name}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", False, any
             )
             participant.create_server(told, DEFAULT)
-        participant.create_writer(EndpointSpec(f"{namespace}/{name}/x", String._TYPE.name, DEFAULT, "", 1))
-    participant.create_writer(EndpointSpec("/typeless", "no::ROS type", DEFAULT, "", 1))
+        participant.create_writer(
+            EndpointSpec(TopicKey("topic", f"{namespace}/{name}/x"), String._TYPE.name, DEFAULT, "", 1)
+        )
+    participant.create_writer(EndpointSpec(TopicKey("topic", "/typeless"), "no::ROS type", DEFAULT, "", 1))
     robot._scope.discovery.publish()
     for words, wanted in (
         (["node", "list"], "/good"),

@@ -34,37 +34,21 @@ def reply_name(name: str) -> str:
     return wire_name(TopicKey("reply", name))
 
 
-def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **more: Any) -> EndpointSpec:
-    """``rt/chatter`` is a topic; the halves of services, which a specification has no words for, are bare."""
-    topic_key = topic_key_of(topic)
-    is_topic = topic_key.kind == "topic"
-    return EndpointSpec(
-        topic_key.name if is_topic else topic,
-        type,
-        qos,
-        type_hash,
-        avoid_ros_namespace_conventions=not is_topic,
-        **more,
-    )
+def spec(node: Any, topic: str, type: str, qos: QoSProfile, type_hash: str) -> EndpointSpec:
+    """``rt/chatter`` is a topic; the halves of services, which only memory has words for, are bare elsewhere."""
+    topic_key, participant = topic_key_of(topic), node._scope.participant
+    if topic_key.kind != "topic" and not isinstance(participant, MemoryParticipant):
+        topic_key = TopicKey("unmangled", topic)
+    return EndpointSpec(topic_key, ros_type(type), qos, type_hash, node=node._scope.number)
 
 
 def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
-    participant = node._scope.participant
-    made: Reader
-    if isinstance(participant, MemoryParticipant):
-        made = participant.make_reader(topic_key_of(topic), ros_type(type), type_hash, qos=qos)
-    else:
-        made = participant.create_reader(spec(topic, type, qos, type_hash, node=node._scope.number))
+    made: Reader = node._scope.participant.create_reader(spec(node, topic, type, qos, type_hash))
     return made
 
 
 def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Writer:
-    participant = node._scope.participant
-    made: Writer
-    if isinstance(participant, MemoryParticipant):
-        made = participant.make_writer(topic_key_of(topic), ros_type(type), type_hash, qos=qos)
-    else:
-        made = participant.create_writer(spec(topic, type, qos, type_hash, node=node._scope.number))
+    made: Writer = node._scope.participant.create_writer(spec(node, topic, type, qos, type_hash))
     return made
 
 

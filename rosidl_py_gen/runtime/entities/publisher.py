@@ -18,6 +18,7 @@ from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.send_queue import RETRY_INTERVAL_S, SendQueue
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 from rosidl_py_gen.runtime.transport.qos import History
 
@@ -54,14 +55,13 @@ class Publisher(Entity, Generic[T]):
         """Fully qualified name, after expansion and remapping."""
         self.message_type: str = message_type.ros_name
         """``pkg/msg/Name``."""
-        is_bare = qos.avoid_ros_namespace_conventions
-        spec = EndpointSpec(topic, self.message_type, qos, message_type.type_hash, scope.number, is_bare)
+        self._topic_key = TopicKey.of_topic(topic, qos)
+        spec = EndpointSpec(self._topic_key, self.message_type, qos, message_type.type_hash, scope.number)
         scope.discovery.refresh()
-        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.topic_key, writers=False)]
+        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(self._topic_key, writers=False)]
         self.qos: QoSProfile = resolve_best_available(qos, publisher=True, peers=peers)
         """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
         self._encode = message_type.encode
-        self._topic_key = spec.topic_key
         self._writer: Writer = scope.participant.create_writer(replace(spec, qos=self.qos))
         self._write = self._writer.write
         scope.set_type_hash_check(mode, self._writer.guid)

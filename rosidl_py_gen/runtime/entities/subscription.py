@@ -27,6 +27,7 @@ from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.loop.user_functions import require_concurrency
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
 if TYPE_CHECKING:
@@ -97,21 +98,20 @@ class Subscription(PollableEntity, Generic[T]):
         self._waiters = Waiters()
         self._latest: T | None = None
         self._throttle = Throttle(scope.clocks)
+        self._topic_key = TopicKey.of_topic(topic, qos)
         spec = EndpointSpec(
-            topic,
+            self._topic_key,
             self.message_type,
             qos,
             message_type.type_hash,
             scope.number,
-            avoid_ros_namespace_conventions=qos.avoid_ros_namespace_conventions,
             ignore_local=ignore_local,
             has_buffer=has_unbounded_bytes(message_type),
         )
         scope.discovery.refresh()
-        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(spec.topic_key, writers=True)]
+        peers = [endpoint.qos for endpoint in scope.graph.endpoints_on(self._topic_key, writers=True)]
         self.qos: QoSProfile = resolve_best_available(qos, publisher=False, peers=peers)
         """Profile in use; BEST_AVAILABLE is replaced according to the peers known at creation."""
-        self._topic_key = spec.topic_key
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
         self._type_hash_filter = TypeHashFilter(

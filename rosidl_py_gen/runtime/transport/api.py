@@ -231,27 +231,26 @@ class EndpointSpec:
     """Reader or writer to be created.
 
     Attributes:
-        name: fully qualified topic name; the name on the wire with `avoid_ros_namespace_conventions`.
-        type: ``pkg/msg/Name``.
+        type: ``pkg/msg/Name``, or ``pkg/srv/Name_Request`` and ``pkg/srv/Name_Response`` of a service.
         type_hash: RIHS01 text; may be empty.
         node: number of the announced node that the endpoint belongs to; 0 for none.
         ignore_local: do not receive samples of writers of the same participant.
         has_buffer: messages have, or may have, an unbounded array of bytes.
+        client_id: identifier of the client that the endpoint belongs to, if any.
+        service_id: identifier of the server that the endpoint belongs to, if any.
+        service_hash: RIHS01 text of the service that the endpoint belongs to, if any.
     """
 
-    name: str
+    topic_key: TopicKey
     type: str
     qos: QoSProfile
     type_hash: str = ""
     node: int = 0
-    avoid_ros_namespace_conventions: bool = False
     ignore_local: bool = False
     has_buffer: bool = False
-
-    @property
-    def topic_key(self) -> TopicKey:
-        """Topic that the endpoint belongs to."""
-        return TopicKey("unmangled" if self.avoid_ros_namespace_conventions else "topic", self.name)
+    client_id: str = ""
+    service_id: str = ""
+    service_hash: str = ""
 
 
 # -------------------------------------------------------------------------------------------------------- participants

@@ -58,6 +58,11 @@ class TopicKey(NamedTuple):
     kind: Literal["topic", "request", "reply", "unmangled"]
     name: str
 
+    @classmethod
+    def of_topic(cls, name: str, qos: QoSProfile) -> TopicKey:
+        """Return the key of a topic whose endpoint has that profile."""
+        return cls("unmangled" if qos.avoid_ros_namespace_conventions else "topic", name)
+
 
 @dataclass(frozen=True, slots=True)
 class DiscoveredEndpoint:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import deque
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -31,7 +32,6 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     NodeEntities,
     NodesAnnounced,
     ParticipantDiscovered,
-    TopicKey,
 )
 from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind, check_compatible
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, effective
@@ -109,57 +109,15 @@ class MemoryParticipant:
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
 
     def create_writer(self, spec: EndpointSpec) -> MemoryWriter:
-        return self.make_writer(spec.topic_key, spec.type, spec.type_hash, qos=spec.qos)
-
-    def create_reader(self, spec: EndpointSpec) -> MemoryReader:
-        return self.make_reader(spec.topic_key, spec.type, spec.type_hash, qos=spec.qos, ignore_local=spec.ignore_local)
-
-    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
-        (requests, request_type), (replies, reply_type) = _request_and_reply_topics(service)
         with self.lock:
-            gid = self._next_guid(b"\xc5")
-            reader = self.make_reader(replies, *reply_type, qos=qos, service=(gid.hex(), service.type_hash))
-            writer = self.make_writer(requests, *request_type, qos=qos, service=(gid.hex(), service.type_hash))
-        return MemoryClient(service, self.service_peers, reader, writer, gid)
-
-    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
-        (requests, request_type), (replies, reply_type) = _request_and_reply_topics(service)
-        with self.lock:
-            gid = self._next_guid(b"\xc4")
-            writer = self.make_writer(replies, *reply_type, qos=qos, service=(gid.hex(), service.type_hash))
-            reader = self.make_reader(requests, *request_type, qos=qos, service=(gid.hex(), service.type_hash))
-        return MemoryServer(reader, writer, gid)
-
-    def make_writer(
-        self,
-        topic_key: TopicKey,
-        type: str,
-        type_hash: str = "",
-        *,
-        qos: QoSProfile,
-        service: tuple[str, str] = ("", ""),
-    ) -> MemoryWriter:
-        """Create a writer of a topic, or of a service with its id and hash."""
-        with self.lock:
-            writer = MemoryWriter(self, self._info(topic_key, type, qos, type_hash, service, is_writer=True))
+            writer = MemoryWriter(self, self._info(spec, is_writer=True))
             self.writers.append(writer)
             self._report_to_all(writer.info)
             return writer
 
-    def make_reader(
-        self,
-        topic_key: TopicKey,
-        type: str,
-        type_hash: str = "",
-        *,
-        qos: QoSProfile,
-        service: tuple[str, str] = ("", ""),
-        ignore_local: bool = False,
-    ) -> MemoryReader:
-        """Create a reader of a topic, or of a service with its id and hash."""
+    def create_reader(self, spec: EndpointSpec) -> MemoryReader:
         with self.lock:
-            info = self._info(topic_key, type, qos, type_hash, service, is_writer=False)
-            reader = MemoryReader(self, info, ignore_local)
+            reader = MemoryReader(self, self._info(spec, is_writer=False), spec.ignore_local)
             self.readers.append(reader)
             self._report_to_all(reader.info)
             for peer in self.peers:
@@ -168,19 +126,36 @@ class MemoryParticipant:
                         writer.replay(reader)
             return reader
 
-    def _info(
-        self,
-        topic_key: TopicKey,
-        type: str,
-        qos: QoSProfile,
-        type_hash: str,
-        service: tuple[str, str],
-        *,
-        is_writer: bool,
-    ) -> DiscoveredEndpoint:
-        guid, profile = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(qos, is_writer=is_writer)
-        wire = topic_key.name, type
-        return DiscoveredEndpoint(guid, self.guid, is_writer, topic_key, type, profile, type_hash, *service, *wire)
+    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
+        requests, replies = service.endpoints(qos)
+        with self.lock:
+            gid = self._next_guid(b"\xc5")
+            reader = self.create_reader(replace(replies, client_id=gid.hex()))
+            writer = self.create_writer(replace(requests, client_id=gid.hex()))
+        return MemoryClient(service, self.service_peers, reader, writer, gid)
+
+    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
+        requests, replies = service.endpoints(qos)
+        with self.lock:
+            gid = self._next_guid(b"\xc4")
+            writer = self.create_writer(replace(replies, service_id=gid.hex()))
+            reader = self.create_reader(replace(requests, service_id=gid.hex()))
+        return MemoryServer(reader, writer, gid)
+
+    def _info(self, spec: EndpointSpec, *, is_writer: bool) -> DiscoveredEndpoint:
+        return DiscoveredEndpoint(
+            self._next_guid(b"\x03" if is_writer else b"\x04"),
+            self.guid,
+            is_writer,
+            spec.topic_key,
+            spec.type,
+            effective(spec.qos, is_writer=is_writer),
+            spec.type_hash,
+            spec.service_id or spec.client_id,
+            spec.service_hash,
+            wire_name=spec.topic_key.name,
+            wire_type=spec.type,
+        )
 
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:
@@ -397,17 +372,6 @@ def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
         return False
     has_same_names = writer.info.topic_key == reader.info.topic_key and writer.info.type == reader.info.type
     return has_same_names and check_compatible(writer.qos, reader.qos).matches
-
-
-def _request_and_reply_topics(
-    service: ServiceSpec,
-) -> tuple[tuple[TopicKey, tuple[str, str]], tuple[TopicKey, tuple[str, str]]]:
-    """Return topic, type and hash of the requests, and of the replies."""
-    requests, replies = service.topic_keys
-    return (
-        (requests, (f"{service.type}_Request", service.request_hash)),
-        (replies, (f"{service.type}_Response", service.response_hash)),
-    )
 
 
 class MemoryClient(EndpointPairClient):

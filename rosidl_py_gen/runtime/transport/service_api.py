@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.errors import DecodeError
     from rosidl_py_gen.runtime.transport.api import Payload, Sink
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 
 class ServiceConversion(NamedTuple):
@@ -64,6 +66,14 @@ class ServiceSpec:
         if self.avoid_ros_namespace_conventions:
             return TopicKey("unmangled", f"{self.name}Request"), TopicKey("unmangled", f"{self.name}Reply")
         return TopicKey("request", self.name), TopicKey("reply", self.name)
+
+    def endpoints(self, qos: QoSProfile) -> tuple[EndpointSpec, EndpointSpec]:
+        """Return the endpoints for the requests and for the replies."""
+        requests, replies = self.topic_keys
+        return (
+            EndpointSpec(requests, f"{self.type}_Request", qos, self.request_hash, service_hash=self.type_hash),
+            EndpointSpec(replies, f"{self.type}_Response", qos, self.response_hash, service_hash=self.type_hash),
+        )
 
 
 class NoReply(NamedTuple):

@@ -16,6 +16,7 @@ from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.runtime import ActionTimeoutError, CallTimeoutError, QoSProfile, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE, DEFAULT, SENSOR_DATA
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.matching import check_compatible, find_preset, resolve_best_available
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ async def test_a_wait_alone_in_the_domain_says_so(memory: World) -> None:
 
 async def test_text_of_many_peers_is_short(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     node = memory.node("bob")
-    evil = EndpointSpec("/hostile", "\x1b[31m" * 100_000, DEFAULT, "\x1b" * 100_000, 1)
+    evil = EndpointSpec(TopicKey("topic", "/hostile"), "\x1b[31m" * 100_000, DEFAULT, "\x1b" * 100_000, 1)
     memory.node("evil")._scope.participant.create_writer(evil)
     text = await why(node.create_subscription(Point, "hostile").receive(2))
     for one in (text, caplog.text):

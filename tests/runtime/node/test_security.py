@@ -11,6 +11,7 @@ from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, MemoryTransport, QoSProfile, RosArgumentError, SecurityError, find_security
 from rosidl_py_gen.runtime.node import context as node_context
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -177,4 +178,4 @@ def test_a_context_that_cannot_be_made_leaves_no_participant(failing: str, monke
         Context(args=["x"], transport=Recorded())
     (participant,) = opened
     with pytest.raises(ClosedError):
-        participant.create_reader(EndpointSpec("/t", "std_msgs/msg/Bool", QoSProfile(), ""))
+        participant.create_reader(EndpointSpec(TopicKey("topic", "/t"), "std_msgs/msg/Bool", QoSProfile(), ""))

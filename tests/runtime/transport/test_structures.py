@@ -11,10 +11,10 @@ import pytest
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
@@ -151,14 +151,14 @@ def new(participant: Any, data: bytes) -> int:
 @pytest.mark.parametrize("data", [b"", HEADER[:3], HEADER, b"\0\3\0\0....", b"\xff\xff\0\0...."])
 def test_what_is_no_message_makes_no_sample(participant: Any, data: bytes) -> None:
     assert new(participant, data) == 0
-    writer = participant.make_writer(DdsEndpoint("rt/topic", TEXT, DEFAULT))
+    writer = participant.create_writer(EndpointSpec(TopicKey("topic", "/topic"), TEXT, DEFAULT))
     if len(data) % 4 == 0:
         with pytest.raises(TransportError, match="not a serialized message"):
             writer.write(data)
 
 
 def test_a_write_takes_the_reference_unless_it_never_came_to_the_writer(participant: Any) -> None:
-    writer = participant.make_writer(DdsEndpoint("rt/topic", TEXT, DEFAULT))
+    writer = participant.create_writer(EndpointSpec(TopicKey("topic", "/topic"), TEXT, DEFAULT))
     for entity, code, left in ((writer.entity, 0, 1), (participant.entity, -12, 2), (0x1234567, -3, 2)):
         sample = new(participant, HEADER + b"12345678")
         add_reference(sample)
@@ -191,7 +191,7 @@ def test_a_view_outlives_reader_participant_and_domain(dds: World) -> None:
 
 def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     kind = "std_srvs::srv::dds_::SetBool_Request_"
-    writer = participant.make_writer(DdsEndpoint("rt/requests", kind, DEFAULT))
+    writer = participant.create_writer(EndpointSpec(TopicKey("topic", "/requests"), kind, DEFAULT))
     made: list[int] = []
 
     def new_sample(*arguments: Any) -> int:
@@ -201,7 +201,7 @@ def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, mo
 
     make = private_layout.new_sample
     monkeypatch.setattr(private_layout, "new_sample", new_sample)
-    assert writer.write_with_identity(HEADER + b"1234", (writer.guid, 1))
+    assert writer.write(HEADER + b"1234", (writer.guid, 1))
     assert [reference_count(sample) for sample in made] == [1]
     API.serdata_unref(made[0])
 

@@ -21,6 +21,7 @@ from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec
 from rosidl_py_gen.runtime.transport.cyclone import qos as cyclone_qos
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
@@ -192,7 +193,10 @@ async def test_services_announce_their_own_hash(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
-    participant, odd = world.context()._core.participant, EndpointSpec("/odd", "pkg/msg/Odd", DEFAULT)
+    participant, odd = (
+        world.context()._core.participant,
+        EndpointSpec(TopicKey("topic", "/odd"), "pkg/msg/Odd", DEFAULT),
+    )
     reader = participant.create_reader(odd)
     writer = participant.create_writer(odd)
     for length in range(5, 9):

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
     from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
-    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 LARGE_BYTES = 500_000
 """Size from which a message needs large buffers."""
@@ -96,17 +96,17 @@ _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 
 
 class _CycloneEndpoint:
-    """Common part of writers and readers; `entity` is 0 after `close`, `endpoint.qos` a result of `qos.effective`."""
+    """Common part of writers and readers; `entity` is 0 after `close`, names are those of DDS."""
 
     _statuses: Mapping[str, tuple[str, int]]
 
-    def __init__(self, owner: CycloneParticipant, entity: int, endpoint: DdsEndpoint) -> None:
+    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str) -> None:
         self._owner = owner
         self._api = owner.api
         self.entity = entity
-        self.topic = endpoint.topic
-        self.type = endpoint.type
-        self._key = (owner.domain_id, endpoint.topic)
+        self.topic = topic
+        self.type = type
+        self._key = (owner.domain_id, topic)
         self.guid = owner.api.guid_of(entity)
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
@@ -118,11 +118,11 @@ class CycloneWriter(_CycloneEndpoint):
 
     _statuses = _OFFERED
 
-    def __init__(self, owner: CycloneParticipant, entity: int, endpoint: DdsEndpoint) -> None:
-        super().__init__(owner, entity, endpoint)
+    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str) -> None:
+        super().__init__(owner, entity, topic, type)
         api = owner.api
         self._copy = api.bare_copy
-        address = owner.type_object(endpoint.type).address
+        address = owner.type_object(type).address
         self._type_object = _address(address)
         self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
         self._write = api.bare_write if self._fast_dds_hooks is None else self._fast_dds_hooks.write_plain
@@ -132,7 +132,7 @@ class CycloneWriter(_CycloneEndpoint):
         api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
         self.handle = handle.value
 
-    def write(self, data: Payload) -> bool:
+    def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool:
         if data.__class__ is not bytes or len(data) % NETWORK_ALIGN:
             data = pad_to_4_bytes(data)
         size = len(data)
@@ -144,16 +144,19 @@ class CycloneWriter(_CycloneEndpoint):
         try:
             if domain.is_closing:
                 raise ClosedError(f"the writer of {self.topic} is closed")
-            if size < _LARGE_SAMPLE_BYTES:
-                sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
+            if identity is not None:
+                code = self._write_with_identity(data, identity)
             else:
-                sample = self._api.copy_large(self._type_object, SAMPLE_WITH_DATA, 1, iov, size)
-            if not sample:
-                text = f"{data[:8].hex()}... ({size} bytes)"
-                raise TransportError(f"Cyclone DDS refused {text}: not a serialized message")
-            code = self._write(self.entity, _address(sample))
-            if code in SAMPLE_NOT_CONSUMED:
-                self._api.serdata_unref(sample)
+                if size < _LARGE_SAMPLE_BYTES:
+                    sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
+                else:
+                    sample = self._api.copy_large(self._type_object, SAMPLE_WITH_DATA, 1, iov, size)
+                if not sample:
+                    text = f"{data[:8].hex()}... ({size} bytes)"
+                    raise TransportError(f"Cyclone DDS refused {text}: not a serialized message")
+                code = self._write(self.entity, _address(sample))
+                if code in SAMPLE_NOT_CONSUMED:
+                    self._api.serdata_unref(sample)
         finally:
             writing.remove(thread_id)
             if domain.is_closing:
@@ -162,27 +165,11 @@ class CycloneWriter(_CycloneEndpoint):
             return True
         return self._is_written(code, data)
 
-    def write_with_identity(self, data: Payload, identity: SampleIdentity) -> bool:
-        """Send a sample with an identity; otherwise as `write`."""
-        data = pad_to_4_bytes(data)
-        if len(data) > LARGE_BYTES:
-            warn_about_socket_buffers(len(data))
-        if self.entity == 0:
-            raise ClosedError(f"the writer of {self.topic} is closed")
+    def _write_with_identity(self, data: bytes, identity: SampleIdentity) -> int:
         if self._fast_dds_hooks is None:
             raise TransportError(f"Cyclone DDS cannot send a sample identity: {self._owner.fast_dds.refusal}")
         address = self._type_object.value or 0
-        domain, writing, thread_id = self._domain, self._writing, _get_thread_id()
-        writing.append(thread_id)
-        try:
-            if domain.is_closing:
-                raise ClosedError(f"the writer of {self.topic} is closed")
-            code = self._fast_dds_hooks.write(self.entity, self.guid[12:], address, data, identity)
-        finally:
-            writing.remove(thread_id)
-            if domain.is_closing:
-                domain.end_if_unused()
-        return self._is_written(code, data)
+        return self._fast_dds_hooks.write(self.entity, self.guid[12:], address, data, identity)
 
     def _is_written(self, code: int, data: Payload) -> bool:
         if code == 0:
@@ -240,13 +227,13 @@ class CycloneReader(_CycloneEndpoint):
 
     _statuses = _REQUESTED
 
-    def __init__(self, owner: CycloneParticipant, entity: int, endpoint: DdsEndpoint) -> None:
-        super().__init__(owner, entity, endpoint)
-        self.is_reliable = endpoint.qos.reliability is Reliability.RELIABLE
-        self.queue = ReceiveQueue(endpoint.qos)
+    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str, qos: QoSProfile) -> None:
+        super().__init__(owner, entity, topic, type)
+        self.is_reliable = qos.reliability is Reliability.RELIABLE
+        self.queue = ReceiveQueue(qos)
         self.sink: Sink | None = None
         self._take = owner.api.bare_take
-        address, self._payload_offset = owner.type_object(endpoint.type)
+        address, self._payload_offset = owner.type_object(type)
         self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
         self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers

@@ -53,8 +53,8 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds, is_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
-from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name
-from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint, DdsParticipant
+from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name, wire_type
+from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,
@@ -66,7 +66,7 @@ from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.runtime.transport.api import SecurityEnclave, Sink
+    from rosidl_py_gen.runtime.transport.api import EndpointSpec, SecurityEnclave, Sink
     from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
     from rosidl_py_gen.runtime.transport.cyclone.governance import Governance
     from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog
@@ -250,21 +250,20 @@ class CycloneParticipant(DdsParticipant):
         plugins = find_plugins(_library)
         return {**self.fast_dds.capabilities(), CAPABILITY: plugins if isinstance(plugins, str) else "yes"}
 
-    def make_writer(self, endpoint: DdsEndpoint) -> CycloneWriter:
-        endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=True))
-        with endpoint_qos(_api, endpoint, is_writer=True) as cqos, self._naming_denied(endpoint.topic, is_writer=True):
-            entity = self._create(_api.create_writer, self._publisher, endpoint, cqos, None)
-        return CycloneWriter(self, entity, endpoint)
+    def create_writer(self, spec: EndpointSpec) -> CycloneWriter:
+        spec = replace(spec, qos=effective(spec.qos, is_writer=True))
+        names = wire_name(spec.topic_key), wire_type(spec.type)
+        with endpoint_qos(_api, spec, is_writer=True) as qos, self._naming_denied(names[0], is_writer=True):
+            entity = self._create(_api.create_writer, self._publisher, names, qos, None)
+        return CycloneWriter(self, entity, *names)
 
-    def make_reader(self, endpoint: DdsEndpoint) -> CycloneReader:
-        endpoint = replace(endpoint, qos=effective(endpoint.qos, is_writer=False))
-        with (
-            endpoint_qos(_api, endpoint, is_writer=False) as cqos,
-            self._naming_denied(endpoint.topic, is_writer=False),
-        ):
-            create = partial(self._create, _api.create_reader, self._subscriber, endpoint, cqos)
-            entity = self._early.create_reader(create, is_reliable=endpoint.qos.reliability is Reliability.RELIABLE)
-        return CycloneReader(self, entity, endpoint)
+    def create_reader(self, spec: EndpointSpec) -> CycloneReader:
+        spec = replace(spec, qos=effective(spec.qos, is_writer=False))
+        names = wire_name(spec.topic_key), wire_type(spec.type)
+        with endpoint_qos(_api, spec, is_writer=False) as qos, self._naming_denied(names[0], is_writer=False):
+            create = partial(self._create, _api.create_reader, self._subscriber, names, qos)
+            entity = self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
+        return CycloneReader(self, entity, *names, spec.qos)
 
     @contextmanager
     def _naming_denied(self, topic: str, *, is_writer: bool) -> Iterator[None]:
@@ -277,17 +276,15 @@ class CycloneParticipant(DdsParticipant):
             raise denied_error(self._security, topic, is_writer=is_writer) from None
 
     def _create(
-        self, create: Callable[..., int], parent: int, endpoint: DdsEndpoint, qos: int, listener: int | None
+        self, create: Callable[..., int], parent: int, names: tuple[str, str], qos: int, listener: int | None
     ) -> int:
         if self._closed:
             raise ClosedError("this participant is closed")
-        handle = self._acquire_topic(endpoint.topic, endpoint.type)
+        handle, (topic, type) = self._acquire_topic(*names), names
         try:
-            return _api.check(
-                create(parent, handle, qos, listener), f"create an endpoint of {endpoint.topic} ({endpoint.type})"
-            )
+            return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {topic} ({type})")
         except BaseException:
-            self.release_topic(endpoint.topic, endpoint.type)
+            self.release_topic(*names)
             raise
 
     def _acquire_topic(self, topic: str, type: str) -> int:

@@ -15,8 +15,8 @@ from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
+    from rosidl_py_gen.runtime.transport.api import EndpointSpec
     from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
-    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
 
 _Policy = TypeVar("_Policy", History, Durability, Reliability, Liveliness)
 _HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
@@ -49,16 +49,12 @@ def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes,
 
 
 @contextmanager
-def endpoint_qos(api: CycloneApi, endpoint: DdsEndpoint, *, is_writer: bool) -> Iterator[int]:
+def endpoint_qos(api: CycloneApi, spec: EndpointSpec, *, is_writer: bool) -> Iterator[int]:
     """Yield the QoS of a writer or reader, whose profile is a result of `qos.effective`."""
-    profile, history = endpoint.qos, _HISTORY[endpoint.qos.history]
+    profile, history = spec.qos, _HISTORY[spec.qos.history]
     depth = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
-    user_data = endpoint_user_data(
-        endpoint.type_hash,
-        client_id=endpoint.client_id,
-        service_id=endpoint.service_id,
-        service_hash=endpoint.service_hash,
-    )
+    ids = {"client_id": spec.client_id, "service_id": spec.service_id, "service_hash": spec.service_hash}
+    user_data = endpoint_user_data(spec.type_hash, **ids)
     with new_qos(api, user_data) as qos:
         api.qset_history(qos, history, depth)
         api.qset_reliability(qos, _RELIABILITY[profile.reliability], _MAX_BLOCKING_NS)
@@ -75,7 +71,7 @@ def endpoint_qos(api: CycloneApi, endpoint: DdsEndpoint, *, is_writer: bool) -> 
                 api.qset_lifespan(qos, profile.lifespan_ns)
         if api.qset_psmx_instances is not None:
             api.qset_psmx_instances(qos, 0, None)
-        if endpoint.ignore_local:
+        if spec.ignore_local:
             api.qset_ignorelocal(qos, 1)
         yield qos
 

@@ -27,6 +27,7 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     EntityLost,
     NodeEntities,
     NodesAnnounced,
+    TopicKey,
 )
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 
@@ -350,6 +351,4 @@ class DiscoveryInfoTopic:
 
 
 def _spec(qos: QoSProfile) -> EndpointSpec:
-    return EndpointSpec(
-        DISCOVERY_TOPIC, _TYPE, qos, HASHES[_TYPE], avoid_ros_namespace_conventions=True, ignore_local=True
-    )
+    return EndpointSpec(TopicKey("unmangled", DISCOVERY_TOPIC), _TYPE, qos, HASHES[_TYPE], ignore_local=True)

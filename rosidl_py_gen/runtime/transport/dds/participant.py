@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import itertools
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
-from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name, wire_type
+from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer, ServiceWriter
 from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind, check_compatible
 from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
@@ -25,26 +25,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
-
-
-@dataclass(frozen=True, slots=True)
-class DdsEndpoint:
-    """Reader or writer to be created, with names of DDS.
-
-    Attributes:
-        client_id: `entity_id` of the client that it belongs to, if any.
-        service_id: `entity_id` of the server that it belongs to, if any.
-        service_hash: RIHS01 text of the service that it belongs to, if any.
-    """
-
-    topic: str
-    type: str
-    qos: QoSProfile
-    type_hash: str = ""
-    client_id: str = ""
-    service_id: str = ""
-    service_hash: str = ""
-    ignore_local: bool = False
 
 
 class DdsParticipant:
@@ -60,34 +40,26 @@ class DdsParticipant:
         self._entity_numbers = itertools.count(1)
         self._discovery_info: DiscoveryInfoTopic | None = None
 
-    def create_writer(self, spec: EndpointSpec) -> Writer:
-        return self.make_writer(_dds_endpoint(spec))
-
-    def create_reader(self, spec: EndpointSpec) -> Reader:
-        return self.make_reader(_dds_endpoint(spec))
-
-    def make_writer(self, endpoint: DdsEndpoint) -> ServiceWriter:
-        """Create a writer; raise `TransportError` if the middleware refuses."""
+    def create_writer(self, spec: EndpointSpec) -> ServiceWriter:
         raise NotImplementedError
 
-    def make_reader(self, endpoint: DdsEndpoint) -> Reader:
-        """Create a reader; raise `TransportError` if the middleware refuses."""
+    def create_reader(self, spec: EndpointSpec) -> Reader:
         raise NotImplementedError
 
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
         own_id = entity_id(self.guid, next(self._entity_numbers))
-        request, reply = _request_and_reply_endpoints(service, qos)
-        reader = self.make_reader(replace(reply, client_id=own_id))
+        request, reply = service.endpoints(qos)
+        reader = self.create_reader(replace(reply, client_id=own_id))
         with _closed_on_failure(reader):
-            writer = self.make_writer(replace(request, client_id=own_id))
+            writer = self.create_writer(replace(request, client_id=own_id))
         return DdsClient(self, service, reader, writer, entity_gid(own_id))
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
         own_id = entity_id(self.guid, next(self._entity_numbers))
-        request, reply = _request_and_reply_endpoints(service, qos)
-        writer = self.make_writer(replace(reply, service_id=own_id))
+        request, reply = service.endpoints(qos)
+        writer = self.create_writer(replace(reply, service_id=own_id))
         with _closed_on_failure(writer):
-            reader = self.make_reader(replace(request, service_id=own_id))
+            reader = self.create_reader(replace(request, service_id=own_id))
         return DdsServer(self, service, reader, writer, entity_gid(own_id))
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
@@ -139,20 +111,3 @@ def _closed_on_failure(endpoint: Reader | Writer) -> Iterator[None]:
     except BaseException:
         endpoint.close()
         raise
-
-
-def _dds_endpoint(spec: EndpointSpec) -> DdsEndpoint:
-    name, type = wire_name(spec.topic_key), wire_type(spec.type)
-    return DdsEndpoint(name, type, spec.qos, spec.type_hash, ignore_local=spec.ignore_local)
-
-
-def _request_and_reply_endpoints(service: ServiceSpec, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
-    requests, replies = map(wire_name, service.topic_keys)
-    return (
-        DdsEndpoint(
-            requests, wire_type(f"{service.type}_Request"), qos, service.request_hash, service_hash=service.type_hash
-        ),
-        DdsEndpoint(
-            replies, wire_type(f"{service.type}_Response"), qos, service.response_hash, service_hash=service.type_hash
-        ),
-    )

@@ -45,8 +45,7 @@ it was known) and local handle of that writer."""
 class ServiceWriter(Writer, Protocol):
     """Writer that can send a sample identity as inline QoS."""
 
-    def write_with_identity(self, data: Payload, identity: SampleIdentity) -> bool:
-        """Send a sample with an identity; otherwise as `write`."""
+    def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool: ...
 
 
 class DdsClient(EndpointPairClient):
@@ -77,7 +76,7 @@ class DdsClient(EndpointPairClient):
         number, writer = self._sent + 1, self._request_writer
         message, identity = self._correlation.request(data, number, always_identified=self.is_introspected)
         try:
-            is_sent = writer.write(message) if identity is None else writer.write_with_identity(message, identity)
+            is_sent = writer.write(message, identity)
         except Exception:
             raise
         except BaseException:  # a signal handler raised after the sample was written
@@ -180,7 +179,7 @@ class DdsServer(EndpointPairServer):
 
     def _write(self, data: bytes, client: ClientId, number: int) -> bool:
         if isinstance(client, bytes):
-            return self._reply_writer.write_with_identity(data, (client, number))
+            return self._reply_writer.write(data, (client, number))
         return self._reply_writer.write(add_request_header(data, client, number))
 
     def release(self) -> None:

@@ -125,7 +125,9 @@ class ZenohParticipant:
         return self._create(ZenohServer, description, service=service)
 
     def _describe_topic(self, kind: EntityKind, spec: EndpointSpec, backends: str = "") -> _Description:
-        name = f"/{spec.name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
+        name = (
+            f"/{spec.topic_key.name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
+        )
         return self._describe(kind, name, spec.type, spec.type_hash, spec.qos, spec.node, backends)
 
     def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
