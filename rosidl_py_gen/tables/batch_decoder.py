@@ -28,7 +28,7 @@ from rosidl_py_gen.cdr.layout import (
     align_up,
 )
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tables import arrow_builders
+from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.columns import VARIABLE_LENGTH
 from rosidl_py_gen.tables.read_program import (
     FixedMessageSequence,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.tables.arrow_builders import ColumnArrays
+    from rosidl_py_gen.tables.arrow_columns import ColumnArrays
     from rosidl_py_gen.tables.columns import ColumnNode
     from rosidl_py_gen.tables.read_program import RunLayout
 
@@ -174,7 +174,7 @@ def _decode_run(cursor: BatchCursor, step: FixedRun, selected: Collection[Column
             values = np.empty((len(start), field.count), field.dtype)
             for (rows, _), group in zip(groups, records, strict=True):
                 values[rows] = group[name]
-        columns[field.node] = arrow_builders.fixed(field.node, values)
+        columns[field.node] = arrow_columns.fixed(field.node, values)
 
 
 def gather_fixed(cursor: BatchCursor, start: Ints, size: int) -> NDArray[np.void]:
@@ -208,7 +208,7 @@ def _decode_records(
             records = pieces[0]
         else:
             records = np.frombuffer(b"".join([piece.tobytes() for piece in pieces]), codec.dtype)
-        columns[node] = arrow_builders.lists(node, counts, arrow_builders.from_records(node, records))
+        columns[node] = arrow_columns.lists(node, counts, arrow_columns.from_records(node, records))
 
 
 # ------------------------------------------------------------------------------------------------------- varying size
@@ -238,7 +238,7 @@ def _decode_numbers(
     start = cursor.take(size, 1)
     if step.node in selected:
         octets = gather_ranges(cursor, start, size)
-        columns[step.node] = arrow_builders.sequences(step.node, counts, octets.view(step.dtype))
+        columns[step.node] = arrow_columns.sequences(step.node, counts, octets.view(step.dtype))
 
 
 def _decode_string(
@@ -251,7 +251,7 @@ def _decode_string(
             ranges = zip(start.tolist(), counts.tolist(), strict=True)
             texts = [_utf16_to_utf8(cursor, begin, count) for begin, count in ranges]
             octets = np.frombuffer(b"".join(texts), np.uint8)
-            columns[node] = arrow_builders.texts(node, np.fromiter(map(len, texts), np.int64, len(texts)), octets)
+            columns[node] = arrow_columns.texts(node, np.fromiter(map(len, texts), np.int64, len(texts)), octets)
         return
     start = cursor.take(counts, 1)
     last = cursor.octets[cursor.pos - 1]
@@ -260,7 +260,7 @@ def _decode_string(
     if node in selected:
         size = np.maximum(counts - 1, 0)
         try:
-            columns[node] = arrow_builders.texts(node, size, gather_ranges(cursor, start, size))
+            columns[node] = arrow_columns.texts(node, size, gather_ranges(cursor, start, size))
         except ValueError as error:
             if isinstance(error, BagError):
                 raise
@@ -302,7 +302,7 @@ def _decode_elements(
     starts = _element_starts(cursor, step.steps, counts)
     if node in selected:
         elements = run(cursor.at(starts, np.repeat(cursor.limit, counts)), step.steps, selected)
-        columns[node] = arrow_builders.lists(node, counts, arrow_builders.assembled(node, elements, len(starts)))
+        columns[node] = arrow_columns.lists(node, counts, arrow_columns.assembled(node, elements, len(starts)))
 
 
 def _element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints:

@@ -3,6 +3,8 @@
 A batch ends when its messages reach `batch_bytes`, which bounds memory for all kinds of messages. They are decoded at
 once by `batch_decoder`. If it does not support them, the reader decodes them one by one, and names or skips wrong ones;
 this is done in small portions, as objects need many times the memory of their bytes.
+
+Messages that wait for a full batch are copied if they are a small part of their chunk, which they would keep in memory.
 """
 
 from __future__ import annotations
@@ -17,16 +19,15 @@ import numpy as np
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.definition_lookup import described
 from rosidl_py_gen.bags.storage.storage_api import MessageBlock
-from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
+from rosidl_py_gen.cdr.arrays import DTYPES
+from rosidl_py_gen.cdr.layout import MAX_ALIGN, NETWORK_ALIGN, align_up
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tables import arrow_builders
+from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.arrow import from_numpy, pa
-from rosidl_py_gen.tables.batch_decoder import BatchUnsupportedError, run
-from rosidl_py_gen.tables.columns import select_columns
-from rosidl_py_gen.tables.message_batch import MessageBlocks, MessageList, detach_block, detach_message, split_block
-from rosidl_py_gen.tables.object_columns import column
+from rosidl_py_gen.tables.arrow_columns import NANOSECONDS, element_type, schema_of
+from rosidl_py_gen.tables.batch_decoder import BatchCursor, BatchUnsupportedError, concatenate, cursor_at, run
+from rosidl_py_gen.tables.columns import Kind, select_columns
 from rosidl_py_gen.tables.read_program import read_program_for
-from rosidl_py_gen.tables.schema import NANOSECONDS, schema_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -36,16 +37,17 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.bags.common import BagMessage, BagTopic
     from rosidl_py_gen.bags.storage.storage_api import BagChannel, RawTuple, TableInput
-    from rosidl_py_gen.tables.batch_decoder import BatchCursor
-    from rosidl_py_gen.tables.columns import ColumnNode
+    from rosidl_py_gen.tables.columns import ColumnNode, SelectedColumn
 
     Times = NDArray[np.uint64]
     Decode = Callable[[Iterable[RawTuple]], Iterator[BagMessage]]
-    Batches = Iterator[tuple["BatchBuilder", MessageList | MessageBlocks]]
+    Batches = Iterator[tuple["BatchBuilder", "_MessageList | _MessageBlocks"]]
 
 MAX_ROWS = 1 << 16
 _PORTION_BYTES = 1 << 18
 _MAX_TIME_NS = (1 << 63) - 1
+_MAX_RATIO = 4
+"""Ratio of sizes of chunk and message above which the message is copied."""
 
 
 class BatchBuilder:
@@ -68,7 +70,7 @@ class BatchBuilder:
         self._program = read_program_for(self.cls)
         self._selected_nodes = {node for column in self._columns for node in _with_descendants(column.node)}
 
-    def batches(self, messages: MessageList | MessageBlocks) -> Iterator[Any]:
+    def batches(self, messages: _MessageList | _MessageBlocks) -> Iterator[Any]:
         """Yield the messages as one record batch, or as several small ones if they must be decoded one by one."""
         try:
             yield self._at_once(messages)
@@ -80,7 +82,7 @@ class BatchBuilder:
                     log_times = np.array([one.log_time for one in decoded], np.uint64)
                     yield self._batch(log_times, np.array([one.publish_time for one in decoded], np.uint64), columns)
 
-    def _at_once(self, messages: MessageList | MessageBlocks) -> Any:
+    def _at_once(self, messages: _MessageList | _MessageBlocks) -> Any:
         if self._program is None:
             raise BatchUnsupportedError
         cursor = messages.cursor()
@@ -89,7 +91,7 @@ class BatchBuilder:
             arrays = run(cursor, self._program, self._selected_nodes)
             if not self._is_certain:
                 _require_ends(cursor)
-            columns = [arrow_builders.assembled(one.node, arrays, len(messages)) for one in self._columns]
+            columns = [arrow_columns.assembled(one.node, arrays, len(messages)) for one in self._columns]
         except BagError as error:
             raise BagError(f"{self._where} from {log_times[0]} to {log_times[-1]} ns: {error}") from None
         return self._batch(log_times, publish_times, columns)
@@ -185,10 +187,10 @@ class BatchBuffer:
         if self._builder is None:
             return
         if not isinstance(message, MessageBlock):
-            yield from self._add(detach_message(message), len(message[1]), 1)
+            yield from self._add(_detach_message(message), len(message[1]), 1)
             return
-        for block in split_block(message, self._max_bytes, MAX_ROWS):
-            yield from self._add(detach_block(block), int(block.size.sum()), len(block.size))
+        for block in _split_block(message, self._max_bytes, MAX_ROWS):
+            yield from self._add(_detach_block(block), int(block.size.sum()), len(block.size))
 
     def _add(self, message: RawTuple | MessageBlock, size: int, rows: int) -> Batches:
         self._messages.append(message)
@@ -203,4 +205,148 @@ class BatchBuffer:
             assert self._builder is not None
             messages, self._messages, self._size, self._rows = self._messages, [], 0, 0
             is_block = isinstance(messages[0], MessageBlock)
-            yield self._builder, MessageBlocks(messages) if is_block else MessageList(messages)
+            yield self._builder, _MessageBlocks(messages) if is_block else _MessageList(messages)
+
+
+# ------------------------------------------------------------------------------------------------- batches of messages
+
+
+class _MessageList:
+    """Messages one by one."""
+
+    def __init__(self, messages: list[RawTuple]) -> None:
+        self._messages = messages
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def raw(self) -> Sequence[RawTuple]:
+        """Return each message."""
+        return self._messages
+
+    def cursor(self) -> BatchCursor:
+        """Return a cursor after the header of each; raises `BatchUnsupportedError`."""
+        return concatenate([message[1] for message in self._messages])
+
+    def times(self) -> tuple[Times, Times]:
+        """Return log times and publish times."""
+        _, _, log_times, publish_times = zip(*self._messages, strict=True)
+        return np.array(log_times, np.uint64), np.array(publish_times, np.uint64)
+
+
+class _MessageBlocks:
+    """Messages of one channel in blocks."""
+
+    def __init__(self, blocks: list[MessageBlock]) -> None:
+        self._blocks = blocks
+
+    def __len__(self) -> int:
+        return sum(len(block.begin) for block in self._blocks)
+
+    def raw(self) -> Sequence[RawTuple]:
+        """Return each message."""
+        return [message for block in self._blocks for message in _raw_messages(block)]
+
+    def cursor(self) -> BatchCursor:
+        """Return a cursor after the header of each; raises `BatchUnsupportedError`."""
+        size = int(self._blocks[0].size[0])
+        if not all((block.size == size).all() for block in self._blocks):
+            return concatenate([data for block in self._blocks for data in _slices(block)])
+        width = align_up(size, MAX_ALIGN)
+        rows = np.empty((len(self), width), np.uint8)
+        count = 0
+        for block in self._blocks:
+            rows[count : count + len(block.begin), :size] = _rows(block, size)
+            count += len(block.begin)
+        rows[:, size:] = 0
+        return cursor_at(rows.reshape(-1).data, np.arange(count) * width, np.full(count, size))
+
+    def times(self) -> tuple[Times, Times]:
+        """Return log times and publish times."""
+        blocks = self._blocks
+        log_times = np.concatenate([block.log_times for block in blocks])
+        return log_times, np.concatenate([block.publish_times for block in blocks])
+
+
+def _rows(block: MessageBlock, size: int) -> Any:
+    """Return the bytes of messages of equal size: a view if their distances are equal, as those of one topic are."""
+    begin, count = block.begin, len(block.begin)
+    step = int(begin[1] - begin[0]) if count > 1 else size
+    if step >= size and (count < 3 or (np.diff(begin) == step).all()):
+        return np.ndarray((count, size), np.uint8, block.data, int(begin[0]), (step, 1))
+    windows: Any = np.ndarray((len(block.data) - size + 1,), f"V{size}", block.data, 0, (1,))
+    return windows[begin].view(np.uint8).reshape(count, size)
+
+
+def _slices(block: MessageBlock) -> list[bytes | memoryview]:
+    view = memoryview(block.data)
+    ends = (block.begin + block.size).tolist()
+    return [view[at:end] for at, end in zip(block.begin.tolist(), ends, strict=True)]
+
+
+def _raw_messages(block: MessageBlock) -> list[RawTuple]:
+    columns = _slices(block), block.log_times.tolist(), block.publish_times.tolist()
+    return [(block.channel, *row) for row in zip(*columns, strict=True)]
+
+
+def _split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[MessageBlock]:
+    """Split a block by number of rows and size in bytes; a single message may be larger."""
+    ends = np.cumsum(block.size)
+    if len(ends) <= max_rows and ends[-1] <= max_bytes:
+        return [block]
+    slices, begin, size = [], 0, 0
+    while begin < len(ends):
+        end = min(begin + max_rows, max(begin + 1, int(np.searchsorted(ends, size + max_bytes, "right"))))
+        slices.append(slice(begin, end))
+        begin, size = end, int(ends[end - 1])
+    return [block.rows(rows) for rows in slices]
+
+
+def _detach_block(block: MessageBlock) -> MessageBlock:
+    """Return the block, copied if it is a small part of its chunk."""
+    if len(block.data) <= _MAX_RATIO * int(block.size.sum()):
+        return block
+    return block._replace(data=b"".join(_slices(block)), begin=np.cumsum(block.size) - block.size)
+
+
+def _detach_message(message: RawTuple) -> RawTuple:
+    """Return the message, with copied bytes if they are a view of a much larger chunk."""
+    channel, data, log_time, publish_time = message
+    if type(data) is memoryview and len(data.obj) > _MAX_RATIO * len(data):  # type: ignore[arg-type]
+        return channel, bytes(data), log_time, publish_time
+    return message
+
+
+# ------------------------------------------------------------------------------------------ messages decoded one by one
+
+
+def column(selected: SelectedColumn, messages: Sequence[Any]) -> Any:
+    """Return a column of all messages as an Arrow array."""
+    for node in selected.path:
+        messages = _field_values(node, messages)
+    return _column(selected.node, messages)
+
+
+def _field_values(node: ColumnNode, messages: Sequence[Any]) -> list[Any]:
+    name = node.field.py_name
+    return [getattr(message, name) for message in messages]
+
+
+def _column(node: ColumnNode, values: Sequence[Any]) -> Any:
+    if node.length is None:
+        return _elements(node, values)
+    counts = np.fromiter(map(len, values), np.int64, len(values))
+    if node.kind is Kind.NUMBER:
+        return arrow_columns.sequences(node, counts, np.concatenate([np.empty(0, DTYPES[node.code]), *values]))
+    return arrow_columns.lists(node, counts, _elements(node, [*chain.from_iterable(values)]))
+
+
+def _elements(node: ColumnNode, values: Sequence[Any]) -> Any:
+    if node.kind is Kind.STRUCT:
+        return arrow_columns.struct(node, [_column(child, _field_values(child, values)) for child in node.children])
+    if node.kind is Kind.EMPTY:
+        return pa.nulls(len(values))
+    if node.kind is Kind.TIME or node.kind is Kind.DURATION:
+        sec = np.fromiter((one.sec for one in values), np.int64, len(values))
+        return arrow_columns.times(node, sec, np.fromiter((one.nanosec for one in values), np.int64, len(values)))
+    return pa.array(values, element_type(node))

@@ -2,7 +2,9 @@
 
 Columns are matched by name, nested ones in structs or as ``header.stamp``; lists, texts and bytes may have any layout
 of Arrow, times any unit or integers of nanoseconds. Fields without a column have the default of their definition.
-Nothing is guessed: a null, an unknown column and a value that does not fit are errors with the column's name.
+Nothing is guessed: a null, an unknown column and a value that does not fit are errors with the column's name. Values
+are read and compared, never cast: casts of Arrow parse texts as numbers, make values that do not fit infinite, and lose
+elements of list views.
 """
 
 from __future__ import annotations
@@ -16,12 +18,14 @@ from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import EncodeError, RosidlError, printable
-from rosidl_py_gen.tables import schema, values
+from rosidl_py_gen.tables import arrow_columns as schema
 from rosidl_py_gen.tables.arrow import pa
 from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, Kind, nodes_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
 
     from rosidl_py_gen.tables.columns import ColumnNode
 
@@ -30,6 +34,9 @@ Tree: TypeAlias = "dict[str, Any]"
 _MAX_NAME = 1000
 _PORTION_ROWS = 4096
 """Number of rows that become messages at once."""
+_UNITS_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_MAX_TEXT = 200
+"""Maximum number of characters of a name or a type in an error text."""
 
 
 def stream_of(table: object) -> Any:
@@ -53,7 +60,7 @@ def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, typ
         raise BagError(f"{schema.TYPE.decode()}: found a name of {len(name)} characters; expected at most {_MAX_NAME}")
     if not topic:
         raise BagError("table has no ros.topic in its schema metadata; pass topic=")
-    quoted = values.short_text(topic)
+    quoted = _short_text(topic)
     if not name:
         raise BagError(f"{quoted}: table has no ros.type in its schema metadata; pass msg_type=")
     cls: type[Any] = compile_definition(name, definition) if schema.DEFINITION in metadata else get_message(name)
@@ -63,7 +70,7 @@ def topic_of_schema(table_schema: Any, topic: str | None) -> tuple[BagTopic, typ
         raise BagError(f"{quoted}: {name} is not a message")
     if table_hash and table_hash != type_hash(cls):
         raise BagError(
-            f"{quoted}: the table was made of {name} {values.short_text(table_hash)}, but {name} is {type_hash(cls)}"
+            f"{quoted}: the table was made of {name} {_short_text(table_hash)}, but {name} is {type_hash(cls)}"
         )
     encoding, qos = metadata.get(schema.ENCODING, "ros2msg"), metadata.get(schema.QOS, "")
     return BagTopic(topic, name, definition, encoding, type_hash=type_hash(cls), offered_qos=qos), cls
@@ -79,7 +86,7 @@ def messages_of(stream: Any, cls: type[Any], topic: str) -> Iterator[tuple[Any, 
             try:
                 times, messages = _portion(portion, cls, nodes)
             except (BagError, pa.ArrowException, ValueError, TypeError, OverflowError) as error:
-                raise BagError(f"{values.short_text(topic)}: rows from {count}: {error}") from None
+                raise BagError(f"{_short_text(topic)}: rows from {count}: {error}") from None
             yield from zip(messages, *times, strict=True)
             count += portion.num_rows
 
@@ -92,7 +99,7 @@ def _next(stream: Any, topic: str) -> Any:
     except RosidlError:
         raise
     except (pa.ArrowException, OSError, ValueError) as error:  # of a stream of another library
-        raise BagError(f"{values.short_text(topic)}: the table cannot be read: {error}") from None
+        raise BagError(f"{_short_text(topic)}: the table cannot be read: {error}") from None
 
 
 def _portion(batch: Any, cls: type[Any], nodes: tuple[ColumnNode, ...]) -> tuple[list[list[int]], list[Any]]:
@@ -110,9 +117,9 @@ def _portion(batch: Any, cls: type[Any], nodes: tuple[ColumnNode, ...]) -> tuple
 def _times(name: str, column: Any) -> list[int]:
     if isinstance(column, dict):
         raise BagError(f"{name}: expected a column, found columns inside of it")
-    column = values.plain(column)
-    values.require_values(column, name)
-    return values.nanoseconds(column, name, Kind.TIME).tolist()  # type: ignore[no-any-return]
+    column = _plain(column)
+    _require_values(column, name)
+    return _nanoseconds(column, name, Kind.TIME).tolist()  # type: ignore[no-any-return]
 
 
 def _insert(tree: Tree, name: str, column: Any) -> None:
@@ -122,21 +129,21 @@ def _insert(tree: Tree, name: str, column: Any) -> None:
     for parent in parents:
         node = node.setdefault(parent, {})
         if not isinstance(node, dict):
-            raise BagError(f"there is a column {values.short_text(name)}, and another one that contains it")
+            raise BagError(f"there is a column {_short_text(name)}, and another one that contains it")
     if last in node:
-        raise BagError(f"there are two columns {values.short_text(name)}, or another one contains it")
+        raise BagError(f"there are two columns {_short_text(name)}, or another one contains it")
     node[last] = column
 
 
-# -------------------------------------------------------------------------------------------------------------- values
+# ------------------------------------------------------------------------------------------------------------ messages
 
 
 def _structs(cls: type[Any], nodes: Sequence[ColumnNode], tree: Tree, count: int, path: str) -> list[Any]:
     known = {node.name: node for node in nodes}
     for name in tree:
         if name not in known:
-            field = f"{path}{values.short_text(name)}"
-            raise BagError(f"{values.short_text(cls._TYPE.name)} has no field {field}{did_you_mean(name, known)}")
+            field = f"{path}{_short_text(name)}"
+            raise BagError(f"{_short_text(cls._TYPE.name)} has no field {field}{did_you_mean(name, known)}")
     names = [known[name].field.py_name for name in tree]
     columns = [_values(known[name], column, f"{path}{name}", count) for name, column in tree.items()]
     if not columns:
@@ -149,17 +156,17 @@ def _values(node: ColumnNode, column: Any, path: str, count: int) -> Sequence[An
         if node.kind is not Kind.STRUCT or node.length is not None:
             raise BagError(f"{path} is {node.field.type}; its fields cannot be columns")
         return _structs(_class(node), node.children, column, count, f"{path}.")
-    column = values.plain(column)
+    column = _plain(column)
     if node.length is None:
         return _elements(node, column, path)
-    values.require_values(column, path)
-    if node.is_binary and values.is_octets(column.type):
+    _require_values(column, path)
+    if node.is_binary and _is_octets(column.type):
         return column.to_pylist()  # type: ignore[no-any-return]
-    sizes, inside = values.lists(column, path, node.field.type)
+    sizes, inside = _lists(column, path, node.field.type)
     ends = sizes.cumsum().tolist()
     if node.kind is Kind.NUMBER:
-        values.require_values(inside, path)
-        items: Any = values.numbers(inside, node.code, path)
+        _require_values(inside, path)
+        items: Any = _numbers(inside, node.code, path)
     else:
         items = _elements(node, inside, path)
     return [items[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
@@ -168,17 +175,17 @@ def _values(node: ColumnNode, column: Any, path: str, count: int) -> Sequence[An
 def _elements(node: ColumnNode, column: Any, path: str) -> Sequence[Any]:
     if node.kind is Kind.EMPTY:
         if column.null_count != len(column) and not (pa.types.is_struct(column.type) and not column.type.num_fields):
-            kind = values.short_text(column.type)
+            kind = _short_text(column.type)
             raise BagError(f"{path}: expected nulls for {node.field.type}, which has no fields, found {kind}")
         return [_class(node)() for _ in range(len(column))]
-    values.require_values(column, path)
+    _require_values(column, path)
     if node.kind is Kind.NUMBER:
-        return values.numbers(column, node.code, path).tolist()  # type: ignore[no-any-return]
+        return _numbers(column, node.code, path).tolist()  # type: ignore[no-any-return]
     if node.kind is Kind.STRING:
-        return values.texts(column, path)
+        return _texts(column, path)
     if node.kind is Kind.STRUCT:
         return _structs(_class(node), node.children, _fields_of(node, column, path), len(column), f"{path}.")
-    seconds, rest = np.divmod(values.nanoseconds(column, path, node.kind), NS_PER_S)
+    seconds, rest = np.divmod(_nanoseconds(column, path, node.kind), NS_PER_S)
     cls = _class(node)
     return [cls(sec, nanosec) for sec, nanosec in zip(seconds.tolist(), rest.tolist(), strict=True)]
 
@@ -187,11 +194,11 @@ def _fields_of(node: ColumnNode, column: Any, path: str) -> Tree:
     if pa.types.is_null(column.type):  # the elements of lists that are all empty
         return {}
     if not pa.types.is_struct(column.type):
-        raise BagError(f"{path}: expected a struct for {node.field.type}, found {values.short_text(column.type)}")
+        raise BagError(f"{path}: expected a struct for {node.field.type}, found {_short_text(column.type)}")
     tree: Tree = {}
     for field, inner in zip(column.type, column.flatten(), strict=True):
         if field.name in tree:
-            raise BagError(f"{path}: there are two fields {values.short_text(field.name)}")
+            raise BagError(f"{path}: there are two fields {_short_text(field.name)}")
         tree[field.name] = inner
     return tree
 
@@ -203,5 +210,168 @@ def _class(node: ColumnNode) -> type[Any]:
 
 def located(error: EncodeError, topic: str, log_time: int) -> EncodeError:
     """Return the error of a message with the topic and the time of its row."""
-    path = f"{values.short_text(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
+    path = f"{_short_text(topic)} at {log_time} ns: {printable(error.path, _MAX_NAME)}"
     return EncodeError(path, printable(error.reason, _MAX_NAME))
+
+
+# -------------------------------------------------------------------------------------------------------------- values
+
+
+def _plain(column: Any) -> Any:
+    """Return an array without dictionaries, run ends and views, except list views, which `_lists` reads."""
+    kind, types = column.type, pa.types
+    if isinstance(kind, pa.BaseExtensionType):
+        return _plain(column.storage)
+    result = column
+    if types.is_dictionary(kind):
+        result = _plain(_take(_plain(column.dictionary), column.indices))
+    elif types.is_run_end_encoded(kind):
+        rows = column.offset + np.arange(len(column))
+        runs = np.searchsorted(column.run_ends.to_numpy(), rows, side="right")
+        result = _plain(_take(_plain(column.values), pa.array(runs)))
+    elif types.is_string_view(kind):
+        result = pa.array(column.to_pylist(), pa.large_string())
+    elif types.is_binary_view(kind):
+        result = pa.array(column.to_pylist(), pa.large_binary())
+    if len(result) != len(column):
+        raise BagError(f"Arrow has read {len(result)} of {len(column)} values of {_short_text(kind)}")
+    return result
+
+
+def _take(column: Any, indices: Any) -> Any:
+    try:
+        return column.take(indices)
+    except pa.ArrowNotImplementedError:  # for example structs with string views
+        rows = (pa.nulls(1, column.type) if at is None else column.slice(at, 1) for at in indices.to_pylist())
+        return pa.concat_arrays([column.slice(0, 0), *rows])
+
+
+def _require_values(column: Any, path: str) -> None:
+    """Raise `BagError` if one of the values is null."""
+    if column.null_count:
+        row = column.is_null().index(True).as_py()
+        raise BagError(f"{path}: no value in row {row}; messages have a value for every field")
+
+
+def _lists(column: Any, path: str, expected: object) -> tuple[NDArray[np.int64], Any]:
+    """Return the length of each list of an array, and all elements, one list after the other."""
+    kind, types = column.type, pa.types
+    if types.is_list_view(kind) or types.is_large_list_view(kind):
+        return _view_lists(column, path)
+    if types.is_fixed_size_list(kind):
+        sizes = np.full(len(column), kind.list_size, np.int64)
+    elif types.is_list(kind) or types.is_large_list(kind):
+        sizes = column.value_lengths().to_numpy(zero_copy_only=False).astype(np.int64)
+    else:
+        raise BagError(f"{path}: expected a list for {expected}, found {_short_text(kind)}")
+    return sizes, _require_count(column.flatten(), int(sizes.sum()), path)
+
+
+def _view_lists(column: Any, path: str) -> tuple[NDArray[np.int64], Any]:
+    sizes = column.sizes.to_numpy(zero_copy_only=False).astype(np.int64)
+    offsets = column.offsets.to_numpy(zero_copy_only=False).astype(np.int64)
+    inside = _plain(column.values)
+    if len(sizes) and (min(offsets.min(), sizes.min()) < 0 or (offsets + sizes).max() > len(inside)):
+        raise BagError(f"{path}: a list refers to elements beyond the {len(inside)} stored")
+    total = int(sizes.sum())
+    indices = np.repeat(offsets - (sizes.cumsum() - sizes), sizes) + np.arange(total)
+    return sizes, _require_count(_take(inside, pa.array(indices)), total, path)
+
+
+def _require_count(elements: Any, count: int, path: str) -> Any:
+    if len(elements) != count:
+        raise BagError(f"{path}: found {len(elements)} elements in lists of {count}")
+    return _plain(elements)
+
+
+def _texts(column: Any, path: str) -> list[str]:
+    """Return the values of an array of text."""
+    kind, types = column.type, pa.types
+    if not (types.is_string(kind) or types.is_large_string(kind) or _is_empty_null(column)):
+        raise BagError(f"{path}: expected text, found {_short_text(kind)}")
+    return column.to_pylist()  # type: ignore[no-any-return]
+
+
+def _is_octets(kind: Any) -> bool:
+    """Return True if the values of an Arrow type are bytes."""
+    types = pa.types
+    return bool(types.is_binary(kind) or types.is_large_binary(kind) or types.is_fixed_size_binary(kind))
+
+
+def _numbers(column: Any, code: str, path: str) -> NDArray[Any]:
+    """Return the values of an array of numbers in the type of a struct code.
+
+    Raises `BagError` if the array has other values, or a value does not fit: it is out of range, has a fraction where
+    integers are expected, or is an integer without exact floating point number.
+    """
+    target, kind, types = schema.NUMBERS[code], column.type, pa.types
+    dtype = np.dtype(target.to_pandas_dtype())
+    if _is_empty_null(column):
+        return np.empty(0, dtype)
+    is_number = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
+    if not (types.is_boolean(kind) if code == "?" else is_number):
+        raise BagError(f"{path}: expected {target}, found {_short_text(kind)}")
+    values = np.asarray(column.to_pylist(), object) if types.is_decimal(kind) else column.to_numpy(zero_copy_only=False)
+    if values.dtype == dtype:
+        return values
+    wrong, result = (_to_floats if dtype.kind == "f" else _to_integers)(values, dtype)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise BagError(f"{path}: {_short_text(values[row])} in row {row} does not fit {target}")
+    return result
+
+
+def _to_integers(values: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[np.bool_], NDArray[Any]]:
+    """Return a mask of values that the integer type cannot represent, and the converted values."""
+    limits = np.iinfo(dtype)
+    if values.dtype.kind in "iu":
+        own = np.iinfo(values.dtype)
+        wrong = (values < max(limits.min, own.min)) | (values > min(limits.max, own.max))  # exact comparisons
+    elif values.dtype.kind == "f":
+        double = values.astype(np.float64)  # the limits, powers of 2, are exact
+        wrong = ~((double >= float(limits.min)) & (double < float(limits.max + 1)) & (np.trunc(double) == double))
+    else:
+        wrong = np.array([one != one.to_integral_value() or not limits.min <= one <= limits.max for one in values])
+    return wrong, np.where(wrong, 0, values).astype(dtype)
+
+
+def _to_floats(values: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[np.bool_], NDArray[Any]]:
+    """Return a mask of values that the float type cannot represent, and the converted values; fractions are rounded."""
+    with np.errstate(over="ignore"):
+        result = values.astype(dtype)
+    if values.dtype.kind == "f":
+        return np.isinf(result) & ~np.isinf(values), result
+    wrong = np.isinf(result)
+    for row in np.flatnonzero(np.abs(result) > 2 ** np.finfo(dtype).nmant).tolist():
+        whole = int(values[row])
+        wrong[row] = wrong[row] or (values[row] == whole and int(result[row]) != whole)
+    return wrong, result
+
+
+def _nanoseconds(column: Any, path: str, time_kind: Kind) -> NDArray[np.int64]:
+    """Return times or durations, or integers, as nanoseconds."""
+    kind, types = column.type, pa.types
+    if _is_empty_null(column) or types.is_integer(kind):
+        return _numbers(column, "q", path)
+    is_time = time_kind is Kind.TIME
+    if not (types.is_timestamp(kind) if is_time else types.is_duration(kind)):
+        name = "a time" if is_time else "a duration"
+        raise BagError(f"{path}: expected {name}, or nanoseconds as integers, found {_short_text(kind)}")
+    values: NDArray[np.int64] = column.view(pa.int64()).to_numpy(zero_copy_only=False)
+    factor = _UNITS_NS[kind.unit]
+    limits = np.iinfo(np.int64)
+    wrong = (values > limits.max // factor) | (values < -(limits.max // factor))
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise BagError(f"{path}: {values[row]} {kind.unit} in row {row} does not fit 64 bits of nanoseconds")
+    return values * factor
+
+
+def _is_empty_null(column: Any) -> bool:
+    """Return True for the elements of lists that are all empty: they may have no type."""
+    return pa.types.is_null(column.type) and not len(column)
+
+
+def _short_text(value: object) -> str:
+    """Return a name, a type or a value for an error text, printable and of bounded length."""
+    return printable(str(value), _MAX_TEXT)
