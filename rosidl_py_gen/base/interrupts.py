@@ -2,6 +2,9 @@
 
 `timeout -s INT` and shells send SIGINT twice within milliseconds: to the process, and to its group. A user presses
 Ctrl-C again if a command takes long to end. Neither must interrupt the code that closes files and leaves the network.
+
+Python ignores a KeyboardInterrupt in a callback of a weak reference, such as those of the import system: Ctrl-C while a
+program starts would have no effect. `CommandInterrupts.repeat_ignored` sends such a signal again.
 """
 
 from __future__ import annotations
@@ -10,13 +13,20 @@ import contextlib
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 REPEAT_S = 0.4
 """Time after a signal in which SIGINT is the same request. A larger value ignores a user who insists; with a smaller
 one, a second signal that a busy machine delivers late interrupts the shutdown."""
+_REPEAT_IGNORED_DELAY_S = 0.01
+"""Time after which an ignored signal is sent again: the hook has returned by then, so that it is not interrupted."""
 
 
 class CommandInterrupts:
@@ -53,6 +63,14 @@ class CommandInterrupts:
     def note(self) -> None:
         """Record that another handler received the first signal."""
         self._first_s = time.monotonic()
+
+    def repeat_ignored(self, unraisable: UnraisableHookArgs) -> None:
+        """Send SIGINT again if the exception, which Python ignores, is its KeyboardInterrupt; `sys.unraisablehook`."""
+        if unraisable.exc_type is not KeyboardInterrupt or os.name == "nt":  # there, `os.kill` ends the process
+            sys.__unraisablehook__(unraisable)
+            return
+        self._first_s = None
+        threading.Timer(_REPEAT_IGNORED_DELAY_S, os.kill, (os.getpid(), signal.SIGINT)).start()
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal; raises KeyboardInterrupt for the first one."""

@@ -69,11 +69,8 @@ class JointStatePublisher:
             if key not in ("parent", "factor", "offset") or not node.has_parameter(f"{group}.parent"):
                 expected = "dependent_joints.<joint>.parent, and if needed .factor and .offset"
                 raise ProgramError(f"parameter dependent_joints.{name}: expected {expected}")
-            factor, offset = (
-                self._parameter(f"{group}.factor", float, 1.0),
-                self._parameter(f"{group}.offset", float, 0.0),
-            )
-            self._dependent[joint] = Mimic(self._parameter(f"{group}.parent", str, ""), factor, offset)
+            parent, factor = self._parameter(f"{group}.parent", str, ""), self._parameter(f"{group}.factor", float, 1.0)
+            self._dependent[joint] = Mimic(parent, factor, self._parameter(f"{group}.offset", float, 0.0))
         self._joints: list[str] = []
         self._free: dict[str, _FreeJoint] = {}
         self._mimics: dict[str, Mimic] = {}
@@ -92,10 +89,12 @@ class JointStatePublisher:
         node.create_timer(1 / rate, self._publish)
 
     def _parameter(self, name: str, kind: type, default: Any) -> Any:
-        """Return the value of a parameter; raises `ParameterError` for another type."""
+        """Return the value of a parameter; raises `ParameterError` for another type, `ProgramError` for infinity."""
         if not self.node.has_parameter(name):
             self.node.declare_parameter(name, default)
         value: Any = self.node.get_parameter(name)
+        if type(value) is float and not math.isfinite(value):
+            raise ProgramError(f"parameter {name}: got {value}; expected a finite number")
         # The types of a whole number and an empty list are not those of a float and a list of texts.
         if (kind is float and type(value) is int) or (kind == list[str] and value == b""):
             return value

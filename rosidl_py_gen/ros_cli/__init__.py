@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     import click
 
-_COMMANDS = {
+COMMANDS = {
     "action": ("action", "Actions: list, info, send goals."),
     "bag": ("bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql, plot."),
     "completion": ("completion_script", "Print the completion script of a shell."),
@@ -59,7 +59,6 @@ _COMMANDS = {
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find."),
     "zenoh-router": ("zenoh_router", "Run a Zenoh router for nodes on rmw_zenoh."),
 }
-
 
 DAMAGED = 3
 """Exit code of a command that skipped damaged parts of a recording."""
@@ -88,7 +87,7 @@ def root() -> click.Group:
     from rosidl_py_gen.ros_cli.groups import LazyGroup
 
     settings = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
-    group = LazyGroup(package=__name__, verbs=_COMMANDS, context_settings=settings, help=_HELP)
+    group = LazyGroup(package=__name__, verbs=COMMANDS, context_settings=settings, help=_HELP)
     return _click().version_option(__version__, prog_name="rosidl-py")(group)  # type: ignore[no-any-return]
 
 
@@ -156,6 +155,8 @@ def run_async_command(command: AsyncCommand) -> int:
 def main(arguments: list[str] | None = None) -> None:
     """Run the console script; the module docstring lists its exit codes."""
     words = sys.argv[1:] if arguments is None else arguments
+    if arguments is None:
+        sys.unraisablehook = command_interrupts.repeat_ignored
     is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
     is_run = words[:1] in (["run"], ["launch"], ["test"])
     if is_completion:

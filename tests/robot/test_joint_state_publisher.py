@@ -21,6 +21,7 @@ from rosidl_py_gen.runtime import Context, Durability, ParameterError, QoSProfil
 JointState: Any = get_message("sensor_msgs/msg/JointState")
 String: Any = get_message("std_msgs/msg/String")
 LATCHED = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+YAML = {"nan": ".nan", "inf": ".inf"}
 
 
 def robot(*joints: tuple[str, str, str]) -> str:
@@ -51,7 +52,8 @@ CHAIN = robot(
 
 class Rig:
     def __init__(self, world: World, *arguments: str, **parameters: Any) -> None:
-        words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
+        texts = {name: YAML.get(str(value)) or json.dumps(value) for name, value in parameters.items()}
+        words = [word for name, text in texts.items() for word in ("-p", f"{name}:={text}")]
         context = Context(transport=world.transport, args=["test", *arguments, "--ros-args", *words])
         world.contexts.append(context)
         self.peer = world.node("peer")
@@ -180,6 +182,11 @@ async def test_messages_have_the_rate(memory: World, rate: float) -> None:
         ({"rate": 0}, "rate: got 0; expected more than 0 and at most 10000 Hz"),
         ({"rate": "fast"}, "'rate' is of type STRING, expected DOUBLE"),
         ({"rate": True}, "'rate' is of type BOOL, expected DOUBLE"),
+        ({"zeros.turn": math.nan}, "parameter zeros.turn: got nan; expected a finite number"),
+        ({"delta": math.inf}, "parameter delta: got inf; expected a finite number"),
+        ({"rate": math.inf}, "parameter rate: got inf; expected a finite number"),
+        ({"dependent_joints.turn.parent": "bend", "dependent_joints.turn.factor": math.nan}, "turn.factor: got nan; "),
+        ({"dependent_joints.turn.parent": "bend", "dependent_joints.turn.offset": math.inf}, "turn.offset: got inf; "),
         ({"use_mimic_tags": 1}, "'use_mimic_tags' is of type INTEGER, expected BOOL"),
         ({"zeros.turn": "a"}, "'zeros.turn' is of type STRING, expected DOUBLE"),
         ({"source_list": [1]}, "'source_list' is of type INTEGER_ARRAY, expected STRING_ARRAY"),

@@ -77,7 +77,7 @@ from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription, OpaqueFunction
 from launch.core import LaunchConfiguration
-from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.launch_description_sources import AnyLaunchDescriptionSource, PythonLaunchDescriptionSource
 from launch_ros.actions import ComposableNodeContainer, FindPackageShare, Listener, LoadComposableNodes, Node
 
 """
@@ -120,7 +120,20 @@ FILES = {
     "raises.launch.py": "import os\n\ndef generate_launch_description():\n    return os.environ['MODEL_OF_NOBODY']\n",
     "imports.launch.py": "import nav2_common.launch\n",
     "late.launch.py": _file("OpaqueFunction(lambda context: {}['key'])"),
+    "later.launch.py": _file(
+        "OpaqueFunction(later)",
+        before="    later = lambda context: [\n        Node(package='robot',\n executable='talkr')\n    ]\n",
+    ),
+    "include.launch.py": _file("IncludeLaunchDescription(AnyLaunchDescriptionSource('src/robot/xml.launch'))"),
+    "ros2.launch.py": _file("ExecuteProcess(cmd=['ros2', 'topic', 'list'])"),
+    "ros2_pkg.launch.py": _file("ExecuteProcess(cmd=['ros2', 'pkg'])"),
     "required.launch.py": _file("DeclareLaunchArgument('model', description='URDF file')"),
+}
+NODE = '  <node pkg="robot"\n    exec="talkr"/><!-- talkr -->\n'
+FRONTEND_FILES = {
+    "xml.launch": f"<launch>\n{NODE}</launch>\n",
+    "twice.launch": f"<launch>\n{NODE}{NODE}</launch>\n",
+    "yaml.launch": "launch:\n- node:\n    pkg: robot\n    exec: 'talkr'\n",
 }
 
 
@@ -129,6 +142,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("ws")
     files = {f"src/robot/launch/{name}": text for name, text in FILES.items()}
     files |= {f"src/robot/{place}/twice.launch.py": FILES["robot.launch.py"] for place in "ab"}
+    files |= {f"src/robot/{name}": text for name, text in FRONTEND_FILES.items()}
     files["src/robot/package.xml"] = PACKAGE_XML.format("robot")
     files |= {"src/robot/setup.py": SETUP_PY, "src/robot/setup.cfg": SETUP_CFG}
     files |= {"src/robot/robot/__init__.py": "", "src/robot/robot/talker.py": TALKER}
@@ -146,7 +160,7 @@ def _settings(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
 
 
 def _launch(workspace: Path, *words: str, stub: bool = True) -> subprocess.CompletedProcess[str]:
-    return started(*LAUNCH, *words, *(FROM if stub else ()), cwd=workspace, LAUNCH_STUB_LOOKUP="1")
+    return started(*LAUNCH, *words, *(FROM if stub else ()), cwd=workspace, LAUNCH_STUB_LOOKUP="1", PATH=os.defpath)
 
 
 def _children() -> set[str]:
@@ -220,9 +234,19 @@ def test_missing_parts_are_skipped_and_reported_once(workspace: Path) -> None:
 CURE = "install it, or pass the folder of its package with --path, or start the rest with --missing skip"
 LAUNCH_DIR = "src/robot/launch"
 ERRORS = {
-    ("robot", "one_missing.launch.py"): f"{LAUNCH_DIR}/one_missing.launch.py: missing executable rviz2 of rviz2: no "
+    ("robot", "one_missing.launch.py"): f"{LAUNCH_DIR}/one_missing.launch.py:11: missing executable rviz2 of rviz2: no "
     f"such package; {CURE}",
-    ("robot", "argument.launch.py"): f"{LAUNCH_DIR}/argument.launch.py: missing package nav2_bringup; {CURE}",
+    ("robot", "later.launch.py"): f"{LAUNCH_DIR}/later.launch.py:12: missing executable talkr of robot; did you mean ",
+    ("robot", "argument.launch.py"): f"{LAUNCH_DIR}/argument.launch.py:11: missing package nav2_bringup; {CURE}",
+    ("src/robot/xml.launch",): "src/robot/xml.launch:3: missing executable talkr of robot; did you mean ",
+    ("src/robot/yaml.launch",): "src/robot/yaml.launch:4: missing executable talkr of robot; did you mean ",
+    ("src/robot/twice.launch",): "src/robot/twice.launch: missing executable talkr of robot; did you mean ",
+    ("robot", "include.launch.py"): "src/robot/xml.launch:3: missing executable talkr of robot; did you mean ",
+    (
+        "robot",
+        "ros2.launch.py",
+    ): f"{LAUNCH_DIR}/ros2.launch.py:11: missing command ros2: rosidl-py topic does what ros2 topic does; {CURE}",
+    ("robot", "ros2_pkg.launch.py"): f"{LAUNCH_DIR}/ros2_pkg.launch.py:11: missing command ros2; {CURE}",
     ("robot", "missing.launch.py"): f"{LAUNCH_DIR}/missing.launch.py:11: missing package gazebo_ros; {CURE}",
     ("robot", "imports.launch.py"): f"{LAUNCH_DIR}/imports.launch.py:1: missing Python module nav2_common; {CURE}",
     (

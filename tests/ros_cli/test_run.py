@@ -144,6 +144,22 @@ def test_ctrl_c_ends_it_as_python_does(tmp_path: Path) -> None:
 # --- what is there ----------------------------------------------------------------------------------------------------
 
 
+def test_ctrl_c_in_a_callback_whose_exceptions_python_ignores_ends_it(tmp_path: Path) -> None:
+    """As in those of the import system, while a program starts."""
+    program = """
+        import os, signal, time, weakref
+        class Thing: pass
+        thing = Thing()
+        reference = weakref.ref(thing, lambda one: (os.kill(os.getpid(), signal.SIGINT), [*range(9)]))
+        del thing
+        time.sleep(99)
+    """
+    (tmp_path / "program.py").write_text(textwrap.dedent(program))
+    done = run("program.py", cwd=tmp_path)
+    assert done.returncode == -signal.SIGINT
+    assert done.stderr.splitlines()[-2:] == ["    time.sleep(99)", "KeyboardInterrupt"]
+
+
 def test_messages_are_there_in_rclpy_s_flavour(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": "from std_msgs.msg import String\nprint(repr(String(data='x')))"})
     assert run(tmp_path / "program.py").stdout == "std_msgs.msg.String(data='x')\n"

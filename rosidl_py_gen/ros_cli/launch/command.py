@@ -38,7 +38,7 @@ def launch(words: Sequence[str], paths: Sequence[str], checkouts: Sequence[str],
     rosidl-py launch my_robot robot.launch.py use_sim_time:=true
     rosidl-py launch src/my_robot/launch/robot.launch.py --missing skip
     """
-    from rosidl_py_gen.ros_cli.launch.start import start
+    from rosidl_py_gen.ros_cli.launch.service import start
 
     if settings["show_args"] and settings["print"]:
         raise click.UsageError("--show-args and --print-description exclude each other")

@@ -9,9 +9,13 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import sys
 import traceback
 import warnings
+from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import ParseError
 
@@ -19,7 +23,7 @@ from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import report, terminal_output
+from rosidl_py_gen.ros_cli import COMMANDS, report, terminal_output
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.prefix.build import Prefix
@@ -29,6 +33,12 @@ _NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")
 """Beginnings of the texts of these errors, if they are about a missing part."""
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
 """Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
+_PLACE = "_rosidl_py_gen_place"
+"""Attribute that we add to actions: the launch file that has created them, and the line, which is 0 in XML and YAML."""
+_PYTHON_FILE, _FRONTEND_FILE = "python_launch_file", "frontend_launch_file_path"
+"""Name of the module of each launch file in Python; variable of launch with the path of one in XML or YAML."""
+_NAMING = r"\b(?:exec|cmd|pkg|find-pkg-\w+)\W+{}(?![\w.-])"
+"""Pattern of a name in XML and YAML."""
 
 
 class MissingParts:
@@ -46,6 +56,7 @@ class MissingParts:
         action, local = import_module("launch").Action, import_module("launch.actions").ExecuteLocal
         load = import_module("launch_ros.actions").LoadComposableNodes
         share, visit, prepare, execute = vars(packages)[_SHARE], action.visit, local.prepare, load.execute
+        create = action.__init__
         warnings.filterwarnings("ignore", message="Share (directory|path) for")
 
         def share_folder(name: str) -> str:
@@ -57,11 +68,17 @@ class MissingParts:
         def prepare_and_check(self: Any, context: Any) -> None:
             prepare(self, context)
             details = self.process_details
-            command = os.path.join((details["cwd"] or "") if os.sep in details["cmd"][0] else "", details["cmd"][0])
+            name, verb = (*details["cmd"], "")[:2]
+            command = os.path.join((details["cwd"] or "") if os.sep in name else "", name)
             if not self.shell and shutil.which(command, path=(details["env"] or os.environ).get("PATH")) is None:
-                raise FileNotFoundError(f"command {command}")
+                same = f": rosidl-py {verb} does what ros2 {verb} does" if name == "ros2" and verb in COMMANDS else ""
+                raise FileNotFoundError(f"command {command}{same}")
 
-        vars(packages)[_SHARE], local.prepare = share_folder, prepare_and_check
+        def create_with_place(self: Any, *arguments: Any, **settings: Any) -> None:
+            vars(self)[_PLACE] = _place(traceback.walk_stack(sys._getframe(1)))
+            create(self, *arguments, **settings)
+
+        vars(packages)[_SHARE], local.prepare, action.__init__ = share_folder, prepare_and_check, create_with_place
         action.visit = lambda one, context: self._visit(visit, one, context)
         load.execute = lambda one, context: self._load(execute, one, context)
 
@@ -74,7 +91,7 @@ class MissingParts:
             if part is None and location.startswith(self._absent):
                 part = f"launch file {os.path.relpath(location, self._absent)}"
             if part is None or not self._skip:
-                report(self.error_text(error, part, location if os.path.isfile(location) else self._file))
+                report(self.error_text(error, part, vars(action).get(_PLACE) or (self._file, 0)))
                 raise
             if "executable component_container" in part:  # also a Node that names the executable of a container
                 self._containers.add(action.node_name)
@@ -107,17 +124,20 @@ class MissingParts:
                 return text.partition(", searching")[0].replace("'", "").removesuffix(" not found")
         return None
 
-    def error_text(self, error: BaseException, part: str | None, file: str) -> str:
-        """Return an error, or its missing part, with the place in a launch file that caused it, and a cure."""
-        cause: Any = _causes(error)[-1]
-        line = cause.position[0] if isinstance(cause, ParseError) else None
-        if mark := getattr(cause, "problem_mark", None):  # of YAML
+    def error_text(self, error: BaseException, part: str | None, default: tuple[str, int]) -> str:
+        """Return an error, or its missing part, with its place (of which a default is given), and a cure."""
+        causes = _causes(error)
+        cause: Any = causes[-1]
+        frames = [pair for one in causes for pair in traceback.walk_tb(one.__traceback__)]
+        file, line = _place(reversed(frames)) or default
+        if isinstance(cause, ParseError):  # of XML
+            line = cause.position[0]
+        elif isinstance(cause, SyntaxError):
+            file, line = cause.filename or file, cause.lineno or line
+        elif mark := getattr(cause, "problem_mark", None):  # of YAML
             line = mark.line + 1
-        for frame, number in traceback.walk_tb(cause.__traceback__):
-            if frame.f_globals.get("__name__") == "python_launch_file":  # the name of all launch files
-                file, line = frame.f_code.co_filename, number
-        if isinstance(cause, SyntaxError) and cause.lineno:
-            file, line = cause.filename or file, cause.lineno
+        elif part is not None:
+            line = line or _line_naming(part.split()[1].rstrip(":"), file)
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
@@ -135,6 +155,23 @@ class MissingParts:
         folder = os.path.join(prefixes[package], "lib", package)
         known = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
         return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
+
+
+def _place(frames: Iterable[tuple[FrameType, int]]) -> tuple[str, int] | None:
+    """Return the launch file, and the line, of the first frame that runs one in Python, or reads one in XML or YAML."""
+    for frame, line in frames:
+        if frame.f_globals.get("__name__") == _PYTHON_FILE:
+            return frame.f_code.co_filename, line
+        if _FRONTEND_FILE in frame.f_code.co_varnames and os.path.isfile(file := frame.f_locals[_FRONTEND_FILE]):
+            return file, 0
+    return None
+
+
+def _line_naming(name: str, file: str) -> int:
+    """Return the line of an XML or YAML file that names a package, executable or command; 0 unless it is one line."""
+    text = Path(file).read_text(encoding="utf-8", errors="replace")
+    lines = [text.count("\n", 0, one.end()) + 1 for one in re.finditer(_NAMING.format(re.escape(name)), text)]
+    return lines[0] if len(lines) == 1 else 0
 
 
 def _causes(error: BaseException) -> list[BaseException]:
