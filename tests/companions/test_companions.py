@@ -254,7 +254,7 @@ def test_transforms(tmp_path: Path) -> None:
         from rclpy.time import Time
         from tf2_ros import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
         from tf2_ros.buffer import Buffer as Same
-        from tf2_ros.transform_listener import TransformListener
+        from tf2_ros.transform_listener import DEFAULT_STATIC_TF_TOPIC, DEFAULT_TF_TOPIC, TransformListener
 
         def at(parent, child, x, seconds=0.0):
             made = TransformStamped()
@@ -282,6 +282,10 @@ def test_transforms(tmp_path: Path) -> None:
         print(buffer.can_transform("map", "nothing", Time(), return_debug_tuple=True)[0])
         print(buffer.can_transform("map", "nothing", Time(), timeout=Duration(seconds=0.05)))
         print(buffer.get_latest_common_time("map", "laser").nanoseconds)
+        assert (DEFAULT_TF_TOPIC, DEFAULT_STATIC_TF_TOPIC) == ("/tf", "/tf_static")
+        other = TransformListener(Buffer(), node, tf_topic="/other", tf_static_topic="other_static")
+        assert [one.topic_name for one in (other.tf_sub, other.tf_static_sub)] == ["/other", "/other_static"]
+        other.unregister()
         print(sorted(buffer.all_frames_as_string().splitlines()))
         for asked in (("map", "nothing", 0), ("map", "base", 20), ("map", "base", 5), ("map", "", 0)):
             try:

@@ -13,6 +13,8 @@ from tf2_msgs.msg import TFMessage
 
 from tf2_ros.buffer import Buffer as Buffer
 
+DEFAULT_TF_TOPIC = "/tf"
+DEFAULT_STATIC_TF_TOPIC = "/tf_static"
 _AUTHORITY = "default_authority"
 
 
@@ -22,6 +24,7 @@ class TransformListener:
     Args:
         qos: profile or depth for ``/tf``. [default: depth 100]
         static_qos: profile or depth for ``/tf_static``. [default: depth 100, transient local]
+        tf_topic, tf_static_topic: other names of these topics.
     """
 
     def __init__(
@@ -32,6 +35,8 @@ class TransformListener:
         spin_thread: bool = False,
         qos: QoSProfile | int | None = None,
         static_qos: QoSProfile | int | None = None,
+        tf_topic: str = DEFAULT_TF_TOPIC,
+        tf_static_topic: str = DEFAULT_STATIC_TF_TOPIC,
     ) -> None:
         history = {"depth": 100, "history": HistoryPolicy.KEEP_LAST}
         if qos is None:
@@ -41,9 +46,9 @@ class TransformListener:
         self.buffer, self.node = buffer, node
         # A callback in the default group that waits for transforms must not block these subscriptions.
         self.group = ReentrantCallbackGroup()
-        self.tf_sub = node.create_subscription(TFMessage, "/tf", self.callback, qos, callback_group=self.group)
+        self.tf_sub = node.create_subscription(TFMessage, tf_topic, self.callback, qos, callback_group=self.group)
         self.tf_static_sub = node.create_subscription(
-            TFMessage, "/tf_static", self.static_callback, static_qos, callback_group=self.group
+            TFMessage, tf_static_topic, self.static_callback, static_qos, callback_group=self.group
         )
         if spin_thread:
             self.executor = SingleThreadedExecutor()
