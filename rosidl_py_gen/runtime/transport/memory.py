@@ -35,6 +35,7 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
 )
 from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind, check_compatible
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, effective
+from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServerAvailability, ServiceSpec
 from rosidl_py_gen.runtime.transport.service_endpoints import (
     EndpointPairClient,
@@ -103,8 +104,9 @@ class MemoryParticipant:
         self.service_peers = ServicePeers()
         self.nodes: tuple[NodeEntities, ...] = ()
         self.closed = False
-        self._notify: Callable[[], None] | None = None
-        self._ready: dict[Sink, None] = {}
+        self._ready_sinks = ReadySinks(has_pipe=False)
+        self.mark_ready, self.set_wakeup = self._ready_sinks.put, self._ready_sinks.set_wakeup
+        self.take_ready_sinks, self.fileno = self._ready_sinks.take, self._ready_sinks.fileno
         self._events: list[DiscoveryEvent] = []
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
 
@@ -211,26 +213,6 @@ class MemoryParticipant:
                 self.readers.remove(endpoint)
             self._report_to_all(EntityLost(endpoint.guid))
 
-    def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        self._notify = notify
-        if notify is not None and self._ready:
-            notify()
-
-    def mark_ready(self, sink: Sink) -> None:
-        """Add a sink to the ready ones."""
-        self._ready[sink] = None
-        if self._notify is not None:
-            self._notify()
-
-    def fileno(self) -> None:
-        """Return None: a writer calls the wake-up function itself."""
-
-    def take_ready_sinks(self) -> list[Sink]:
-        with self.lock:
-            ready = list(self._ready)
-            self._ready.clear()
-            return ready
-
     def detach_after_fork(self) -> None:
         """Do nothing: a copy of the memory is harmless."""
 
@@ -242,7 +224,7 @@ class MemoryParticipant:
                 endpoint.close()
             self.closed = True
             self._discovery_sink = None
-            self._ready.clear()
+            self._ready_sinks.close()
             self.peers.remove(self)
             self._report_to_all(EntityLost(self.guid))
 

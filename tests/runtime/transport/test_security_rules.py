@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.cyclone import security, security_log
-from rosidl_py_gen.runtime.transport.cyclone.governance import Governance
+from rosidl_py_gen.runtime.transport.cyclone import security
 from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary
+from rosidl_py_gen.runtime.transport.cyclone.security import Governance
 from rosidl_py_gen.runtime.transport.dds import correlation
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class Line:
     def __init__(self, text: str, file: str = "/src/core/ddsi/src/ddsi_handshake.c") -> None:
         head = b"1.0 [0] fsm: "
         self._buffer = ct.create_string_buffer(head + text.encode() + b"\n")
-        self._data = security_log._LogData(
+        self._data = security._LogData(
             kind=2, file=file.encode(), message=ct.addressof(self._buffer) + len(head), size=len(text.encode())
         )
         self._data.header_size = len(head)
@@ -102,7 +102,7 @@ class Line:
 def log_of(*lines: Line) -> tuple[list[str], int]:
     """Return the records about lines, and how often the loop was woken up."""
     woken: list[None] = []
-    log = security_log.SecurityLog(Api())  # type: ignore[arg-type]
+    log = security.SecurityLog(Api())  # type: ignore[arg-type]
     log.open(lambda: woken.append(None))
     for line in lines:
         log._sink(None, line.pointer)
@@ -149,7 +149,7 @@ def test_other_lines_are_written_as_without_a_sink(capfd: pytest.CaptureFixture[
 
 def test_the_sink_is_removed_with_the_last_participant() -> None:
     api = Api()
-    log = security_log.SecurityLog(api)  # type: ignore[arg-type]
+    log = security.SecurityLog(api)  # type: ignore[arg-type]
     one, two = (lambda: None), (lambda: None)
     for function in (log.open, log.close):
         function(one)
@@ -162,7 +162,7 @@ def test_the_sink_is_removed_with_the_last_participant() -> None:
 
 
 def test_lines_of_the_creating_thread_are_captured() -> None:
-    log = security_log.SecurityLog(Api())  # type: ignore[arg-type]
+    log = security.SecurityLog(Api())  # type: ignore[arg-type]
     own, peer = rejected("own"), rejected("peer")
     with log.captured() as lines:
         log._sink(None, own.pointer)

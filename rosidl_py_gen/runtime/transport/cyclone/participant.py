@@ -18,7 +18,7 @@ import threading
 from collections import defaultdict
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
@@ -45,6 +45,8 @@ from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import PRO
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, new_qos
 from rosidl_py_gen.runtime.transport.cyclone.security import (
     CAPABILITY,
+    Governance,
+    SecurityLog,
     creation_error,
     denied_error,
     find_plugins,
@@ -68,8 +70,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.api import EndpointSpec, SecurityEnclave, Sink
     from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
-    from rosidl_py_gen.runtime.transport.cyclone.governance import Governance
-    from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256
@@ -88,13 +88,7 @@ _NO_ENDPOINTS = (
 _library = library.find()
 _api = c_api.CycloneApi(_library.handle)
 _fast_dds = FastDdsInterop(_api, _library.unsupported_elements)
-
-
-@cache
-def _security_log() -> SecurityLog:
-    from rosidl_py_gen.runtime.transport.cyclone.security_log import SecurityLog  # only secured contexts load it
-
-    return SecurityLog(_api)
+_security_log = SecurityLog(_api)
 
 
 class CycloneTransport:
@@ -105,34 +99,15 @@ class CycloneTransport:
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain; all participants of a process must configure it alike (`domain.py`)."""
-        # With shared memory a payload may be stored outside of the sample. Newer versions disable it by QoS.
-        no_shared_memory = "<SharedMemory><Enable>false</Enable></SharedMemory>"
-        xml = cyclone_xml(
-            settings,
-            process_id=os.getpid(),
-            extra=DEFAULT_CONFIG,
-            last=no_shared_memory if _api.qset_psmx_instances is None else "",
-            unsupported=_library.unsupported_elements,
-        )
-        is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
-        user_data, security = participant_user_data(enclave), _usable_security(settings)
-        return CycloneParticipant(
-            settings.domain_id,
-            user_data,
-            xml,
-            is_local=is_local,
-            security=security,
-            ros_distro=settings.ros_distro,
-        )
+        return CycloneParticipant(settings, enclave)
 
 
-def _usable_security(settings: DomainSettings) -> SecurityEnclave | None:
+def _usable_security(enclave: SecurityEnclave | None) -> SecurityEnclave | None:
     """Return the enclave of a secured context; None, with a warning, if the library permits no security.
 
     Raises:
         SecurityError: security is enforced, and the library has none.
     """
-    enclave = settings.security
     plugins = find_plugins(_library) if enclave is not None else {}
     if enclave is None or not isinstance(plugins, str):
         return enclave
@@ -145,22 +120,25 @@ def _usable_security(settings: DomainSettings) -> SecurityEnclave | None:
     return None
 
 
+def _configuration(settings: DomainSettings) -> str:
+    # With shared memory a payload may be stored outside of the sample. Newer versions disable it by QoS.
+    no_shared_memory = "<SharedMemory><Enable>false</Enable></SharedMemory>"
+    return cyclone_xml(
+        settings,
+        process_id=os.getpid(),
+        extra=DEFAULT_CONFIG,
+        last=no_shared_memory if _api.qset_psmx_instances is None else "",
+        unsupported=_library.unsupported_elements,
+    )
+
+
 class CycloneParticipant(DdsParticipant):
     """Participant of the DDS transport."""
 
-    def __init__(
-        self,
-        domain_id: int,
-        user_data: bytes,
-        xml: str,
-        *,
-        is_local: bool,
-        security: SecurityEnclave | None = None,
-        ros_distro: str = "",
-    ) -> None:
-        super().__init__(_fast_dds, ros_distro)
+    def __init__(self, settings: DomainSettings, enclave: str) -> None:
+        super().__init__(_fast_dds, settings.ros_distro)
         self.api = _api
-        self.domain_id = domain_id
+        self.domain_id = settings.domain_id
         self._closed = False
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
@@ -168,15 +146,16 @@ class CycloneParticipant(DdsParticipant):
         self.readers: dict[int, CycloneReader] = {}
         """Readers by entity, which is the handle that `pipe` contains."""
         self.buffers = TakeBuffers()
-        self._is_local = is_local
-        self._security = security
+        self._is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
+        self._security = security = _usable_security(settings.security)
         self._governance: Governance | None = None
         self._only_data_reason = ""
         """Reason why peers on Fast DDS do not receive some topics, until it was logged."""
         with ExitStack() as undo:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
-            self.domain = Domain.join(_api, _fast_dds, domain_id, xml, "" if security is None else security.folder)
+            folder = "" if security is None else security.folder
+            self.domain = Domain.join(_api, _fast_dds, self.domain_id, _configuration(settings), folder)
             undo.callback(self.domain.leave)
             self._listener: int = _api.create_listener(None)
             undo.callback(_api.delete_listener, self._listener)
@@ -184,9 +163,9 @@ class CycloneParticipant(DdsParticipant):
             self._early = EarlySampleReaders(_api, _fast_dds, self._listener)
             undo.callback(self._early.close)
             if security is not None:
-                _security_log().open(self._report_soon)
-                undo.callback(_security_log().close, self._report_soon)
-            self.entity = self._create_participant(user_data)
+                _security_log.open(self._report_soon)
+                undo.callback(_security_log.close, self._report_soon)
+            self.entity = self._create_participant(participant_user_data(enclave))
             undo.callback(_api.delete, self.entity)
             if IGNORE_TYPE_INFORMATION in _library.unsupported_elements:  # before the first peer replies
                 # Permissions concern the name of a topic, and every ROS participant may use this one.
@@ -197,7 +176,7 @@ class CycloneParticipant(DdsParticipant):
             self.guid = _api.guid_of(self.entity)
             self.discovery = BuiltinTopicReaders(
                 *(_api, _fast_dds, self.entity, self._listener, self.pipe.stream),
-                on_new_participant=partial(request_endpoints, self.guid, is_local=is_local),
+                on_new_participant=partial(request_endpoints, self.guid, is_local=self._is_local),
                 new_warnings=self._new_warnings,
             )
             self._early.probe_layout(self.discovery.entities[0])
@@ -212,12 +191,10 @@ class CycloneParticipant(DdsParticipant):
         plugins = find_plugins(_library)
         assert isinstance(plugins, dict)
         properties = security_properties(security, plugins)
-        with new_qos(_api, user_data, properties) as qos, _security_log().captured() as lines:
+        with new_qos(_api, user_data, properties) as qos, _security_log.captured() as lines:
             code: int = _api.create_participant(domain_id, qos, None)
         if code < 0:
             raise creation_error(security, domain_id, f"{_api.strretcode(code).decode()}, {code}", lines)
-        from rosidl_py_gen.runtime.transport.cyclone.governance import Governance
-
         self._governance = Governance(security.folder, domain_id)
         self._only_data_reason = self._governance.only_data_reason()
         return code
@@ -234,7 +211,7 @@ class CycloneParticipant(DdsParticipant):
         if self._only_data_reason and has_secured_fast_dds():
             rule, self._only_data_reason = self._only_data_reason, ""
             warnings.append(f"security: a peer on Fast DDS was found, and {rule}")
-        return [*warnings, *_security_log().new_records()]
+        return [*warnings, *_security_log.new_records()]
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
         rule = self._governance and self._governance.only_data_reason(wire_name(service.topic_keys[0]))

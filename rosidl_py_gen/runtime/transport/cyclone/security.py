@@ -1,10 +1,14 @@
-"""DDS Security of a participant: plugins, properties, and errors with a cause.
+"""DDS Security of a participant: plugins, properties, errors with a cause, governance rules, and rejected peers.
 
 Properties tell Cyclone DDS where the files of the enclave and the plugins are. The plugins call functions of the
 library that loaded them. Plugins of another build end the process, so only those next to the library are used, and only
 if they are linked to it.
 
-Source: docs/internals/dds.md 10.
+A rejected peer repeats its attempt, and Cyclone logs each; here a peer is recorded once. While secured participants
+exist, a sink receives the lines of Cyclone's log. Those about other subjects are written to standard error, as without
+it. Patterns are texts, which `re` compiles when a secured participant needs them.
+
+Source: docs/internals/dds.md 10 to 12.
 """
 
 from __future__ import annotations
@@ -13,9 +17,13 @@ import ctypes as ct
 import os
 import re
 import sys
+import threading
+from collections import deque
+from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.transport.api import SecurityError
@@ -23,9 +31,10 @@ from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.dds.names import topic_key_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from rosidl_py_gen.runtime.transport.api import SecurityEnclave
+    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
     from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary
 
 CAPABILITY = "DDS Security (SROS 2)"
@@ -48,63 +57,42 @@ _FILES = {
     "dds.sec.access.permissions": "permissions.p7s",
 }
 _REVOKED = "crl.pem"
-_MAX_REASON = 400
+_MAX_REASON_CHARS = 400
 
-
-class _Cause(NamedTuple):
-    """Cause of a failed creation of a participant.
-
-    Attributes:
-        pattern: part of Cyclone's line.
-        text: cause and fix; ``{folder}`` is that of the enclave, ``{domain}`` the domain.
-    """
-
-    pattern: str
-    text: str
-
-
-_CAUSES = (
-    _Cause(
-        "certificate has expired",
-        "the certificate of the enclave, {folder}/cert.pem, or of its CA, {folder}/identity_ca.cert.pem, has expired; "
-        "renew it",
+_CAUSES = {
+    "certificate has expired": (
+        "the certificate of the enclave, {folder}/cert.pem, or of its CA, {folder}/identity_ca.cert.pem, has expired;"
+        " renew it"
     ),
-    _Cause(
-        "certificate is not yet valid",
-        "the certificate of the enclave, {folder}/cert.pem, is not valid yet; check the clock of this machine",
+    "certificate is not yet valid": (
+        "the certificate of the enclave, {folder}/cert.pem, is not valid yet; check the clock of this machine"
     ),
-    _Cause(
-        "certificate revoked",
-        "the certificate of the enclave, {folder}/cert.pem, is revoked by {folder}/crl.pem; issue a new one",
+    "certificate revoked": (
+        "the certificate of the enclave, {folder}/cert.pem, is revoked by {folder}/crl.pem; issue a new one"
     ),
-    _Cause(
-        "PKCS7|SMIME",
+    "PKCS7|SMIME": (
         "{folder}/governance.p7s or permissions.p7s was changed, or is not signed by the CA of "
-        "{folder}/permissions_ca.cert.pem; create the enclave again",
+        "{folder}/permissions_ca.cert.pem; create the enclave again"
     ),
-    _Cause(
-        "certificate signature failure|unable to get local issuer|self.signed certificate",
-        "{folder}/cert.pem was not issued by the CA of {folder}/identity_ca.cert.pem; create the enclave again",
+    "certificate signature failure|unable to get local issuer|self.signed certificate": (
+        "{folder}/cert.pem was not issued by the CA of {folder}/identity_ca.cert.pem; create the enclave again"
     ),
-    _Cause(
-        "Subject name is invalid",
-        "{folder}/permissions.p7s has no grant for the subject of {folder}/cert.pem; create the permissions again",
+    "Subject name is invalid": (
+        "{folder}/permissions.p7s has no grant for the subject of {folder}/cert.pem; create the permissions again"
     ),
-    _Cause(
-        r"Could not find domain \d+ in governance",
-        "{folder}/governance.p7s has no rule for domain {domain}; add the domain, or use one that it has",
+    r"Could not find domain \d+ in governance": (
+        "{folder}/governance.p7s has no rule for domain {domain}; add the domain, or use one that it has"
     ),
-    _Cause(
-        r"Could not find domain \d+ in permissions|domain .* permissions",
-        "{folder}/permissions.p7s has no rule for domain {domain}; create the permissions for ROS_DOMAIN_ID={domain}",
+    r"Could not find domain \d+ in permissions|domain .* permissions": (
+        "{folder}/permissions.p7s has no rule for domain {domain}; create the permissions for ROS_DOMAIN_ID={domain}"
     ),
-    _Cause(
-        "Permissions validity period",
-        "the permissions in {folder}/permissions.p7s are outside of their validity; create them again",
+    "Permissions validity period": (
+        "the permissions in {folder}/permissions.p7s are outside of their validity; create them again"
     ),
-    _Cause("Failed to read CRL", "{folder}/crl.pem is not a list of revoked certificates; create it again"),
-    _Cause("Could not load", "the plugins of this library do not load; reinstall the package of the library"),
-)
+    "Failed to read CRL": "{folder}/crl.pem is not a list of revoked certificates; create it again",
+    "Could not load": "the plugins of this library do not load; reinstall the package of the library",
+}
+"""Cause and fix of a failed creation by pattern of a line of Cyclone; ``{folder}`` is that of the enclave."""
 
 
 @cache
@@ -153,16 +141,12 @@ def security_properties(enclave: SecurityEnclave, plugins: dict[str, str]) -> It
 
 def creation_error(enclave: SecurityEnclave, domain: int, code_text: str, lines: Iterable[str]) -> SecurityError:
     """Return the error of a participant that Cyclone refused, with the cause in the lines that it logged."""
-    reasons = [printable(" ".join(line.split()), _MAX_REASON) for line in lines]
-    causes = [
-        cause.text.format(folder=enclave.folder, domain=domain)
-        for cause in _CAUSES
-        if any(re.search(cause.pattern, reason) for reason in reasons)
-    ]
+    reasons = [printable(" ".join(line.split()), _MAX_REASON_CHARS) for line in lines]
+    causes = [text for pattern, text in _CAUSES.items() if any(re.search(pattern, reason) for reason in reasons)]
+    cause = causes[0].format(folder=enclave.folder, domain=domain) if causes else f"a file in {enclave.folder} is wrong"
     said = f"Cyclone DDS reports: {'; '.join(reasons)}" if reasons else "Cyclone DDS printed the reason, if it has one"
     return SecurityError(
-        f"the secured participant of enclave {enclave.name} cannot join domain {domain}: "
-        f"{causes[0] if causes else f'a file in {enclave.folder} is wrong'}. {said} ({code_text})"
+        f"the secured participant of enclave {enclave.name} cannot join domain {domain}: {cause}. {said} ({code_text})"
     )
 
 
@@ -175,3 +159,188 @@ def denied_error(enclave: SecurityEnclave, topic: str, *, is_writer: bool) -> Se
         f"enclave {enclave.name} must not {activity} {kind}{key.name} (DDS topic {topic}): the permissions in "
         f"{enclave.folder}/permissions.p7s do not allow it; add it to the policy, and create the permissions again"
     )
+
+
+# ---------------------------------------------------------------------------------------------------------- governance
+
+
+_MAX_GOVERNANCE_BYTES = 1 << 20
+_COMMENT = r"(?s)<!--.*?-->"
+_DOMAIN_RULE = r"(?s)<domain_rule>(.*?)</domain_rule>"
+_ID = r"<id>\s*(\d{1,9})\s*</id>"
+_RANGE = r"(?s)<id_range>(.*?)</id_range>"
+_MIN, _MAX = (rf"<{name}>\s*(\d{{1,9}})\s*</{name}>" for name in ("min", "max"))
+_TOPIC_RULE = r"(?s)<topic_rule>(.*?)</topic_rule>"
+_EXPRESSION = r"(?s)<topic_expression>\s*(.*?)\s*</topic_expression>"
+_PROTECTED_DATA = r"<data_protection_kind>\s*(?:SIGN|ENCRYPT)\s*<"
+_PLAIN_METADATA = r"<metadata_protection_kind>\s*NONE\s*<"
+
+
+class Governance:
+    """Topic rules of one domain. The file is S/MIME with readable XML; Cyclone has verified its signature."""
+
+    def __init__(self, folder: str, domain_id: int) -> None:
+        text = ""
+        with suppress(OSError), (Path(folder) / "governance.p7s").open("rb") as content:
+            text = re.sub(_COMMENT, "", content.read(_MAX_GOVERNANCE_BYTES).decode(errors="replace"))
+        rules = (rule for rule in re.findall(_DOMAIN_RULE, text) if _has_domain(rule, domain_id))
+        self._rules = [
+            (expression[1], bool(re.search(_PROTECTED_DATA, rule) and re.search(_PLAIN_METADATA, rule)))
+            for rule in re.findall(_TOPIC_RULE, next(rules, ""))
+            if (expression := re.search(_EXPRESSION, rule))
+        ]
+        """Expression of each rule, and True if it protects the data of a topic, but not the metadata."""
+
+    def only_data_reason(self, topic: str = "") -> str:
+        """Return why peers on Fast DDS get no data of a DDS topic, because its rule protects nothing but the data.
+
+        Without a topic, the reason is about the first such rule. It is empty if there is none.
+        """
+        rules = (rule for rule in self._rules if (fnmatchcase(topic, rule[0]) if topic else rule[1]))
+        expression, is_only_data = next(rules, ("", False))
+        if not is_only_data:
+            return ""
+        return (
+            f"the governance rule {expression!r:.100} protects data but not metadata, and then Cyclone DDS and Fast "
+            "DDS do not understand each other; use metadata_protection_kind SIGN or ENCRYPT, or data_protection_kind "
+            "NONE"
+        )
+
+
+def _has_domain(rule: str, domain_id: int) -> bool:
+    domains = rule.partition("</domains>")[0]
+    if any(int(number) == domain_id for number in re.findall(_ID, domains)):
+        return True
+    for bounds in re.findall(_RANGE, domains):
+        low, high = re.search(_MIN, bounds), re.search(_MAX, bounds)
+        if (low is None or int(low[1]) <= domain_id) and (high is None or domain_id <= int(high[1])):
+            return True
+    return False
+
+
+# ------------------------------------------------------------------------------------------------------ rejected peers
+
+
+_MAX_PEERS = 100
+"""Maximum number of rejected peers to record. A peer may have any subject, so their number has no other bound."""
+_MAX_RECORD_CHARS = 300
+_SUBJECT = r"; subject: (.*?)(?:\(code: \d+\))?$"
+_OPENSSL = r":?\s*(?<![0-9A-F])[0-9A-F]{8,}:error:.*"
+"""Errors of OpenSSL, which contain an address that changes."""
+_CODE = r"\s*\(code: \d+\)\s*$"
+_GUID = r"\b[0-9a-f]{1,8}(?::[0-9a-f]{1,8}){3}\b"
+_SECURITY_FILES = ("security", "handshake")
+"""Parts of the names of Cyclone's source files that log about security."""
+_EARLY_PEER = "Remote secure participant"
+"""Line about a peer that was received before the participant of this process exists; the peer is discovered later."""
+_EXPLANATIONS = {
+    "Failed to convert octet sequence to ASN1 integer": (
+        "a limitation between Cyclone DDS and Fast DDS: they authenticate each other only if Cyclone DDS begins the "
+        "handshake; a hash of the names of their enclaves decides that. Rename one of these enclaves"
+    ),
+    "certificate has expired": "the certificate of the peer, or its CA, has expired",
+    "certificate is not yet valid": "the certificate of the peer is not valid yet; check the clocks",
+    "certificate revoked": "the certificate of the peer is revoked",
+    "certificate signature failure|unable to get local issuer|self.signed certificate": (
+        "the certificate of the peer was issued by another CA"
+    ),
+}
+"""Reason of a rejection by pattern of a line of Cyclone."""
+
+
+class _LogData(ct.Structure):
+    """dds_log_data_t."""
+
+    _fields_ = (
+        *(("kind", ct.c_uint32), ("domain_id", ct.c_uint32), ("file", ct.c_char_p), ("line", ct.c_uint32)),
+        *(("function", ct.c_char_p), ("message", ct.c_void_p), ("size", ct.c_size_t), ("header_size", ct.c_size_t)),
+    )
+
+
+_Sink = ct.CFUNCTYPE(None, ct.c_void_p, ct.POINTER(_LogData))
+
+
+class SecurityLog:
+    """Sink of Cyclone's log; one object for the process. Without `dds_set_log_sink` it receives nothing."""
+
+    def __init__(self, api: CycloneApi) -> None:
+        self._api = api
+        self._sink = _Sink(self._on_line)
+        self._lock = threading.Lock()
+        """Guards `_wakeups`; never held by the sink."""
+        self._wakeups: tuple[Callable[[], None], ...] = ()
+        """One function for each secured participant, which makes its loop call `new_records`."""
+        self._captures: dict[int, list[str]] = {}
+        """Lines by the thread that creates a participant."""
+        self._peers: set[str] = set()
+        self._records: deque[str] = deque()
+
+    def open(self, wakeup: Callable[[], None]) -> None:
+        """Receive lines, and call `wakeup` after a new record, until `close` with the same function."""
+        with self._lock:
+            if not self._wakeups:
+                self._peers.clear()
+                self._records.clear()
+            if not self._wakeups and self._api.set_log_sink is not None:
+                self._api.set_log_sink(self._sink, None)
+            self._wakeups = (*self._wakeups, wakeup)
+
+    def close(self, wakeup: Callable[[], None]) -> None:
+        """Undo one `open`."""
+        with self._lock:
+            self._wakeups = tuple(one for one in self._wakeups if one != wakeup)
+            if self._api.set_log_sink is not None:  # this also waits for a sink that still uses the old tuple
+                self._api.set_log_sink(self._sink if self._wakeups else None, None)
+
+    @contextmanager
+    def captured(self) -> Iterator[list[str]]:
+        """Yield a list of the lines that Cyclone logs in this thread."""
+        thread_id = threading.get_ident()
+        lines = self._captures[thread_id] = []
+        try:
+            yield lines
+        finally:
+            del self._captures[thread_id]
+
+    def new_records(self) -> list[str]:
+        """Return texts to log, each once."""
+        return [self._records.popleft() for _ in range(len(self._records))]  # threads of Cyclone may append
+
+    def _on_line(self, _: object, pointer: Any) -> None:
+        """Called by Cyclone with a lock of its log held; must not raise, block or log."""
+        try:
+            data = pointer.contents
+            text = ct.string_at(data.message, data.size).decode(errors="replace")
+            lines = self._captures.get(threading.get_ident())
+            if lines is not None:
+                lines.append(text)
+            elif _EARLY_PEER in text:
+                return
+            elif any(name in os.path.basename(data.file.decode(errors="replace")) for name in _SECURITY_FILES):
+                self._record(text)
+            else:
+                os.write(2, ct.string_at(data.message - data.header_size, data.header_size + data.size + 1))
+        except Exception:  # must not reach Cyclone; standard error may be closed
+            return
+
+    def _record(self, text: str) -> None:
+        if len(self._peers) > _MAX_PEERS:
+            return
+        text = printable(re.sub(_OPENSSL, "", " ".join(text.split())), _MAX_RECORD_CHARS)
+        key = re.sub(_GUID, "", text)
+        if key in self._peers:
+            return
+        self._peers.add(key)
+        is_last = len(self._peers) > _MAX_PEERS
+        self._records.append("further rejected peers are not logged" if is_last else _explain(text))
+        for wakeup in self._wakeups:
+            wakeup()
+
+
+def _explain(text: str) -> str:
+    """Return a record about a rejected peer, with its subject if Cyclone names it."""
+    subject = re.search(_SUBJECT, text)
+    name = f" with subject {subject[1].strip()}" if subject else ""
+    reason = next((reason for pattern, reason in _EXPLANATIONS.items() if re.search(pattern, text)), "")
+    said = re.sub(_CODE, "", text)
+    return f"security: a peer{name} was rejected: {f'{reason}. Cyclone DDS reports: ' if reason else ''}{said}"

@@ -149,7 +149,10 @@ class ZenohWriter:
 
     def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
         self._owner = owner
+        self.infos = infos
         self.info = info = infos[0]
+        self.token: Any = None
+        """Liveliness token; None without a node."""
         self.guid = info.guid
         self.handle = int.from_bytes(info.guid, "little")
         self._numbers = itertools.count(1)
@@ -209,7 +212,10 @@ class ZenohReader:
         has_buffer: bool = False,
     ) -> None:
         self._owner = owner
+        self.infos = infos
         self.info = infos[0]
+        self.token: Any = None
+        """Liveliness token; None without a node."""
         self.guid = self.info.guid
         self.queue = ReceiveQueue(self.info.qos)
         self._ignore_local = ignore_local

@@ -22,13 +22,13 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
 from rosidl_py_gen.runtime.transport.dds.names import wire_type
 from rosidl_py_gen.runtime.transport.qos import Durability, QoSProfile
+from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import (
     ZenohReader,
     ZenohWriter,
     leak_after_fork,
     zenoh_handler,
 )
-from rosidl_py_gen.runtime.transport.zenoh.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
     TokenGraph,
@@ -51,7 +51,6 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.api import Sink
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
@@ -66,14 +65,6 @@ class _Description(NamedTuple):
 
     key: str
     token: str
-    infos: tuple[DiscoveredEndpoint, ...]
-
-
-class _LocalEndpoint(NamedTuple):
-    """Own endpoint, its liveliness token, and its endpoints in the graph."""
-
-    endpoint: ZenohReader | ZenohWriter
-    token: Any
     infos: tuple[DiscoveredEndpoint, ...]
 
 
@@ -98,8 +89,11 @@ class ZenohParticipant:
         self._nodes: dict[int, NodeToken] = {}
         self._no_node = NodeToken(domain_id, self._zid, 0, _NO_NODE_NAME)
         self._node_tokens: dict[int, Any] = {}
-        self._local_endpoints: dict[bytes, _LocalEndpoint] = {}
+        self._local_endpoints: dict[bytes, ZenohReader | ZenohWriter] = {}
+        """Own endpoints by GUID."""
         self.ready_sinks = ReadySinks()
+        self.set_wakeup, self.fileno = self.ready_sinks.set_wakeup, self.ready_sinks.fileno
+        self.take_ready_sinks = self.ready_sinks.take
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.graph = TokenGraph(self._zid, enclave)
         self._liveliness = session.liveliness()
@@ -163,24 +157,24 @@ class ZenohParticipant:
         endpoint = None
         try:
             endpoint = kind(self, infos, key, **options)
-            token = self._liveliness.declare_token(text) if text else None
+            endpoint.token = self._liveliness.declare_token(text) if text else None
         except zenoh.ZError as error:
             if endpoint is not None:
                 endpoint.close()
             subject = f"an endpoint of {infos[0].topic_key.name} at {key}"
             raise TransportError(f"Zenoh could not create {subject}: {error}") from None
-        self._local_endpoints[endpoint.guid] = _LocalEndpoint(endpoint, token, infos)
+        self._local_endpoints[endpoint.guid] = endpoint
         self.graph.add_own(infos)
         self.ready_sinks.put(self.report_discovery)
         return endpoint
 
     def undeclare_token(self, guid: bytes) -> None:
         """Stop announcing an endpoint that will be undeclared."""
-        local = self._local_endpoints.pop(guid, None)
-        if local is not None:
-            if local.token is not None:
-                local.token.undeclare()
-            self.graph.remove_own(local.infos)
+        endpoint = self._local_endpoints.pop(guid, None)
+        if endpoint is not None:
+            if endpoint.token is not None:
+                endpoint.token.undeclare()
+            self.graph.remove_own(endpoint.infos)
             self.ready_sinks.put(self.report_discovery)
 
     def incompatibility_reason(
@@ -213,36 +207,27 @@ class ZenohParticipant:
             return
         events = self.graph.events()
         for client in self.graph.take_lost_clients():
-            for local in list(self._local_endpoints.values()):
-                if isinstance(local.endpoint, ZenohServer):
-                    local.endpoint.drop_requests(client)
+            for endpoint in list(self._local_endpoints.values()):
+                if isinstance(endpoint, ZenohServer):
+                    endpoint.drop_requests(client)
         if events:
             sink(events)
-
-    def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        self.ready_sinks.set_wakeup(notify)
-
-    def fileno(self) -> int | None:
-        return self.ready_sinks.fileno()
-
-    def take_ready_sinks(self) -> list[Sink]:
-        return self.ready_sinks.take()
 
     def detach_after_fork(self) -> None:
         self._closed = True
         self._discovery_sink = None
-        for local in self._local_endpoints.values():
-            local.endpoint.detach_after_fork()
-            leak_after_fork(local.token)
+        for endpoint in self._local_endpoints.values():
+            endpoint.detach_after_fork()
+            leak_after_fork(endpoint.token)
         leak_after_fork(self.session, self._liveliness, self._listener, *self._node_tokens.values())
 
     def close(self) -> None:
         if self._closed:
             return
         # Endpoints that Zenoh refuses to undeclare end with the session; on a busy machine its close may fail.
-        for local in list(self._local_endpoints.values()):
+        for endpoint in list(self._local_endpoints.values()):
             with contextlib.suppress(zenoh.ZError):
-                local.endpoint.close()
+                endpoint.close()
         self._closed = True
         self._discovery_sink = None
         try:

@@ -13,10 +13,10 @@ import zenoh
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
 from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh import endpoints
 from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
-from rosidl_py_gen.runtime.transport.zenoh.ready_sinks import ReadySinks
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,14 +1,14 @@
-"""Sinks that are ready, and the wake-up of the event loop by threads of Zenoh.
+"""Sinks that are ready, and the wake-up of the event loop, of transports without a descriptor of their own.
 
 Only the first sink of a batch wakes up the loop: by a byte in a pipe that the loop watches, or by a function where it
-cannot (Windows). Later sinks are only added to the list.
+cannot (Windows, virtual time). Later sinks are only stored.
 
 Thread rules; there are no locks, because the loop would wait for one as soon as it is woken up:
 
 1. `put`: any, including threads of Zenoh and signal handlers. It never blocks. Several calls may each wake up the loop,
    which is harmless.
-2. `take`: loop. It clears the flag and then reads the list; `put` adds to the list and then reads the flag. So each
-   sink is taken, or wakes up the loop again. Operations of a deque are atomic.
+2. `take`: loop. It clears the flag and then reads the sinks; `put` stores the sink and then reads the flag. So each
+   sink is taken, or wakes up the loop again. Operations of a dict are atomic.
 3. `fileno` and `set_wakeup`: the thread that binds or detaches a loop, one at a time (`loop/loop_binding`).
 4. `close`: any. Later sinks are discarded: a closed file does not write into another one that has got its number.
 """
@@ -18,7 +18,6 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections import deque
 from io import FileIO
 from typing import TYPE_CHECKING
 
@@ -33,13 +32,13 @@ _MAX_BYTES = 64
 class ReadySinks:
     """Sinks of one participant that are ready."""
 
-    def __init__(self) -> None:
-        self._ready: deque[Sink] = deque()
+    def __init__(self, *, has_pipe: bool = sys.platform != "win32") -> None:
+        self._ready: dict[Sink, None] = {}
         self._is_notified = False
         """The loop was woken up and has not taken the sinks yet."""
         self._notify: Callable[[], None] | None = None
         self._ends: tuple[FileIO, FileIO] | None = None
-        if sys.platform != "win32":
+        if has_pipe:
             reading, writing = os.pipe()
             for end in reading, writing:
                 os.set_blocking(end, False)
@@ -47,7 +46,7 @@ class ReadySinks:
 
     def put(self, sink: Sink) -> None:
         """Add a sink. Thread: any."""
-        self._ready.append(sink)  # before the flag is read: `take` has the opposite order
+        self._ready[sink] = None  # before the flag is read: `take` has the opposite order
         if not self._is_notified:
             self._is_notified = True
             self._wake_up()
@@ -66,8 +65,10 @@ class ReadySinks:
         if ends is not None:
             ends[0].read(_MAX_BYTES)
         self._is_notified = False
-        ready = self._ready
-        return list(dict.fromkeys([ready.popleft() for _ in range(len(ready))]))
+        ready = list(self._ready)
+        for sink in ready:  # other threads may add some at any time
+            self._ready.pop(sink, None)
+        return ready
 
     def fileno(self) -> int | None:
         """Return a descriptor that is readable while there are sinks; None if there is none."""
@@ -84,5 +85,6 @@ class ReadySinks:
     def close(self) -> None:
         """Discard sinks from now on."""
         ends, self._ends, self._notify = self._ends, None, None
+        self._ready.clear()
         for end in ends or ():
             end.close()
