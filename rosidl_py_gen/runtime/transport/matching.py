@@ -261,6 +261,11 @@ class IncompatibilityKind(Enum):
     """Only one of them announces a type hash, which is part of the key that Zenoh matches."""
 
 
+def qos_incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> IncompatibilityKind | None:
+    """Return why a writer and a reader of one topic and type do not match in DDS; None if they match."""
+    return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
+
+
 @dataclass(frozen=True, slots=True)
 class Incompatibility:
     """A writer and a reader that do not exchange messages, or misread them."""

@@ -33,7 +33,7 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     NodesAnnounced,
     ParticipantDiscovered,
 )
-from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind, check_compatible
+from rosidl_py_gen.runtime.transport.matching import check_compatible, qos_incompatibility
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, effective
 from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServerAvailability, ServiceSpec
@@ -90,6 +90,7 @@ class MemoryParticipant:
     library = ""
     capabilities: Mapping[str, str] = MappingProxyType({})
     services_unavailable_reason: str | None = None
+    incompatibility_reason = staticmethod(qos_incompatibility)
 
     def __init__(self, transport: MemoryTransport, peers: list[MemoryParticipant], prefix: bytes, enclave: str) -> None:
         self.time_ns = transport.clocks.system_ns
@@ -187,11 +188,6 @@ class MemoryParticipant:
             for peer in self.peers:
                 if peer is not self:
                     peer.report(NodesAnnounced(self.guid, self.nodes))
-
-    def incompatibility_reason(
-        self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
-    ) -> IncompatibilityKind | None:
-        return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
     def report_discovery(self) -> None:
         with self.lock:

@@ -141,8 +141,7 @@ class EndpointPairClient(_EndpointPair):
         """Endpoints of the servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()
         self._servers: MatchCache[ServerAvailability] = MatchCache(peers, self._find)
-        self._server_endpoints: frozenset[bytes] = frozenset()
-        self._server_endpoints_version = -1
+        self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(peers, self._find_server_endpoints)
 
     def servers(self) -> ServerAvailability:
         return self._servers.get()
@@ -151,12 +150,11 @@ class EndpointPairClient(_EndpointPair):
         raise NotImplementedError
 
     def server_endpoints(self) -> frozenset[bytes]:
-        peers = self._peers
-        if peers.version != self._server_endpoints_version:
-            self._server_endpoints_version = peers.version
-            endpoints = *peers.on(self._requests, writers=False), *peers.on(self._replies, writers=True)
-            self._server_endpoints = frozenset(endpoint.guid for endpoint in endpoints)
-        return self._server_endpoints
+        return self._server_endpoints.get()
+
+    def _find_server_endpoints(self, _: object) -> frozenset[bytes]:
+        endpoints = *self._peers.on(self._requests, writers=False), *self._peers.on(self._replies, writers=True)
+        return frozenset(endpoint.guid for endpoint in endpoints)
 
     def cancel(self, number: int) -> None:
         self._in_flight.pop(number, None)

@@ -12,7 +12,12 @@ from rosidl_py_gen.runtime.graph.graph import BARE_DDS_NODE, UNKNOWN_NODE, Graph
 from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.dds import names as ddsnames
 from rosidl_py_gen.runtime.transport.dds.names import ros_type, wire_type
-from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, NodeEntities, ParticipantDiscovered
+from rosidl_py_gen.runtime.transport.discovery_events import (
+    EntityLost,
+    NodeEntities,
+    NodesAnnounced,
+    ParticipantDiscovered,
+)
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
@@ -123,17 +128,16 @@ def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
         + (number(1) + reader + tail)
         + number(0)
     ) + pad
-    message = discovery_info.decode_message(data, PREFIX)
-    assert message.participant_guid == GUID
-    assert message.nodes == [NodeEntities("/", "ab", frozenset([reader]), frozenset())]
+    nodes = (NodeEntities("/", "ab", frozenset([reader]), frozenset()),)
+    assert discovery_info.decode_message(data, PREFIX) == NodesAnnounced(GUID, nodes, gid_bytes == 24)
 
 
 def test_an_invalid_name_or_guid_hides_no_other_node_of_the_participant() -> None:
     good = NodeEntities("/", "good", frozenset(), frozenset())
     for name in ("", "a b", "a\0b", "\n\x1b[31m", "x" * 2_000_000):
-        sent = [good, NodeEntities("no//ns", name, frozenset(), frozenset()), good]
-        message = discovery_info.decode_message(discovery_info.encode_message(PREFIX + b"\0\0\0\7", sent), PREFIX)
-        assert message[:2] == (GUID, sent)
+        sent = (good, NodeEntities("no//ns", name, frozenset(), frozenset()), good)
+        message = discovery_info.encode_message(PREFIX + b"\0\0\0\7", sent)
+        assert discovery_info.decode_message(message, PREFIX) == NodesAnnounced(GUID, sent, False)
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])

@@ -13,8 +13,8 @@ from support import raw_endpoints
 
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.dds.correlation import (
-    AnsweredServers,
     ClientCorrelation,
     add_request_header,
     client_gid,
@@ -227,13 +227,15 @@ def test_all_servers_have_answered(steps: list[str | set[str]], expected: bool) 
     def guid(name: str) -> bytes:
         return name[0].encode() * 12 + name[1].encode() * 4
 
-    servers = AnsweredServers()
-    for step in steps:
-        if isinstance(step, str):
-            servers.on_reply(guid(step))
-        else:
-            servers.set_request_readers(set(map(guid, step)))
-    assert servers.all_answered() is expected
+    client = ClientCorrelation(HANDLE, READER, WRITER)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(correlation, "uses_sample_identity", lambda guid: True)
+        for step in steps:
+            if isinstance(step, str):
+                client.reply(embed_identity(MESSAGE, (READER, 1)), guid(step))
+            else:
+                client.update_servers(set(map(guid, step)), uses_sample_identity=True)
+    assert client.all_answered() is expected
 
 
 # ------------------------------------------------------------------------------------------------------------- server

@@ -29,7 +29,8 @@ from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
-from rosidl_py_gen.runtime.transport.dds import correlation, services
+from rosidl_py_gen.runtime.transport.dds import correlation
+from rosidl_py_gen.runtime.transport.dds import participant as dds_participant
 from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
@@ -49,12 +50,13 @@ AS_FAST_DDS = """
 import asyncio, os, sys
 from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.dds import correlation, services
+from rosidl_py_gen.runtime.transport.dds import correlation
+from rosidl_py_gen.runtime.transport.dds import participant as dds_participant
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
 # Every server is considered one on Fast DDS that needs the identity.
-correlation.uses_sample_identity = services.uses_sample_identity = lambda guid: True
-correlation.AnsweredServers.all_answered = lambda self: False
+correlation.uses_sample_identity = dds_participant.uses_sample_identity = lambda guid: True
+correlation.ClientCorrelation.all_answered = lambda self: False
 cyclone._fast_dds.on_participants_pending(-1)  # clients may exist, too
 
 def answer(request):
@@ -120,9 +122,9 @@ def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Make clients consider every server one on Fast DDS, and activate the receive hook."""
-    for module in (correlation, services):
+    for module in (correlation, dds_participant):
         monkeypatch.setattr(module, "uses_sample_identity", lambda guid: True)
-    monkeypatch.setattr(correlation.AnsweredServers, "all_answered", lambda self: False)
+    monkeypatch.setattr(correlation.ClientCorrelation, "all_answered", lambda self: False)
     cyclone._fast_dds.on_participants_pending(READER)
     yield
     cyclone._fast_dds.forget_reader(READER)

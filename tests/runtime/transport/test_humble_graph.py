@@ -14,7 +14,13 @@ from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.node.environment import read_environment
 from rosidl_py_gen.runtime.transport.dds import discovery_info
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, NodeEntities, TopicKey
+from rosidl_py_gen.runtime.transport.discovery_events import (
+    DiscoveredEndpoint,
+    EntityLost,
+    NodeEntities,
+    NodesAnnounced,
+    TopicKey,
+)
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
@@ -36,8 +42,9 @@ def test_the_format_of_humble_is_what_its_class_writes() -> None:
     (node,) = message.node_entities_info_seq
     assert (node.node_namespace, node.node_name) == ("/robot", "talker")
     assert [bytes(gid.data) for gid in node.reader_gid_seq] == [READER + bytes(8)]
-    assert discovery_info.decode_message(data, PREFIX) == (GUID, NODES, True)
-    assert discovery_info.decode_message(discovery_info.encode_message(GUID, NODES), PREFIX) == (GUID, NODES, False)
+    for is_humble in (True, False):
+        data = discovery_info.encode_message(GUID, NODES, is_humble=is_humble)
+        assert discovery_info.decode_message(data, PREFIX) == NodesAnnounced(GUID, tuple(NODES), is_humble)
 
 
 def test_later_distributions_read_no_nodes_in_the_format_of_humble() -> None:

@@ -162,7 +162,6 @@ def find_servers(
         announced: all discovered request readers.
         clients: all discovered request writers, the client's included.
         refusal: reason why Fast DDS servers cannot be used; None if they can.
-        is_compatible: returns False for an endpoint of a server with another definition.
 
     Returns:
         The availability, and True if requests need a sample identity, because a matched server is on Fast DDS.
@@ -187,36 +186,12 @@ def find_servers(
     return ServerAvailability(is_served, depth, incompatible), False
 
 
-class AnsweredServers:
-    """Set of servers that have replied since the newest server appeared, which may be a restarted one.
-
-    A server is identified by its participant, which its reader and its writer have in common.
-    """
-
-    def __init__(self) -> None:
-        self._readers: set[bytes] = set()
-        self._servers: frozenset[bytes] = frozenset()
-        self._answered: set[bytes] = set()
-
-    def set_request_readers(self, readers: set[bytes]) -> None:
-        """Set the GUIDs of all readers that get requests, or will after they are matched."""
-        if not readers <= self._readers:
-            self._answered.clear()
-        self._readers = readers
-        self._servers = frozenset(guid[:GUID_PREFIX_BYTES] for guid in readers)
-        self._answered &= self._servers
-
-    def on_reply(self, writer: bytes) -> None:
-        """Record a reply of that writer."""
-        self._answered.add(writer[:GUID_PREFIX_BYTES])
-
-    def all_answered(self) -> bool:
-        """Return True if all servers have replied; False if a participant has several, whose replies look alike."""
-        return bool(self._readers) and self._answered == self._servers and len(self._servers) == len(self._readers)
-
-
 class ClientCorrelation:
     """Builds the requests of one client and recognizes its replies.
+
+    A sample identity costs time, and only a server that does not know the client's reply reader needs it. So it is
+    omitted after all servers have replied since the newest one appeared, which may be a restarted one. A server is
+    identified by its participant, which its reader and its writer have in common.
 
     Args:
         handle: number that no other client has (docs/internals/protocol.md 5.1).
@@ -231,29 +206,31 @@ class ClientCorrelation:
         """Ids by which replies may name the client."""
         self.uses_sample_identity = False
         """True while a matched server is on Fast DDS."""
-        self._answered = AnsweredServers()
+        self._request_readers: set[bytes] = set()
+        self._servers: frozenset[bytes] = frozenset()
+        self._answered: set[bytes] = set()
 
     def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
-        """Set the GUIDs of the servers' request readers; `uses_sample_identity` is a result of `find_servers`."""
+        """Set the GUIDs of all readers that get requests, or will after they are matched."""
         self.uses_sample_identity = uses_sample_identity
-        self._answered.set_request_readers(readers)
+        if not readers <= self._request_readers:
+            self._answered.clear()
+        self._request_readers = readers
+        self._servers = frozenset(guid[:GUID_PREFIX_BYTES] for guid in readers)
+        self._answered &= self._servers
+
+    def all_answered(self) -> bool:
+        """Return True if all servers have replied; False if a participant has several, whose replies look alike."""
+        readers, servers = self._request_readers, self._servers
+        return bool(readers) and self._answered == servers and len(servers) == len(readers)
 
     def request(
         self, message: bytes, number: int, *, always_identified: bool = False
     ) -> tuple[bytes, SampleIdentity | None]:
-        """Build a request.
-
-        A sample identity costs time, and only a server that does not know the client's reply reader needs it. After all
-        servers have replied it is omitted, unless `always_identified`: they identify a request by writer GUID and
-        sequence number.
-
-        Returns:
-            The payload, and the identity to send as inline QoS; None if the payload has a header or the identity is
-            not needed.
-        """
+        """Return the payload, and the identity to send as inline QoS, if one is needed, or `always_identified`."""
         if not self.uses_sample_identity:
             return add_request_header(message, self._handle, number), None
-        is_needed = always_identified or not self._answered.all_answered()
+        is_needed = always_identified or not self.all_answered()
         return message, (self._reader, number) if is_needed else None
 
     def reply(self, data: Payload, server: bytes | None) -> tuple[int, bytes] | None:
@@ -268,7 +245,7 @@ class ClientCorrelation:
         if server is not None and uses_sample_identity(server):
             if not isinstance(client, bytes):
                 return None
-            self._answered.on_reply(server)
+            self._answered.add(server[:GUID_PREFIX_BYTES])
         return number, strip_request_header(data, begin)
 
 
@@ -278,14 +255,9 @@ def is_reply_reader_matched(
     matched: Callable[[], Iterable[bytes]],
     find: Callable[[bytes], DiscoveredEndpoint | None],
 ) -> bool:
-    """Return True if the client's reply reader is matched, or if the client does not tell which reader that is.
+    """Return True if the reply reader of a client is matched, or if the client does not tell which reader that is.
 
-    Args:
-        writer: the client's request writer; None if unknown or gone.
-        matched: returns the GUIDs of the matched reply readers.
-        find: returns the discovered endpoint with a GUID.
-
-    Source: docs/internals/protocol.md 5.2 and 5.3.
+    `writer` is the request writer of the client; None if unknown or gone. Source: docs/internals/protocol.md 5.2, 5.3.
     """
     if isinstance(client, bytes):
         return not client[15] & _READER_BIT or client in matched()

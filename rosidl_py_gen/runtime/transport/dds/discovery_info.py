@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES, NETWORK_ALIGN, NUL, align_offset
@@ -47,14 +47,6 @@ _MAX_ITEMS = 1 << 20
 """Maximum number of nodes or endpoints of a participant; a larger number means that the layout is wrong."""
 
 
-class DiscoveryInfoMessage(NamedTuple):
-    """All nodes of one participant; `is_humble` is True if GIDs have 24 bytes."""
-
-    participant_guid: bytes
-    nodes: list[NodeEntities]
-    is_humble: bool = False
-
-
 def encode_message(participant_guid: bytes, nodes: Iterable[NodeEntities], *, is_humble: bool = False) -> bytes:
     """Encode a message; with `is_humble`, in the layout of Humble."""
     gid_bytes = HUMBLE_GID_BYTES if is_humble else GID_BYTES
@@ -78,8 +70,10 @@ def _append_count(out: bytearray, count: int) -> None:
     out += count.to_bytes(COUNT_BYTES, "little")
 
 
-def decode_message(data: Payload, sender_prefix: bytes) -> DiscoveryInfoMessage:
+def decode_message(data: Payload, sender_prefix: bytes) -> NodesAnnounced:
     """Decode the message of the participant whose GUID begins with `sender_prefix` (12 bytes).
+
+    `is_humble` of the result tells the layout.
 
     Raises:
         DecodeError: the bytes have neither layout.
@@ -95,7 +89,7 @@ def decode_message(data: Payload, sender_prefix: bytes) -> DiscoveryInfoMessage:
         except DecodeError:
             raise error from None
     participant = raw[HEADER_BYTES : HEADER_BYTES + GUID_PREFIX_BYTES] + _PARTICIPANT
-    return DiscoveryInfoMessage(participant, nodes, is_humble)
+    return NodesAnnounced(participant, tuple(nodes), is_humble)
 
 
 @dataclass(slots=True)
@@ -272,7 +266,7 @@ class DiscoveryInfoTopic:
             del self._lost_writers[next(iter(self._lost_writers))]
         self._lost_writers[writer] = None
 
-    def _is_humble(self, writer: bytes, message: DiscoveryInfoMessage) -> bool | None:
+    def _is_humble(self, writer: bytes, message: NodesAnnounced) -> bool | None:
         """Return True if a participant is of Humble, None if it is unknown.
 
         Contexts of this package may write the layout of Humble, too, but with a type hash.
@@ -335,7 +329,7 @@ class DiscoveryInfoTopic:
             if not is_lost:  # else nothing would forget the layout
                 self._set_layout(guid, None if message.is_humble and is_humble is False else message.is_humble)
             self._warn_of(is_humble)
-            announced = NodesAnnounced(message.participant_guid, tuple(message.nodes), is_humble)
+            announced = replace(message, is_humble=is_humble)
             events.append(announced)
             if message.is_humble and is_humble is None and not is_lost:
                 if len(self._undecided) >= _MAX_UNDECIDED:

@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
-    from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
     from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
@@ -75,6 +74,7 @@ class ZenohParticipant:
     library = ""
     capabilities: Mapping[str, str] = MappingProxyType({})
     services_unavailable_reason: str | None = None
+    incompatibility_reason = staticmethod(incompatibility)
 
     def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
         self.session = session
@@ -176,11 +176,6 @@ class ZenohParticipant:
                 endpoint.token.undeclare()
             self.graph.remove_own(endpoint.infos)
             self.ready_sinks.put(self.report_discovery)
-
-    def incompatibility_reason(
-        self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
-    ) -> IncompatibilityKind | None:
-        return incompatibility(writer, reader)
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         for number in self._nodes.keys() - nodes.keys():
