@@ -27,8 +27,9 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
 from rosidl_py_gen.runtime import IncompatibleServiceError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import INLINE_QOS_BYTES
+from rosidl_py_gen.runtime.transport.cyclone.private_layout import DATA, DATA_FRAG, INFO_DST, INFO_SRC, INLINE_QOS_FLAG
 from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.dds import participant as dds_participant
 from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, ParticipantDiscovered
@@ -363,9 +364,9 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
 class Packet:
     """Packet that is being built, in the layout of Cyclone."""
 
-    def __init__(self, submessage: bytes, *, source: int = rtps.INFO_SRC) -> None:
+    def __init__(self, submessage: bytes, *, source: int = INFO_SRC) -> None:
         self.data = ct.create_string_buffer(
-            bytes((source,)).ljust(24, b"\0") + bytes((rtps.INFO_DST,)).ljust(16, b"\0") + submessage + bytes(80)
+            bytes((source,)).ljust(24, b"\0") + bytes((INFO_DST,)).ljust(16, b"\0") + submessage + bytes(80)
         )
         self.words = (ct.c_uint64 * 64)()  # all that is read
         self.words[1], self.words[2] = len(submessage) + 80, len(submessage)  # capacity and size
@@ -374,19 +375,19 @@ class Packet:
 
 
 WRITER = b"\0\0\x14\x03"
-INLINE_QOS = b"q" * rtps.INLINE_QOS_BYTES
+INLINE_QOS = b"q" * INLINE_QOS_BYTES
 
 
-def packet(kind: int = rtps.DATA, *, writer: bytes = WRITER, number: int = 0, source: int = rtps.INFO_SRC) -> Packet:
+def packet(kind: int = DATA, *, writer: bytes = WRITER, number: int = 0, source: int = INFO_SRC) -> Packet:
     submessage = bytes((kind, 1)) + bytes(10) + writer + bytes(4) + number.to_bytes(4, "little")
-    return Packet(submessage + bytes(12) if kind == rtps.DATA_FRAG else bytes(12) + submessage, source=source)
+    return Packet(submessage + bytes(12) if kind == DATA_FRAG else bytes(12) + submessage, source=source)
 
 
 @pytest.mark.parametrize(
     ("made", "is_known"),
     [
         (packet(), True),
-        (packet(rtps.DATA_FRAG), True),
+        (packet(DATA_FRAG), True),
         (packet(0x17), False),
         (packet(writer=b"\0\0\x15\x03"), False),
         (packet(source=0), False),
@@ -410,14 +411,14 @@ def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() ->
     first.words[16] = first.words[30] = older.words[19]
     before = older.data.raw
     fast_dds.append_inline_qos(first.iov, WRITER, INLINE_QOS)
-    assert first.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG and older.data.raw == before
+    assert first.data.raw[53] == 1 | INLINE_QOS_FLAG and older.data.raw == before
     other = packet(number=8)
     other.words[18] = ct.addressof(ct.create_string_buffer(256))
     size = other.words[2]
     for _ in range(2):
         other.words[2] = size
         fast_dds.append_inline_qos(other.iov, WRITER, INLINE_QOS)
-    assert other.data.raw[53] == 1 | rtps.INLINE_QOS_FLAG
+    assert other.data.raw[53] == 1 | INLINE_QOS_FLAG
     assert fast_dds.refusal is None and fast_dds.packets._pointer_offset == 112
 
 

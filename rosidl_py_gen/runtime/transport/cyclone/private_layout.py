@@ -1,15 +1,11 @@
 """Offsets in Cyclone's private structures, and functions that read and change these structures.
 
-No offset depends on a version, a file name or an architecture. Each is measured by a probe of the loaded library: an
-object with known content is examined, and exactly one place must agree with it. Otherwise the probe returns None, and
-the caller disables its feature.
+Each offset is measured by a probe of the loaded library: an object with known content is examined, and exactly one
+place must agree with it. Otherwise the probe returns None, and the caller disables its feature.
 
-Rules, each with a test:
-
-- Memory is read in three ways: through a pipe (`SafeMemoryReader`) if it may be unmapped; directly at addresses that a
-  C function returned; and directly where an object of the same kind was read through the pipe before. In the third case
-  the content is compared with expectations before anything is changed.
-- A vtable is replaced by an immortal copy, because Cyclone drops its references in its own threads.
+Memory is read through a pipe (`SafeMemoryReader`) if it may be unmapped; directly at addresses that a C function
+returned; and directly where an object of the same kind was read through the pipe before. In the third case the content
+is compared with expectations before anything is changed.
 
 Source: docs/internals/dds.md 2.
 """
@@ -24,9 +20,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, CycloneApi, Iov, address_of, pack_iov
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from typing_extensions import Self
 
 
@@ -46,6 +43,14 @@ _READER_BYTES = 1024
 _DOMAIN_BYTES = 16384
 _PAGE = 4096
 _PROBE_SAMPLE = bytes.fromhex("00010000") + bytes(range(65, 81))
+DATA = 0x15
+"""Kind of a submessage of RTPS, like the following three."""
+DATA_FRAG = 0x16
+INFO_SRC = 0x0C
+INFO_DST = 0x0E
+DATA_BYTES = 24
+DATA_FRAG_BYTES = 36
+INLINE_QOS_FLAG = 2
 _received_fragment = struct.Struct("=Q16xHH")
 """Address of the packet, offsets of the submessage and of the payload in it."""
 _RECEIVED_HEAD_BYTES = 48
@@ -113,28 +118,26 @@ class SafeMemoryReader:
 # --------------------------------------------------------------------------------------------------------------- types
 
 
-def is_type(peek: SafeMemoryReader, address: int, name: bytes, version: int) -> bool:
-    """Return True if a sertype of that name is stored at the address; its vtable begins with `version`."""
-    if address % WORD or address < _PAGE:
-        return False
-    head = peek.words(address, 8 * WORD)
-    if len(head) < 8 or peek.word(head[0]) != version:
-        return False
-    return any(peek(word, len(name) + 1) == name + b"\0" for word in head[2:])
+def _find_type(peek: SafeMemoryReader, words: Iterable[int], name: bytes, version: int) -> int | None:
+    """Return the word that is the address of the sertype of that name; its vtable begins with `version`."""
+    for address in words:
+        head = () if address % WORD or address < _PAGE else peek.words(address, 8 * WORD)
+        is_type = len(head) == 8 and peek.word(head[0]) == version
+        if is_type and any(peek(word, len(name) + 1) == name + b"\0" for word in head[2:]):
+            return address
+    return None
 
 
 def probe_sertype(entity: int, name: bytes, version: int) -> int | None:
     """Return the address of the sertype of that name, to which an entity has a pointer; None if not found."""
     with SafeMemoryReader() as peek:
-        words = peek.words(entity, _ENTITY_BYTES)
-        return next((word for word in words if is_type(peek, word, name, version)), None)
+        return _find_type(peek, peek.words(entity, _ENTITY_BYTES), name, version)
 
 
 def find_type_of_domain(neighbour: int, name: bytes, version: int) -> int | None:
     """Return the address of a builtin sertype in the domain of the sertype `neighbour`; None if not found."""
     with SafeMemoryReader() as peek:
-        words = peek.words(peek.word(neighbour + _TYPE_DOMAIN), _DOMAIN_BYTES)
-        return next((word for word in words if is_type(peek, word, name, version)), None)
+        return _find_type(peek, peek.words(peek.word(neighbour + _TYPE_DOMAIN), _DOMAIN_BYTES), name, version)
 
 
 def vtable_address(type_object: int, which: int) -> int:
@@ -173,10 +176,7 @@ class VtableSlots(NamedTuple):
 
 
 def probe_vtable_slots(api: CycloneApi) -> VtableSlots | None:
-    """Find the slots of functions in the vtables; None if not found.
-
-    Calls exported functions with a fake object, whose vtables record which slot was called.
-    """
+    """Find the slots of functions by calls with a fake object, whose vtables record them; None if not found."""
     called: list[tuple[int, int]] = []
     recorders = [
         [_AnyFunction(lambda *_, at=(table, slot): called.append(at)) for slot in range(_PROBED_SLOTS)]
@@ -226,10 +226,9 @@ def probe_payload_offset(api: CycloneApi, type_object: int) -> int | None:
 
 
 def probe_size_offset(api: CycloneApi, type_object: int, payload_offset: int) -> int | None:
-    """Find the offset of the size field in samples, which contains the payload size minus 4.
+    """Find the one word that equals the payload size minus 4 in a small and a large sample; return its offset.
 
-    Searches a small and a large sample for the one word that equals the size in both. Returns None if there is not
-    exactly one, or if samples do not have the vtable of their type.
+    Returns None if there is not exactly one, or if samples do not have the vtable of their type.
     """
     candidates = []
     for data in (_PROBE_SAMPLE, _PROBE_SAMPLE * 40):
@@ -293,13 +292,9 @@ def probe_reader_offsets(entity: int, guid: bytes) -> ReaderOffsets | None:
 
 
 def set_requests_history(entity: int, offsets: ReaderOffsets, guid: bytes, is_reliable: bool | None) -> str | None:
-    """Set the flag that makes a reliable reader request the history of writers.
+    """Set the flag that makes a reliable reader request the history of writers; return the first unexpected value.
 
-    Args:
-        is_reliable: reliability of the reader; None if unknown.
-
-    Returns:
-        Description of the first unexpected value; None on success.
+    `is_reliable` is None if the reliability of the reader is unknown.
     """
     with SafeMemoryReader() as peek:
         reader = peek.word(entity + offsets.entity)
@@ -348,12 +343,9 @@ class PacketAccess:
     def append_inline_qos(self, iov: int, writer_id: bytes, inline_qos: bytes) -> bool:
         """Append inline QoS to the packet that `iov` belongs to; return False if no packet is being built.
 
-        The packet ends with the header of the submessage, and Cyclone sends the payload after it. Cyclone reserves room
-        for inline QoS of its own.
-
-        The address of the packet's data is stored at an unknown distance from the iov. The first time, all words there
-        are tested as pointers; if exactly one leads to a packet of the writer, its distance is cached. Later packets
-        are compared byte by byte before anything is changed.
+        The packet ends with the header of the submessage. The address of its data is stored at an unknown distance from
+        the iov. The first time, all words there are tested as pointers; if exactly one leads to a packet of the writer,
+        its distance is cached. Later packets are compared before anything is changed.
 
         Raises:
             ValueError: the memory does not contain a packet of that writer, or the packet has no room.
@@ -362,7 +354,7 @@ class PacketAccess:
         with _direct_reader if offset is not None else SafeMemoryReader() as read:
             head = read(iov - _packet_head.size, _packet_head.size).ljust(_packet_head.size, b"\0")
             capacity, size, has_parameters, message = _packet_head.unpack(head)
-            if message or not rtps.DATA_FRAG_BYTES <= size <= capacity:
+            if message or not DATA_FRAG_BYTES <= size <= capacity:
                 return False  # no packet: the sample is copied
             if has_parameters:
                 return False  # Cyclone has added some for a reader that requests key hashes
@@ -378,7 +370,7 @@ class PacketAccess:
             if flags and size + len(inline_qos) <= capacity:
                 ct.memmove(address + len(data), inline_qos, len(inline_qos))
                 ct.c_size_t.from_address(iov - _packet_head.size + _PACKET_SIZE).value = size + len(inline_qos)
-                ct.c_ubyte.from_address(address + flags).value |= rtps.INLINE_QOS_FLAG
+                ct.c_ubyte.from_address(address + flags).value |= INLINE_QOS_FLAG
                 return True
         raise ValueError(f"unexpected packet head {head.hex()}")
 
@@ -401,12 +393,8 @@ def find_packet_pointers(peek: SafeMemoryReader, iov: int, size: int, writer_id:
 
 def _find_flags(data: bytes, writer_id: bytes) -> int:
     """Return the offset of the flags of the last submessage; 0 if the data is not a packet of that writer."""
-    if (
-        len(data) >= _PACKET_DATA_HEAD_BYTES + rtps.DATA_BYTES
-        and data[0] == rtps.INFO_SRC
-        and data[24] == rtps.INFO_DST
-    ):
-        for kind, length in ((rtps.DATA, rtps.DATA_BYTES), (rtps.DATA_FRAG, rtps.DATA_FRAG_BYTES)):
+    if len(data) >= _PACKET_DATA_HEAD_BYTES + DATA_BYTES and data[0] == INFO_SRC and data[24] == INFO_DST:
+        for kind, length in ((DATA, DATA_BYTES), (DATA_FRAG, DATA_FRAG_BYTES)):
             submessage = data[-length:]
             if submessage[0] == kind and submessage[12:16] == writer_id:
                 return len(data) - length + 1

@@ -48,6 +48,11 @@ PROBE_TYPE = "rosidl_py_gen_neighbour"
 class FastDdsInterop:
     """Interoperation with Fast DDS peers; one object for the process.
 
+    Cyclone reports a new participant in its own thread, before it processes anything else of it:
+    `on_participants_pending` then activates the receive hooks. A reader of the builtin topic calls `begin_read`, reads,
+    and calls `end_read`, which deactivates them when no Fast DDS participant is known and no reader has unread data. So
+    no request can arrive without a hook.
+
     Args:
         unsupported: elements of a configuration that the library does not know.
     """

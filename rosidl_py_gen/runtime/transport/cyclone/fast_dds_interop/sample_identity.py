@@ -1,43 +1,42 @@
 """Sample identities of requests and replies of Fast DDS peers, which Cyclone neither reads nor writes.
 
-rmw_fastrtps sends bare messages, with the DDS-RPC sample identity as RTPS inline QoS. Cyclone's functions for samples
-are entries of a vtable. The types of services get a copy of it with two hooks:
+rmw_fastrtps sends bare messages, with the DDS-RPC sample identity as RTPS inline QoS. The types of services get a copy
+of Cyclone's vtable for samples, with two hooks (docs/internals/dds.md 3 and 4):
 
 - Receive (`from_ser`): call the original; read the inline QoS of the first fragment's submessage; create a second
   sample with the identity embedded (`correlation.embed_identity`), and release the first.
 - Send (`to_ser_ref`): the sample is created with a hidden prefix (random magic, writer id, encoded inline QoS), and its
-  size field is reduced by the prefix, so that Cyclone sees only the message. When Cyclone requests the bytes for the
-  first fragment, the hook appends the inline QoS to the header in the packet; all fragments are shifted past the
-  prefix. This holds for retransmissions, too. Readers of this process get no packet, but
-  the sample itself; the taking reader embeds the identity.
+  size field is reduced by the prefix, so that Cyclone sees only the message. When Cyclone requests the bytes of the
+  first fragment, also for a retransmission, the hook appends the inline QoS to the header in the packet; all fragments
+  are shifted past the prefix. Readers of this process get the sample itself; the taking reader embeds the identity.
 
-Rules, each with a test:
+Hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of Cyclone that
+allocate and copy, do not log and never raise. The receive hook adds half to the time of a service call, so it is active
+only while a Fast DDS participant may exist (`interop.py`). Bytes of packets come from the network: any content is
+possible.
 
-- Only `private_layout.py` knows offsets. If a probe fails, and after the first packet with unexpected bytes, services
-  of Fast DDS peers are refused; nothing is guessed.
-- Hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of Cyclone that
-  allocate and copy, do not log and never raise.
-- The receive hook adds half to the time of a service call, so it is active only while a Fast DDS participant may exist.
-  Cyclone reports a new participant in its own thread, before it processes anything else of it: `FastDdsInterop` in
-  `interop.py` then activates the hook in `on_participants_pending`. A reader of the builtin topic calls `begin_read`,
-  reads, and calls `end_read` with the result. The hook is deactivated when no Fast DDS participant is known and no
-  builtin reader has unread data. That order leaves no gap in which a request could arrive without the hook.
-- Hooks must not run after the interpreter has ended: contexts are closed at exit, which ends Cyclone's threads.
-
-Source: docs/internals/dds.md 2 to 5; docs/internals/protocol.md 5.3.
+Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2 to 5; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
 """
 
 from __future__ import annotations
 
 import ctypes as ct
 import os
+import struct
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_WITH_DATA, address_of, pack_iov
-from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop import rtps
-from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, bytes_at
+from rosidl_py_gen.runtime.transport.cyclone.private_layout import (
+    DATA,
+    DATA_BYTES,
+    DATA_FRAG,
+    INLINE_QOS_FLAG,
+    SAMPLE_FUNCTIONS,
+    bytes_at,
+)
 from rosidl_py_gen.runtime.transport.dds.correlation import (
+    FAST_DDS_VENDOR,
     IDENTITY_BYTES,
     SampleIdentity,
     embed_identity,
@@ -48,13 +47,93 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
+INLINE_QOS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
+"""Length of the result of `encode_inline_qos`."""
+
+_LITTLE = 1
+_PID_END = 1
+_PID_IDENTITY = 0x0083
+_PID_LEGACY_IDENTITY = 0x800F
+"""Parameter of Fast DDS up to 2.9; later versions send both."""
+_LEGACY_VENDORS = (FAST_DDS_VENDOR, b"\x01\x01")
+"""Vendors whose parameters above 0x8000 have the meaning of Fast DDS (itself and RTI)."""
+_both = struct.Struct("<HH16siI HH16siI I")
+_numbers = (struct.Struct(">HH").unpack_from, struct.Struct("<HH").unpack_from)
+_sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpack_from)
+
+
+def encode_inline_qos(identity: SampleIdentity) -> bytes:
+    """Encode the identity as both parameters, little-endian, with the end of the list."""
+    guid, sequence = identity
+    high, low = sequence >> 32, sequence & 0xFFFFFFFF
+    return _both.pack(
+        *(_PID_IDENTITY, IDENTITY_BYTES, guid, high, low),
+        *(_PID_LEGACY_IDENTITY, IDENTITY_BYTES, guid, high, low),
+        _PID_END,
+    )
+
+
+def decode_inline_qos(inline_qos: bytes) -> SampleIdentity:
+    """Return the identity that `encode_inline_qos` encoded."""
+    _, _, guid, high, low, *_ = _both.unpack(inline_qos)
+    return guid, high << 32 | low
+
+
+def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> SampleIdentity | None:
+    """Return the sample identity of a request or reply.
+
+    Args:
+        packet: begins with the RTPS header of 20 bytes.
+        submessage: DATA or DATA_FRAG with its inline QoS, up to the payload, as Cyclone stores it: the numbers of the
+            header and the writer id in the byte order of this machine (little-endian).
+
+    Returns:
+        None if there is none: a sample of another middleware, or a reply to a request without identity.
+
+    Raises:
+        ValueError: the bytes are not a packet with such a submessage.
+    """
+    if packet[:4] != b"RTPS" or not submessage or submessage[0] not in (DATA, DATA_FRAG):
+        raise ValueError(f"no RTPS data: {packet.hex()} {submessage[:DATA_BYTES].hex()}")
+    if len(submessage) < DATA_BYTES:
+        return None  # the payload of this peer begins inside the header
+    flags, vendor = submessage[1], packet[6:8]
+    identity = None
+    if flags & INLINE_QOS_FLAG:
+        after_header = 8 + int.from_bytes(submessage[6:8], "little")
+        identity = _find_identity(submessage, after_header, flags & _LITTLE, vendor in _LEGACY_VENDORS)
+    if is_reply:
+        return identity
+    high, low = _sequence_numbers[_LITTLE](submessage, 16)
+    if identity is not None and any(identity[0]):
+        return identity[0], high << 32 | low
+    if vendor != FAST_DDS_VENDOR:
+        return None
+    return packet[8:20] + submessage[15:11:-1], high << 32 | low
+
+
+def _find_identity(submessage: bytes, offset: int, order: int, knows_legacy: bool) -> SampleIdentity | None:
+    unpack = _numbers[order]
+    while offset + 4 <= len(submessage):
+        pid, length = unpack(submessage, offset)
+        offset += 4
+        if pid == _PID_END:
+            break
+        is_identity = pid == _PID_IDENTITY or (pid == _PID_LEGACY_IDENTITY and knows_legacy)
+        if is_identity and length >= IDENTITY_BYTES and offset + length <= len(submessage):
+            high, low = _sequence_numbers[order](submessage, offset + 16)
+            return submessage[offset : offset + 16], high << 32 | low
+        offset += length
+    return None
+
+
 _BAD_PARAMETER = -3
 _DISCARDED = 1
 """Result of `from_ser` after 11.0.1 that, like NULL, means that no sample was created."""
 _IDENTITY_MAGIC = b"\0\1" + os.urandom(6)
 """First bytes of the hidden prefix. They are random, so that received data cannot imitate them."""
 _INLINE_QOS_OFFSET = len(_IDENTITY_MAGIC) + 4
-_PREFIX_BYTES = _INLINE_QOS_OFFSET + rtps.INLINE_QOS_BYTES
+_PREFIX_BYTES = _INLINE_QOS_OFFSET + INLINE_QOS_BYTES
 """Length of the hidden prefix: magic, writer id, inline QoS."""
 
 _Ptr, _Size = ct.c_void_p, ct.c_size_t
@@ -102,7 +181,7 @@ class SampleHooks:
         """
         api, code = self._owner.api, _BAD_PARAMETER
         sample = private_layout.new_sample(
-            api, type_object, _IDENTITY_MAGIC + writer_id + rtps.encode_inline_qos(identity) + data
+            api, type_object, _IDENTITY_MAGIC + writer_id + encode_inline_qos(identity) + data
         )
         if not sample:
             return code
@@ -134,7 +213,7 @@ class SampleHooks:
         ):
             return None
         data = bytes_at(sample + self.payload_offset, _PREFIX_BYTES + size)
-        return embed_identity(data[_PREFIX_BYTES:], rtps.decode_inline_qos(data[_INLINE_QOS_OFFSET:_PREFIX_BYTES]))
+        return embed_identity(data[_PREFIX_BYTES:], decode_inline_qos(data[_INLINE_QOS_OFFSET:_PREFIX_BYTES]))
 
     def _from_ser(self, type_object: int, kind: int, fragment: int, size: int) -> Any:
         """Create a sample from received fragments. Called by Cyclone; must not raise, block or log."""
@@ -144,7 +223,7 @@ class SampleHooks:
         if plain in (None, _DISCARDED) or kind != SAMPLE_WITH_DATA or owner.refusal is not None:
             return plain
         try:
-            identity = rtps.read_submessage(*owner.packets.read_received(fragment), is_reply=self._is_reply)
+            identity = read_submessage(*owner.packets.read_received(fragment), is_reply=self._is_reply)
         except Exception as err:  # must not reach Cyclone
             owner.disable(f"a received sample, {err!r}")
             identity = None
@@ -163,7 +242,7 @@ class SampleHooks:
         begin = sample + self.payload_offset
         if bytes_at(begin, len(_IDENTITY_MAGIC)) == _IDENTITY_MAGIC:
             if not offset:
-                prefix = bytes_at(begin + len(_IDENTITY_MAGIC), 4 + rtps.INLINE_QOS_BYTES)
+                prefix = bytes_at(begin + len(_IDENTITY_MAGIC), 4 + INLINE_QOS_BYTES)
                 self._owner.append_inline_qos(iov, prefix[:4], prefix[4:])
             private_layout.write_iovec(iov, begin + _PREFIX_BYTES + (offset or 0), size)
         return result
