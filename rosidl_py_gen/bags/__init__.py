@@ -13,7 +13,7 @@ try:
     from rosidl_py_gen.bags.common import DamagedPart as DamagedPart
     from rosidl_py_gen.bags.common import RawMessage as RawMessage
     from rosidl_py_gen.bags.common import SkippedMessages as SkippedMessages
-    from rosidl_py_gen.bags.decoder import DecoderFactory as DecoderFactory
+    from rosidl_py_gen.bags.definition_lookup import DecoderFactory as DecoderFactory
     from rosidl_py_gen.bags.definition_lookup import TopicDefinition as TopicDefinition
     from rosidl_py_gen.bags.mcap_writer import BagWriter as BagWriter
     from rosidl_py_gen.bags.reader import BagReader as BagReader

@@ -1,14 +1,16 @@
-"""Topics, messages, errors and warnings of bags; checks of names and times; crash-safe renaming of files."""
+"""Topics, messages, errors and warnings of bags; checks of names and times; crash-safe writing of files."""
 
 from __future__ import annotations
 
 import os
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError, printable
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 _MAX_TEXT = 4000
@@ -67,15 +69,24 @@ def require_printable(topic: str) -> None:
         raise BagError(f"topic {printable(topic)[:200]!r}: expected a name without control characters")
 
 
-def replace_durably(partial: Path, target: Path) -> None:
-    """Rename a finished file so that a power cut leaves the old or the new file, never an incomplete one.
+@contextmanager
+def written_durably(target: Path) -> Iterator[Path]:
+    """Yield the path of a partial file, which becomes `target` when it is written, or is removed after a failure.
+
+    A power cut leaves the old or the new file, never an incomplete one.
 
     Raises:
         OSError: the disk is full.
     """
-    with partial.open("r+b") as stream:  # Windows syncs only what is open for writing
-        os.fsync(stream.fileno())
-    partial.replace(target)
+    partial = target.with_name(f".{target.name}")
+    try:
+        yield partial
+        with partial.open("r+b") as stream:  # Windows syncs only what is open for writing
+            os.fsync(stream.fileno())
+        partial.replace(target)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
     if os.name == "posix":  # other systems cannot open a folder
         folder = os.open(target.parent, os.O_RDONLY)
         try:

@@ -11,12 +11,13 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rosidl_py_gen import compile_definition, get_message, type_hash
+from mcap.decoder import DecoderFactory as McapDecoderFactory
+
+from rosidl_py_gen import compile_definition, decode, get_message, type_hash
 from rosidl_py_gen.bags.common import BagError, BagTopic, BagWarning
-from rosidl_py_gen.bags.decoder import ENCODINGS, decoder_of
 from rosidl_py_gen.base.distributions import checked_distribution, selected
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
@@ -26,6 +27,7 @@ from rosidl_py_gen.cdr.structured_layout import varying_field
 from rosidl_py_gen.errors import (
     DecodeError,
     DefinitionError,
+    Diagnostic,
     InvalidNameError,
     RosidlError,
     UnknownDistributionError,
@@ -38,10 +40,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
+    from mcap.records import Schema
+
+ENCODINGS = ("ros2msg", "ros2idl")
 Typestore: TypeAlias = "Mapping[str, type[Message] | str]"
 """Classes, or texts of definitions with all types they use, by full name."""
 
-_CHECK_FIRST_MESSAGES = 10
+_CHECK_FIRST_MESSAGES = 20
 """Number of messages of a channel that are checked at the beginning."""
 _CHECK_EVERY = 256
 """Interval of further checks, in messages: measuring takes up to 45 times as long as decoding.
@@ -201,9 +206,14 @@ def described(topic: BagTopic, definition: TopicDefinition) -> BagTopic:
     """Return the channel with the definition that is used for it, to write it to another bag."""
     if has_definition(topic):
         return topic
-    text = definition_text(definition.message_class)
-    encoding = "ros2idl" if text.startswith("=") else "ros2msg"
+    text, encoding = definition_of(definition.message_class)
     return replace(topic, definition=text, encoding=encoding, type_hash=definition.type_hash)
+
+
+def definition_of(cls: type[Any]) -> tuple[str, str]:
+    """Return the text of a class's definition with all types it uses, and its encoding."""
+    text = definition_text(cls)
+    return text, "ros2idl" if text.startswith("=") else "ros2msg"
 
 
 def same_definition(one: BagTopic, other: BagTopic) -> bool:
@@ -274,15 +284,13 @@ def checked_decoder(
 
 
 def mismatch_reason(topic: BagTopic, definition: TopicDefinition, samples: Iterable[bytes]) -> str:
-    """Return why a guessed definition does not fit the samples; empty if it fits, or is not a guess."""
-    for data in () if definition.is_recorded else samples:
-        try:
-            decoder_of(definition.message_class, False)(data)
-            reason = trailing_bytes(definition.message_class, data)
-        except DecodeError as error:
-            reason = f"a message of {len(data)} bytes: {error}"
-        if reason:
-            return f"{topic.name}: {reason}; {_guess_warning(definition)}"
+    """Return why a guessed definition does not fit the first samples; empty if it fits."""
+    decode = checked_decoder(topic, definition, decoder_of(definition.message_class, False), False)
+    try:
+        for data in samples:
+            decode(data)
+    except WrongDefinitionError as error:
+        return str(error)
     return ""
 
 
@@ -302,3 +310,60 @@ def _guess_warning(definition: TopicDefinition) -> str:
         f"{definition.origin}, used because the bag has no definition of {definition.message_class._TYPE.name}, "
         f"differs from the recorded definition, or the message is damaged; {_ADVICE}"
     )
+
+
+# ------------------------------------------------------------------------------------------------------------ decoders
+
+
+class DecoderFactory(McapDecoderFactory):
+    """Decoder factory for ``mcap.reader.make_reader(stream, decoder_factories=[DecoderFactory()])``.
+
+    Replaces ``mcap_ros2.decoder.DecoderFactory``: messages have the same attributes, and are of the generated class if
+    one with this definition is importable. Schemas may be ``ros2msg`` or ``ros2idl``.
+
+    Args:
+        arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
+    """
+
+    def __init__(self, *, arrays: bool = False) -> None:
+        self._arrays = arrays
+        self._decoders: dict[tuple[str, bytes], Callable[[bytes], Any]] = {}
+
+    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
+        """Return the decoder of a schema; None if it is not a schema of ROS 2.
+
+        Raises:
+            DefinitionError: the schema's text is invalid.
+        """
+        if message_encoding != "cdr" or schema is None or schema.encoding not in ENCODINGS:
+            return None
+        key = schema.name, schema.data
+        if key not in self._decoders:
+            self._decoders[key] = decoder_of(_class_of_schema(schema.name, schema.data), self._arrays)
+        return self._decoders[key]
+
+
+def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], Any]:
+    """Return `decode` of a class; the function itself, as a wrapper costs as much as decoding a small message."""
+    if not cls._TYPE.fields:
+        return partial(_decode_empty, cls)
+    if any(field.py_name == "decode" for field in cls._TYPE.fields):  # the field has taken the method's place
+        return partial(decode, cls, arrays=arrays)
+    return partial(cls.decode, arrays=True) if arrays else cls.decode
+
+
+def _decode_empty(cls: type[Any], data: bytes | memoryview) -> Any:
+    """Decode an empty message: ROS writes one byte for it, other writers none."""
+    return cls.decode(bytes(data) + b"\0" if len(data) == HEADER_BYTES else data)
+
+
+def _class_of_schema(name: str, definition: bytes) -> type[Any]:
+    """Return the class of a message's schema; raises `DefinitionError`."""
+    try:
+        cls = compile_definition(name, definition.decode())
+    except (UnicodeDecodeError, InvalidNameError) as error:
+        raise DefinitionError(Diagnostic(f"<{name[:100]}>", 0, 0, f"the schema cannot be read: {error}")) from None
+    if not issubclass(cls, Message):
+        text = "the schema is that of a service or action, expected that of a message"
+        raise DefinitionError(Diagnostic(f"<{name[:100]}>", 0, 0, text))
+    return cls

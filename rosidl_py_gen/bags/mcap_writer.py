@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from rosidl_py_gen import __version__, encode, type_hash
+from rosidl_py_gen import __version__, encode
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
 from rosidl_py_gen.bags.splitting_writer import SplittingWriter, topic_of
 from rosidl_py_gen.bags.storage.storage_api import MAX_UNPACKED_BYTES
@@ -93,11 +92,9 @@ class BagWriter(SplittingWriter):
             raise BagError(f'compression: got "{compression}"; expected one of {known}, or ""')
         target = Path(path)
         is_folder = target.suffix != ".mcap"
-        super().__init__(target, is_folder, split_bytes, split_s, compression_mode, compression_threads, custom_data)
         if target.suffix == ".db3":
             raise BagError(f"{target}: BagWriter writes MCAP files; pass a name that ends with .mcap, or a folder")
-        if target.exists():
-            raise BagError(f"{target} exists already")
+        super().__init__(target, is_folder, split_bytes, split_s, compression_mode, compression_threads, custom_data)
         self._compression = _Compression(_COMPRESSIONS[compression])
         self._numbers: dict[str, int] = {}
         self._channels: dict[tuple[str, ...], int] = {}
@@ -155,16 +152,7 @@ class BagWriter(SplittingWriter):
             EncodeError: a value of the message is out of range.
             OSError: the disk is full.
         """
-        self._require_open()
-        if isinstance(message, bytes | bytearray | memoryview):
-            data = message
-            if topic not in self._topics:
-                raise BagError(f"{topic} has no type yet: call add_topic before bytes are written")
-        else:
-            data = message.encode()
-            known = self._topics.get(topic)
-            if known is None or known.type_hash != type_hash(message):
-                self.add_topic(topic, type(message))
+        data = self._encoded(topic, message)
         self._write(topic, self._numbers[topic], data, log_time_ns, publish_time_ns)
 
     def write_table(self, table: Any, topic: str | None = None, msg_type: type[Message] | None = None) -> int:
@@ -232,10 +220,9 @@ class BagWriter(SplittingWriter):
     def _write(
         self, topic: str, channel: int, data: bytes, log_time_ns: int | None, publish_time_ns: int | None
     ) -> None:
-        log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
-        published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
-        if self._needs_new_file(log_time):
-            self._next_file()
+        published = None if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
+        log_time = self._begin_message(topic, log_time_ns)
+        published = log_time if published is None else published
         self._add_message(topic, log_time, len(data))
         data = self._compress_message(data)
         if len(data) <= MAX_COMPRESSED_BYTES:

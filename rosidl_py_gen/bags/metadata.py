@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from rosidl_py_gen.bags.common import BagError, BagTopic, replace_durably
+from rosidl_py_gen.bags.common import BagError, BagTopic, written_durably
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.base.yaml_text import MAX_BYTES, YamlError, load_yaml
 from rosidl_py_gen.runtime import QoSProfile
@@ -202,13 +202,8 @@ def write_metadata(folder: Path, text: str) -> None:
     Raises:
         OSError: the disk is full; an older file is unchanged.
     """
-    partial = folder / f".{FILE}"
-    try:
+    with written_durably(folder / FILE) as partial:
         partial.write_text(text, encoding="utf-8")
-        replace_durably(partial, folder / FILE)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
 
 
 def qos_text(profiles: Iterable[QoSProfile]) -> str:

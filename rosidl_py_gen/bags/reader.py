@@ -22,13 +22,13 @@ from rosidl_py_gen.bags.common import (
     RawMessage,
     SkippedMessages,
 )
-from rosidl_py_gen.bags.decoder import decoder_of
 from rosidl_py_gen.bags.definition_lookup import (
     NO_FIELDS,
     Definitions,
     TopicDefinition,
     WrongDefinitionError,
     checked_decoder,
+    decoder_of,
     is_empty,
 )
 from rosidl_py_gen.bags.numpy_table import table, to_dataframe
@@ -211,8 +211,7 @@ class BagReader:
             BagError: the bag is damaged, a topic does not exist, or one of `topics` cannot be decoded.
             DecodeError: a message is damaged; names the topic and the time.
         """
-        if on_error not in ("raise", "skip"):
-            raise ValueError(f'on_error: got {on_error!r}; expected "raise" or "skip"')
+        may_skip = _may_skip(on_error)
         names = self._names(topics)
         messages = self._merged(names, start_ns, end_ns)
         if raw:
@@ -220,7 +219,7 @@ class BagReader:
         for name in names or ():
             for channel in self._channels_of(name):
                 self.message_class(channel)
-        return self._decoded(messages, arrays, names is None, on_error == "skip")
+        return self._decoded(messages, arrays, names is None, may_skip)
 
     def raw_messages(
         self,
@@ -404,10 +403,9 @@ class BagReader:
     def _source(
         self, names: list[str], start_ns: int | None, end_ns: int | None, on_error: str, may_skip_topic: bool = False
     ) -> TableInput:
-        if on_error not in ("raise", "skip"):
-            raise ValueError(f'on_error: got {on_error!r}; expected "raise" or "skip"')
+        may_skip = _may_skip(on_error)
         messages = as_table_input(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
-        return TableInput(messages, lambda some: self._decoded(some, False, may_skip_topic, on_error == "skip"))
+        return TableInput(messages, lambda some: self._decoded(some, False, may_skip_topic, may_skip))
 
     def _cuts(self, size: int) -> list[int]:
         return split_times(self._files, size)
@@ -433,6 +431,12 @@ class BagReader:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _may_skip(on_error: str) -> bool:
+    if on_error not in ("raise", "skip"):
+        raise ValueError(f'on_error: got {on_error!r}; expected "raise" or "skip"')
+    return on_error == "skip"
 
 
 async def _at_recorded_pace(messages: Iterable[BagMessage], rate: float) -> AsyncIterator[BagMessage]:

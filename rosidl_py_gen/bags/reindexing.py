@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from rosidl_py_gen.bags.common import BagError, replace_durably
+from rosidl_py_gen.bags.common import BagError, written_durably
 from rosidl_py_gen.bags.definition_lookup import has_definition
 from rosidl_py_gen.bags.mcap_writer import BagWriter
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, write_metadata
@@ -137,33 +137,27 @@ def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed
     size = file.stat().st_size if file.exists() else 0
     progress = _ReadingProgress(on_progress, size)
     progress.begin_file(size)
-    with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
-        if file.suffix != ".mcap":
-            raise BagError(f"{file}: only MCAP files have an index; pass the folder of the file")
-        if reader.has_index:
-            for _ in progress.counted(reader.raw_messages(), 2 * _count(reader)):
-                pass
-            if not reader.damaged:
-                raise BagError(f"{file} already has an index, and no damage; it needs no reindexing")
-        if backup.exists():
-            raise BagError(f"{backup} exists already; remove it, as {file} is renamed to it")
-        partial = file.with_name(f".{file.stem}.reindexing.mcap")
-        partial.unlink(missing_ok=True)  # of a run that was killed
-        try:
+    with written_durably(file) as partial:
+        with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
+            if file.suffix != ".mcap":
+                raise BagError(f"{file}: only MCAP files have an index; pass the folder of the file")
+            if reader.has_index:
+                for _ in progress.counted(reader.raw_messages(), 2 * _count(reader)):
+                    pass
+                if not reader.damaged:
+                    raise BagError(f"{file} already has an index, and no damage; it needs no reindexing")
+            if backup.exists():
+                raise BagError(f"{backup} exists already; remove it, as {file} is renamed to it")
+            partial.unlink(missing_ok=True)  # of a run that was killed
+            count = 0
             with BagWriter(partial) as writer:
-                count = 0
                 for channel in reader.channels:
                     writer.add_raw_topic(channel)
                 for message in progress.counted(reader.raw_messages(), _count(reader), begin=0.5):
                     writer.write_raw(message)
                     count += 1
-        except BaseException:
-            partial.unlink(missing_ok=True)
-            raise
-        topics = len(reader.topics)
-    file.rename(backup)
-    replace_durably(partial, file)
-    return Reindexed(file, 1, count, topics, backup=backup, damaged=tuple(reader.damaged))
+        file.rename(backup)
+    return Reindexed(file, 1, count, len(reader.topics), backup=backup, damaged=tuple(reader.damaged))
 
 
 def _with_hash(reader: BagReader, channel: BagTopic) -> BagTopic:

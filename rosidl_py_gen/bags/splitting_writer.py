@@ -6,6 +6,7 @@ that (`mcap_writer.py`).
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
@@ -13,11 +14,11 @@ from typing import TYPE_CHECKING, Literal, get_args
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import type_hash, type_name
-from rosidl_py_gen.bags.common import BagError, BagTopic, replace_durably
+from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, written_durably
+from rosidl_py_gen.bags.definition_lookup import definition_of
 from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, qos_text, write_metadata
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.type_loading.from_description import definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -42,15 +43,9 @@ def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
         OSError: the disk is full; the file stays as it was.
     """
     target = source.with_name(source.name + SUFFIX)
-    partial = target.with_name(f".{target.name}")
-    try:
-        with source.open("rb") as plain, partial.open("wb") as compressed:
-            size = source.stat().st_size
-            (zstd or ZstdCompressor(_ZSTD_LEVEL)).copy_stream(plain, compressed, size=size, read_size=_BLOCK_BYTES)
-        replace_durably(partial, target)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with written_durably(target) as partial, source.open("rb") as plain, partial.open("wb") as compressed:
+        size = source.stat().st_size
+        (zstd or ZstdCompressor(_ZSTD_LEVEL)).copy_stream(plain, compressed, size=size, read_size=_BLOCK_BYTES)
     source.unlink()
     return target
 
@@ -64,17 +59,15 @@ def topic_of(topic: str, msg_type: type[Message] | BagTopic, qos: Sequence[QoSPr
     if isinstance(msg_type, BagTopic):
         renamed = msg_type if msg_type.name == topic else replace(msg_type, name=topic)
         return replace(renamed, offered_qos=qos_text(qos)) if qos else renamed
-    text = definition_text(msg_type)
-    encoding = "ros2idl" if text.startswith("=") else "ros2msg"
-    return BagTopic(
-        topic, type_name(msg_type), text, encoding, type_hash=type_hash(msg_type), offered_qos=qos_text(qos)
-    )
+    definition = definition_of(msg_type)
+    return BagTopic(topic, type_name(msg_type), *definition, type_hash=type_hash(msg_type), offered_qos=qos_text(qos))
 
 
 class SplittingWriter:
     """Base of `BagWriter` and `SqliteWriter`: starts files, counts their messages and writes the metadata.
 
-    Subclasses implement `_open` and `_close_file`, and call `_add_message` and `_needs_new_file`.
+    Subclasses implement `add_topic`, `_open` and `_close_file`; for each message they call `_encoded`,
+    `_begin_message` and `_add_message`.
 
     Raises:
         BagError: a bag of one file must not be split, have a `compression_mode` or `custom_data`; a limit is not a
@@ -97,6 +90,8 @@ class SplittingWriter:
         if compression_mode not in get_args(CompressionMode):
             modes = ", ".join(get_args(CompressionMode))
             raise BagError(f'compression_mode: got "{compression_mode}"; expected one of {modes}')
+        if path.exists():
+            raise BagError(f"{path} exists already")
         self.path, self._is_folder = path, is_folder
         if split_bytes or split_s:
             self._require_folder()
@@ -114,6 +109,10 @@ class SplittingWriter:
         self._statistics: list[FileStatistics] = []
         self._file_bytes = 0
         self._closed = False
+
+    def add_topic(self, topic: str, msg_type: type[Message] | BagTopic, *, qos: Sequence[QoSProfile] = ()) -> None:
+        """Register a topic."""
+        raise NotImplementedError
 
     def _open(self) -> None:
         raise NotImplementedError
@@ -139,10 +138,27 @@ class SplittingWriter:
         self._file_bytes = 0
         return self.path / name if self._is_folder else self.path
 
-    def _needs_new_file(self, log_time_ns: int) -> bool:
+    def _encoded(self, topic: str, message: Message | bytes) -> bytes:
+        """Return the bytes of a message; the topic of a message object is registered if it is new."""
+        self._require_open()
+        if isinstance(message, bytes | bytearray | memoryview):
+            if topic not in self._topics:
+                raise BagError(f"{topic} has no type yet: call add_topic before bytes are written")
+            return message
+        data = message.encode()
+        known = self._topics.get(topic)
+        if known is None or known.type_hash != type_hash(message):
+            self.add_topic(topic, type(message))
+        return data
+
+    def _begin_message(self, topic: str, log_time_ns: int | None) -> int:
+        """Return the log time of a message, after a new file was started for it if the current one is full."""
+        log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
         first = self._statistics[-1].first
-        is_long = self._split_ns is not None and first is not None and log_time_ns - first >= self._split_ns
-        return is_long or (self._split_bytes is not None and self._file_bytes >= self._split_bytes)
+        is_long = self._split_ns is not None and first is not None and log_time - first >= self._split_ns
+        if is_long or (self._split_bytes is not None and self._file_bytes >= self._split_bytes):
+            self._next_file()
+        return log_time
 
     def _add_message(self, topic: str, log_time_ns: int, size: int) -> None:
         self._statistics[-1].add(topic, log_time_ns)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen import type_hash
-from rosidl_py_gen.bags.common import BagError, checked_time, require_printable
+from rosidl_py_gen.bags.common import BagError, require_printable
 from rosidl_py_gen.bags.definition_lookup import same_definition
 from rosidl_py_gen.bags.splitting_writer import SplittingWriter, topic_of
 
@@ -64,8 +62,6 @@ class SqliteWriter(SplittingWriter):
         custom_data: Mapping[str, str] | None = None,
     ) -> None:
         folder = Path(path)
-        if folder.exists():
-            raise BagError(f"{folder} exists already")
         if folder.suffix in (".mcap", ".db3"):
             raise BagError(f"{folder}: a bag of SQLite files is a folder; pass a name without {folder.suffix}")
         super().__init__(folder, True, split_bytes, split_s, compression_mode, compression_threads, custom_data)
@@ -161,19 +157,8 @@ class SqliteWriter(SplittingWriter):
                 the message cannot be written.
             EncodeError: a value of the message is out of range.
         """
-        self._require_open()
-        if isinstance(message, bytes | bytearray | memoryview):
-            data = bytes(message)
-            if topic not in self._ids:
-                raise BagError(f"{topic} has no type yet: call add_topic before bytes are written")
-        else:
-            data = message.encode()
-            known = self._topics.get(topic)
-            if known is None or known.type_hash != type_hash(message):
-                self.add_topic(topic, type(message))
-        log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
-        if self._needs_new_file(log_time):
-            self._next_file()
+        data = bytes(self._encoded(topic, message))
+        log_time = self._begin_message(topic, log_time_ns)
         with self._as_bag_error():
             row = self._ids[topic], log_time, self._compress_message(data)
             self._database.execute("insert into messages(topic_id, timestamp, data) values (?, ?, ?)", row)

@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.bags.storage.recorded_distro import recorded_distro
+from rosidl_py_gen.bags.storage.mcap_index import recorded_distro
 from rosidl_py_gen.base.distributions import distribution_of_command
 
 RANGE = "sensor_msgs/msg/Range"

@@ -18,7 +18,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from support.example_counts import examples
 
 from rosidl_py_gen import compile_definition, decode, encode, from_dict, to_dict
-from rosidl_py_gen.bags.decoder import DecoderFactory
+from rosidl_py_gen.bags import DecoderFactory
 from rosidl_py_gen.base.descriptions import individual_descriptions
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DefinitionError, RosidlError

@@ -9,17 +9,18 @@ from __future__ import annotations
 import shutil
 import struct
 from contextlib import closing
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any, cast
 
 from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
-from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
 from rosidl_py_gen.bags.remote import local_copy, unreachable_as_error
-from rosidl_py_gen.bags.storage.mcap_chunks import MAX_WINDOW, Zstd
+from rosidl_py_gen.bags.storage.mcap_chunks import BLOCK_BYTES, MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.bags.storage.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, OpeningProgress, library_errors_as_bag_error
@@ -37,7 +38,6 @@ _MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of zstd data. CDR begins with a zero."""
 _PAGES = struct.Struct(">16x H 10x I")
 """Size and number of the pages of a database, in its header."""
-_BLOCK_BYTES = 1 << 20
 _MAX_RATIO = 1000
 _MAX_HEAD = 18
 """Size of the header of a zstd frame, which states the decompressed size."""
@@ -68,13 +68,14 @@ def open_files(
         progress.total += sum(file.stat().st_size for file in files if file.suffix == SUFFIX and file.exists())
         for file in files:
             plain = _decompressed(file, resources, max_bytes, progress)
-            storage = (
-                SqliteFile(plain)
-                if plain.suffix == ".db3"
-                else McapFile(plain, validate_crcs, max_bytes, on_skipped, progress)
+            is_mcap = plain.suffix == ".mcap"
+            storage: Storage = (
+                McapFile(plain, validate_crcs, max_bytes, on_skipped, progress) if is_mcap else SqliteFile(plain)
             )
             resources.callback(storage.close)
-            storages.append(_CompressedMessages(storage, file, max_bytes) if may_compress_messages else storage)
+            if may_compress_messages:
+                storage = cast("Storage", _CompressedMessages(storage, file, max_bytes))
+            storages.append(storage)
     return files, storages, hashes, distro
 
 
@@ -162,14 +163,20 @@ def _is_plain_complete(path: Path) -> bool:
         return False
 
 
+def _decompressed_pieces(stream: IO[bytes]) -> tuple[int, Iterator[bytes]]:
+    """Return the decompressed size that a file states, -1 for none, and its content; both raise exceptions of zstd."""
+    stated_size = frame_content_size(stream.read(_MAX_HEAD))
+    stream.seek(0)
+    reader = ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(stream, read_across_frames=True)
+    return stated_size, iter(partial(reader.read, BLOCK_BYTES), b"")
+
+
 def _is_decompressible(path: Path) -> bool:
     """Return True if a compressed file can be decompressed to its end."""
     try:
         with path.open("rb") as stream:
-            stated_size = frame_content_size(stream.read(_MAX_HEAD))
-            stream.seek(0)
-            reader = ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(stream, read_across_frames=True)
-            size = sum(map(len, iter(lambda: reader.read(_BLOCK_BYTES), b"")))
+            stated_size, pieces = _decompressed_pieces(stream)
+            size = sum(map(len, pieces))
     except (ZstdError, OSError, MemoryError):
         return False
     return size > 0 and size >= stated_size
@@ -192,19 +199,15 @@ def _decompress_file(path: Path, folder: Path, max_bytes: int, progress: Opening
     max_size = max(max_bytes, _MAX_RATIO * path.stat().st_size)
     with path.open("rb") as compressed, target.open("wb") as output, library_errors_as_bag_error(path):
         written = 0
-        stated_size = frame_content_size(compressed.read(_MAX_HEAD))
-        compressed.seek(0)
+        stated_size, pieces = _decompressed_pieces(compressed)
         _require_size(path, stated_size, max_size)
-        with ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(compressed, read_across_frames=True) as stream:
-            while piece := stream.read(_BLOCK_BYTES):
-                written += len(piece)
-                if written > room:
-                    raise BagError(
-                        f"{path}: decompresses to more than {room} bytes, half of the free space in {folder}"
-                    )
-                _require_size(path, written, max_size)
-                output.write(piece)
-                progress.show(compressed.tell())
+        for piece in pieces:
+            written += len(piece)
+            if written > room:
+                raise BagError(f"{path}: decompresses to more than {room} bytes, half of the free space in {folder}")
+            _require_size(path, written, max_size)
+            output.write(piece)
+            progress.show(compressed.tell())
         progress.end_file(path.stat().st_size)
         if written < stated_size:
             raise BagError(f"{path}: damaged: decompresses to {written} bytes, and states {stated_size}")
@@ -219,22 +222,16 @@ def _require_size(path: Path, size: int, max_size: int) -> None:
 
 
 class _CompressedMessages:
+    """`Storage` that decompresses the messages of another one, and passes on the rest."""
+
     def __init__(self, storage: Storage, path: Path, max_bytes: int) -> None:
         self._storage = storage
         self._path = path
         self._max_bytes = max_bytes
         self._zstd = Zstd()
-        self.is_whole = storage.is_whole
-        self.unread_bytes = storage.unread_bytes
 
-    def channels(self) -> list[BagTopic]:
-        return self._storage.channels()
-
-    def ros_distro(self) -> str:
-        return self._storage.ros_distro()
-
-    def span(self) -> tuple[int, int] | None:
-        return self._storage.span()
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._storage, name)
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         messages = self._storage.messages(topics, start, end)
@@ -276,9 +273,3 @@ class _CompressedMessages:
             is_packed = bytes(first.data[begin : begin + len(_MAGIC)]) == _MAGIC
             return None if is_packed else chain(iter([first]), blocks or ())
         return blocks
-
-    def segments(self) -> list[tuple[int, int]]:
-        return self._storage.segments()
-
-    def close(self) -> None:
-        self._storage.close()

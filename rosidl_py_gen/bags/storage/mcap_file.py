@@ -31,8 +31,7 @@ from rosidl_py_gen.bags.storage.mcap_chunks import (
     iter_chunk_blocks,
     read_chunk_header,
 )
-from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, read_index
-from rosidl_py_gen.bags.storage.recorded_distro import recorded_distro
+from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, read_index, recorded_distro
 from rosidl_py_gen.bags.storage.storage_api import (
     LOG_TIME,
     MAX_UNPACKED_BYTES,

@@ -1,7 +1,10 @@
-"""Index of an MCAP file: its contents and their offsets.
+"""Index of an MCAP file, its contents and their offsets; and the distribution of its recorder.
 
 An index is used if its checksum is right and all chunks, channels and schemas that it refers to are in it. Writers may
 omit any of these, and killed recorders omit all; then `walk` creates one.
+
+rosbag2 writes the distribution into metadata records: Humble ``ROS_DISTRO`` at the start of the file, later
+distributions at its end the contents of ``metadata.yaml``, which has ``ros_distro`` (docs/internals/protocol.md 1.9).
 """
 
 from __future__ import annotations
@@ -15,15 +18,16 @@ from typing import IO, TYPE_CHECKING, NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Schema
+from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.metadata import distro_of_metadata_text
 from rosidl_py_gen.bags.remote import BagUnreachableError
 from rosidl_py_gen.bags.storage.mcap_chunks import RECORD
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from mcap.summary import Summary
 
@@ -32,6 +36,11 @@ _FOOTER = Struct("<BQQQI8s")
 _FOOTER_CRC = 12
 """Offset of the checksum, from the end of the file."""
 _BLOCK_BYTES = 1 << 20
+_METADATA_NAME = "rosbag2"
+_MAX_METADATA_RECORDS = 16
+"""Maximum number of metadata records to read, and of records at the start of the file."""
+_MAX_METADATA_BYTES = 1 << 20
+"""Maximum size of a metadata record to read: 1000 topics take less than half of it."""
 
 
 class MessageSegment(NamedTuple):
@@ -165,3 +174,51 @@ def _index_of(stated: Summary, summary_start: int) -> Index:
         return Index(segments, dict(stated.channels), dict(stated.schemas), counts, span, gaps)
     span = (min(one.first for one in segments), max(one.last for one in segments)) if segments else None
     return Index(segments, dict(stated.channels), dict(stated.schemas), None, span, gaps)
+
+
+def recorded_distro(stream: IO[bytes], size: int) -> str:
+    """Return the name of the distribution; empty if no metadata record of the file has it, or they are damaged.
+
+    Raises:
+        BagUnreachableError: the file cannot be reached.
+    """
+    try:
+        for body in _metadata_records(stream, size):
+            record = Metadata.read(ReadDataStream(BytesIO(body)))
+            if record.name != _METADATA_NAME:
+                continue
+            distro = record.metadata.get("ROS_DISTRO") or distro_of_metadata_text(
+                record.metadata.get("serialized_metadata", "")
+            )
+            if distro:
+                return distro
+    except BagUnreachableError:
+        raise
+    except Exception:  # whatever wrong bytes lead to: the name is of use, but not needed
+        return ""
+    return ""
+
+
+def _metadata_records(stream: IO[bytes], size: int) -> Iterator[bytes]:
+    """Yield the bodies of the first metadata records: at the start of the file, and those of the index."""
+    at = len(MCAP0_MAGIC)
+    for _ in range(_MAX_METADATA_RECORDS):
+        opcode, length = _head(stream, at)
+        if opcode not in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+            break
+        if opcode == Opcode.METADATA and length <= _MAX_METADATA_BYTES:
+            yield stream.read(length)
+        at += RECORD.size + length
+    stream.seek(0)
+    summary = SeekingReader(stream, record_size_limit=size).get_summary()
+    indexes = [one for one in summary.metadata_indexes if one.name == _METADATA_NAME] if summary else []
+    for one in indexes[:_MAX_METADATA_RECORDS]:
+        opcode, length = _head(stream, one.offset)
+        if opcode == Opcode.METADATA and length <= _MAX_METADATA_BYTES:
+            yield stream.read(length)
+
+
+def _head(stream: IO[bytes], at: int) -> tuple[int, int]:
+    stream.seek(at)
+    head = stream.read(RECORD.size)
+    return RECORD.unpack(head) if len(head) == RECORD.size else (0, 0)

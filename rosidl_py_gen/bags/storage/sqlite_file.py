@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
-from rosidl_py_gen.bags.storage.storage_api import BagChannel, library_errors_as_bag_error, merge_channels
+from rosidl_py_gen.bags.storage.storage_api import BagChannel, Storage, library_errors_as_bag_error, merge_channels
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -29,14 +29,8 @@ _JOURNAL_MAGIC = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
 _MAX_TIME = (1 << 63) - 1
 
 
-class SqliteFile:
+class SqliteFile(Storage):
     """``.db3`` file of rosbag2. Thread: any."""
-
-    is_whole = True
-    unread_bytes = 0
-
-    def segments(self) -> list[tuple[int, int]]:
-        return []
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -152,9 +146,6 @@ class SqliteFile:
                         f"{self._path}: a message on {known[key].topic} does not consist of bytes and a time"
                     )
                 yield known[key], data, stamp, stamp
-
-    def blocks(self, topics: Collection[str] | None, start: int, end: int) -> None:
-        return None
 
     def close(self) -> None:
         self._database.close()

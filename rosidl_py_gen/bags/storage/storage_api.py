@@ -99,12 +99,13 @@ class MessageBlock(NamedTuple):
 class Storage(Protocol):
     """Interface of the reader of a file."""
 
-    is_whole: bool
+    is_whole: bool = True
     """False if the file has no index, as after a crash."""
 
     @property
     def unread_bytes(self) -> int:
         """Size of an unfinished record at the end of the file."""
+        return 0
 
     def channels(self) -> list[BagTopic]:
         """Return the channels, with counts if there is an index; one for each definition of a topic."""
@@ -120,9 +121,11 @@ class Storage(Protocol):
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
         """Yield messages in blocks; None if the messages of a topic would not be in order then."""
+        return None
 
     def segments(self) -> list[tuple[int, int]]:
         """Return first log time and size of each segment; none if this requires reading the file."""
+        return []
 
     def close(self) -> None:
         """Close the file; may be called repeatedly."""

@@ -140,7 +140,7 @@ class Walk:
 
     def _breaks_off(self, opcode: int, at: int) -> bool:
         """Return True if a file is unfinished: it ends within a record, or with the zeros of a power cut."""
-        if self._read(self._size - len(MCAP0_MAGIC), len(MCAP0_MAGIC)) == MCAP0_MAGIC:
+        if self._is_closed():
             return False
         if not opcode:
             if not are_zeros(self._read, at, self._size):
@@ -153,6 +153,9 @@ class Walk:
         )
         return True
 
+    def _is_closed(self) -> bool:
+        return self._read(self._size - len(MCAP0_MAGIC), len(MCAP0_MAGIC)) == MCAP0_MAGIC
+
     def _continues(self, at: int) -> bool:
         """Return True if chunks follow a record that exceeds the file, so that its length is damaged."""
         if ChunkHead.at(self._read, at) is not None:
@@ -162,13 +165,21 @@ class Walk:
     def _check_data_end(self, at: int, length: int, after: int) -> int:
         """Check the end of the data; return where the walk continues."""
         is_all = self._end == self._size or not self._index.segments  # else only ranges between chunks were read
-        try:
-            _check_follows_data(self._stream, after, self._end, self._size)
-        except BagError as error:
-            return self._skip(at, after, error)
-        if not self._skips or self._unchunked.count:  # chunks have their own checksums, and some may have been skipped
-            _check_crc(self._stream, self._unpacker, at, length, is_all or self._unchunked.count > 0)
+        follows = after == self._end if self._end < self._size else self._read(after, 1) in _AFTER_DATA
+        if not follows:
+            text = f"the data ends at byte {after}, where neither the summary nor the footer begins"
+            return self._skip(at, after, BagError(text))
+        if self._unchunked.count or (is_all and not self._skips):  # chunks have checksums, and some may be skipped
+            self._check_crc(at, length)
         return self._end
+
+    def _check_crc(self, at: int, length: int) -> None:
+        """Compare the checksum of all data: records and messages outside of chunks have no other."""
+        if not self._unpacker.validate_crcs or length != _CRC.size:
+            return
+        (expected,) = _CRC.unpack(self._read(at + RECORD.size, _CRC.size))
+        if expected and expected != checksum(self._stream, 0, at):
+            raise BagError("damaged: the checksum of its messages is wrong")
 
     def _add_other_record(self, opcode: int, at: int, after: int) -> int:
         """Add a record other than a message; return its end, -1 if the file breaks off within it."""
@@ -177,7 +188,7 @@ class Walk:
         try:
             with library_errors_as_bag_error(self._unpacker.path):
                 if opcode == Opcode.CHUNK:
-                    _add_chunk(_chunk_blocks(self._stream, self._unpacker, body, after), body, after, self._index)
+                    _add_chunk(self._chunk_blocks(body, after), body, after, self._index)
                     self._is_doubtful = False
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._index.add_records([(opcode, self._read(body, after - body))])
@@ -186,8 +197,7 @@ class Walk:
         except (BagUnreachableError, TooLargeError):
             raise
         except BagError as error:
-            has_end = self._read(self._size - len(MCAP0_MAGIC), len(MCAP0_MAGIC)) == MCAP0_MAGIC
-            if opcode == Opcode.CHUNK and not has_end and are_zeros(self._read, after, self._size):
+            if opcode == Opcode.CHUNK and not self._is_closed() and are_zeros(self._read, after, self._size):
                 self._index.truncated_bytes = self._size - at  # the blocks of the disk were not all written
                 return -1
             if opcode == Opcode.CHUNK and head is None:
@@ -195,30 +205,19 @@ class Walk:
             return self._skip(at, after, error, head)
         return after
 
+    def _chunk_blocks(self, body: int, end: int) -> Iterator[bytes | bytearray]:
+        head = read_chunk_header(self._read, body, end, self._unpacker.where)
+        self._unpacker.require_size(self._read, head)
+        if not is_large(self._read, head):
+            yield self._unpacker.decompress(self._read, head)
+            return
+        for data, whole in iter_chunk_blocks(self._read, head, self._unpacker.validate_crcs):
+            yield data if whole == len(data) else data[:whole]
+
 
 def _truncated_size(head: bytes, at: int, size: int) -> int:
     """Return the size of an unfinished record at the end of a file; 0 for a record of an index."""
     return size - at if head[:1] and head[0] in _HOLD_MESSAGES else 0
-
-
-def _check_follows_data(stream: IO[bytes], at: int, end: int, size: int) -> None:
-    if end < size:
-        is_right = at == end
-    else:
-        stream.seek(at)
-        is_right = stream.read(1) in _AFTER_DATA
-    if not is_right:
-        raise BagError(f"the data ends at byte {at}, where neither the summary nor the footer begins")
-
-
-def _check_crc(stream: IO[bytes], unpacker: ChunkDecompressor, at: int, length: int, is_needed: bool) -> None:
-    """Compare the checksum of all data: records and messages outside of chunks have no other."""
-    if not (is_needed and unpacker.validate_crcs and length == _CRC.size):
-        return
-    stream.seek(at + RECORD.size)
-    (expected,) = _CRC.unpack(stream.read(_CRC.size))
-    if expected and expected != checksum(stream, 0, at):
-        raise BagError("damaged: the checksum of its messages is wrong")
 
 
 def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
@@ -230,20 +229,6 @@ def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
             raise BagError("damaged: a record in a chunk is longer than the chunk")
         yield opcode, at, end
         at = end
-
-
-def _chunk_blocks(stream: IO[bytes], unpacker: ChunkDecompressor, body: int, end: int) -> Iterator[bytes | bytearray]:
-    def read(at: int, size: int) -> bytes:
-        stream.seek(at)
-        return stream.read(size)
-
-    head = read_chunk_header(read, body, end, unpacker.where)
-    unpacker.require_size(read, head)
-    if is_large(read, head):
-        for data, whole in iter_chunk_blocks(read, head, unpacker.validate_crcs):
-            yield data if whole == len(data) else data[:whole]
-    else:
-        yield unpacker.decompress(read, head)
 
 
 def _add_chunk(some: Iterator[bytes | bytearray], offset: int, end: int, index: Index) -> None:
