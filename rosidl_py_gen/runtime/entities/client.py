@@ -151,10 +151,10 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         if not servers.is_available:
             raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s:g} s", self._why_missing()))
         future: asyncio.Future[ResponseT] = loop.create_future()
-        on_error = partial(complete_threadsafe, future, None)
-        pending: PendingRequest[ResponseT]
-        left_s = deadline.remaining_s()
-        pending = PendingRequest(encoded, lambda response, _: set_result_if_pending(future, response), on_error, left_s)
+        left_s, on_error = deadline.remaining_s(), partial(complete_threadsafe, future, None)
+        pending: PendingRequest[ResponseT] = PendingRequest(
+            encoded, lambda response, _: set_result_if_pending(future, response), on_error, left_s
+        )
         self._enqueue(pending, servers)
         if left_s is not None:
             if self._timeouts is None or self._timeouts.loop is not loop:
@@ -220,13 +220,11 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
     ) -> int:
         """Send a request to the servers that are connected now. Thread: loop, also for the two functions.
 
+        Returns the key for `_abandon_request`.
+
         Args:
             on_reply: gets a response and the GUID of its reply writer; returns True to get replies of further servers.
-            on_error: gets `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError` of `close`; no other
-                call follows.
-
-        Returns:
-            The key for `_abandon_request`.
+            on_error: gets `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError`; no other call follows.
         """
         self._require_open()
         self._scope.loop_binding.running_loop()

@@ -179,8 +179,7 @@ class EntityScope:
     def register(self, entity: Closeable, *, reader: bytes = b"", writer: bytes = b"") -> None:
         """Own an entity until it calls `unregister` or the scope closes it, and announce its endpoints.
 
-        Raises:
-            ClosedError: another thread has closed the scope; the entity is closed, too.
+        Closes the entity and raises `ClosedError` if another thread has closed the scope.
         """
         self.owned[id(entity)] = entity
         if reader or writer:
@@ -193,11 +192,7 @@ class EntityScope:
     def set_type_hash_check(
         self, mode: TypeCheck, guid: bytes, converts: Callable[[DiscoveredEndpoint], bool] | None = None
     ) -> None:
-        """Set the type hash check of an endpoint; must be called before it is announced.
-
-        Args:
-            converts: returns True for a peer whose other definition is converted.
-        """
+        """Set the type hash check of an endpoint before it is announced; `converts` is True for convertible peers."""
         if mode != DEFAULT_CHECK:
             self.discovery.type_hash_checks[guid] = mode
         if converts is not None:
@@ -219,10 +214,7 @@ class EntityScope:
             raise ClosedError(f"{owner} is closed")
 
     def close(self) -> None:
-        """Cancel all tasks but the calling one, close all entities, newest first, and withdraw the node.
-
-        May be called twice.
-        """
+        """Cancel all tasks but the calling one, close all entities, newest first, and withdraw the node."""
         # The graph message is sent once, when the node is removed, not for each endpoint. An entity that another thread
         # creates at the same time closes itself in `register`.
         self.closed = True
@@ -257,14 +249,9 @@ class EntityScope:
         *,
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> bool:
-        """Wait until `condition` holds; it is checked at every change of the graph and every `poll_s` seconds.
+        """Wait until `condition` holds, checked at every change of the graph and every `poll_s` seconds.
 
-        Returns:
-            False if the time has passed.
-
-        Raises:
-            ClosedError: the waiting entity or its node is closed, also while waiting.
-            TypeError, ValueError: see `Deadline`.
+        Returns False if the time has passed. Raises `ClosedError` if the entity or its node is closed, also later.
         """
         deadline = Deadline(timeout_s)
         self.require_open(is_closed(), "what was waited for")
@@ -289,12 +276,7 @@ class EntityScope:
         why: Callable[[], str] = lambda: "",
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> Literal[True]:
-        """Wait until `condition` holds; return True, so that callers may test the result.
-
-        Raises:
-            WaitTimeoutError: the time has passed; the text consists of `missing` and the reason `why`.
-            Exception: like `wait_until`.
-        """
+        """Wait like `wait_until`, or raise `WaitTimeoutError` with `missing` and the reason `why` after the timeout."""
         if not await self.wait_until(condition, timeout_s, is_closed, poll_s=poll_s):
             raise WaitTimeoutError(f"{missing()} in {timeout_s:g} s", why())
         return True
@@ -318,12 +300,7 @@ class EntityScope:
         self.loop_binding.adopt_running_loop()
 
     def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
-        """Run a coroutine of a caller's method on the context's event loop, and block until it has ended.
-
-        Raises:
-            WouldDeadlockError: called on the event loop's thread.
-            ClosedError: the node is closed.
-        """
+        """Run a coroutine of a caller's method and block; raises `ClosedError`, and `WouldDeadlockError` on the loop."""
         in_loop = self.loop_binding.in_loop_thread() or current_loop() is not None
         if in_loop or self.closed:
             coroutine.close()

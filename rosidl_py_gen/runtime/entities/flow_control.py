@@ -15,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.base.waiters import current_loop
@@ -42,6 +43,7 @@ class RequestTimedOutError(RosidlError):
     """No response arrived in time; only the call knows the time limit."""
 
 
+@dataclass(slots=True, eq=False)
 class PendingRequest(Generic[ResponseT]):
     """Request without response.
 
@@ -53,27 +55,15 @@ class PendingRequest(Generic[ResponseT]):
         had_servers: True if servers existed when the request was made.
     """
 
-    __slots__ = (
-        *("encoded", "flow_number", "had_servers", "key", "on_error", "on_reply", "sequence_number"),
-        *("timeout_s", "timeouts"),
-    )
-
-    def __init__(
-        self,
-        encoded: bytes,
-        on_reply: Callable[[ResponseT, bytes | None], object],
-        on_error: Callable[[Exception], object],
-        timeout_s: float | None = None,
-    ) -> None:
-        self.encoded = encoded
-        self.timeout_s = timeout_s
-        self.on_reply = on_reply
-        self.on_error = on_error
-        self.key = next(_request_keys)
-        self.sequence_number = 0
-        self.flow_number = 0
-        self.timeouts: TimeoutTable | None = None
-        self.had_servers = False
+    encoded: bytes
+    on_reply: Callable[[ResponseT, bytes | None], object]
+    on_error: Callable[[Exception], object]
+    timeout_s: float | None = None
+    key: int = field(default_factory=_request_keys.__next__)
+    sequence_number: int = 0
+    flow_number: int = 0
+    timeouts: TimeoutTable | None = None
+    had_servers: bool = False
 
 
 class RequestFlowControl:
@@ -137,11 +127,8 @@ class RequestFlowControl:
         """Send as many requests as the window allows; start the timer if some must wait."""
         assert self._loop is not None
         in_flight, waiting = self._in_flight, self._waiting
-        while waiting and len(in_flight) < (
-            self.server_queue_depth
-            if self._batch_interval_s is not None
-            else min(self.server_queue_depth, self._window_size)
-        ):
+        size = self._window_size if self._batch_interval_s is None else self.server_queue_depth
+        while waiting and len(in_flight) < min(self.server_queue_depth, size):
             number = next(self._flow_numbers)
             send, in_flight[number] = waiting.popleft()
             self._last_progress_s = self._loop.time()
@@ -151,8 +138,7 @@ class RequestFlowControl:
             self._timer = self._loop.call_at(self._due_s(), self._on_timer)
 
     def _due_s(self) -> float:
-        interval_s = self._stall_timeout_s if self._batch_interval_s is None else self._batch_interval_s
-        return self._last_progress_s + interval_s
+        return self._last_progress_s + (self._batch_interval_s or self._stall_timeout_s)
 
     def _on_timer(self) -> None:
         assert self._loop is not None

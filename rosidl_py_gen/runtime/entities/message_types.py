@@ -67,11 +67,7 @@ class ServiceType(Generic[RequestT, ResponseT]):
 
 
 def message_type(source: type[Message] | str, *, arrays: bool = False) -> MessageType[Any]:
-    """Return the `MessageType` of a class or text.
-
-    Args:
-        source: generated class, or name such as ``"std_msgs/msg/String"``.
-        arrays: decode sequences of fixed-size messages as structured arrays; only with a class.
+    """Return the `MessageType` of a class or text; `arrays` decodes fixed-size messages as structured arrays.
 
     Raises:
         TypeNotFoundError: the text names no known type.

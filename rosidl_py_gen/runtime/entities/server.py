@@ -78,7 +78,6 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         self._times_ns = times_ns
         self.message: RequestT = message
         """Request message."""
-        """Request of the client, to be answered with `respond`."""
         self._responded = False
 
     @property

@@ -8,7 +8,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.type_hash_filter import PeerConverters, field_changes
 from rosidl_py_gen.runtime.graph.type_hashes import CONVERTING
 from rosidl_py_gen.runtime.transport.service_api import ServiceConversion
@@ -25,13 +24,9 @@ if TYPE_CHECKING:
 
 
 class ServiceConverters(PeerConverters[ServiceConversion]):
-    """Conversions of one client or server.
+    """Conversions of one client or server."""
 
-    Attributes:
-        converted: number of received requests or responses that were converted.
-    """
-
-    __slots__ = ("_changes", "_is_client", "_mode", "_name", "_reported", "converted")
+    _contents = "requests and responses"
 
     def __init__(
         self, scope: EntityScope, service_type: ServiceType[Any, Any], mode: TypeCheck, name: str, *, is_client: bool
@@ -44,32 +39,24 @@ class ServiceConverters(PeerConverters[ServiceConversion]):
         """Texts about each conversion, by hash of the service."""
         self._reported: set[str] = set()
         self.converted = 0
+        """Number of received requests or responses that were converted."""
 
     def accepts(self, endpoint: DiscoveredEndpoint, accept: Callable[[str], object]) -> bool:
         """Return True if the other side has another definition that is converted, and pass its hash to `accept`."""
         service_hash = endpoint.service_hash
-        if self._mode not in CONVERTING or service_hash in ("", self._type.type_hash):
-            return False
-        if self.get(service_hash) is None:
+        if self._mode not in CONVERTING or service_hash in ("", self._type.type_hash) or self.get(service_hash) is None:
             return False
         accept(service_hash)
         self._report(endpoint)
         return True
 
-    def _load(self, definition: PeerDefinition) -> ServiceConversion | None:
+    def _load(self, definition: PeerDefinition) -> ServiceConversion:
         from rosidl_py_gen.type_loading.peer_definitions import converter_from, converter_to, part_of
 
         read, written = ("Response", "Request") if self._is_client else ("Request", "Response")
         name = definition.type_name
-        try:
-            received = converter_from(part_of(definition, f"{name}_{read}"), getattr(self.cls, read))
-            sent = converter_to(part_of(definition, f"{name}_{written}"), getattr(self.cls, written))
-        except RosidlError as error:
-            self._scope.logger.warning(
-                f"requests and responses of the definition of {name} of {', '.join(definition.distros)} cannot be "
-                f"converted: {error}"
-            )
-            return None
+        received = converter_from(part_of(definition, f"{name}_{read}"), getattr(self.cls, read))
+        sent = converter_to(part_of(definition, f"{name}_{written}"), getattr(self.cls, written))
         directions = ("received", received), ("sent", sent)
         changes = (f"; {how}, {text}" for how, converter in directions for text in field_changes(converter))
         own_hash, distros = self._type.type_hash, ", ".join(definition.distros)
@@ -93,7 +80,7 @@ class ServiceConverters(PeerConverters[ServiceConversion]):
         def log() -> None:
             node = discovery.graph.describe_node(endpoint)
             logger.warning(
-                f"requests and responses of {self._name} are converted for {node}: its definition of "
+                f"{self._contents} of {self._name} are converted for {node}: its definition of "
                 f"{self._type.ros_name} {self._changes[service_hash]}"
             )
 

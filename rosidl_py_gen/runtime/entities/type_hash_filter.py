@@ -40,7 +40,8 @@ _HUMBLE = "humble"
 class PeerConverters(Generic[C]):
     """Conversions for peers' definitions of a type; nothing is loaded before it is needed."""
 
-    __slots__ = ("_converters", "_definitions", "_scope", "_type", "cls")
+    _contents = "messages"
+    """What is converted, for log records."""
 
     def __init__(self, scope: EntityScope, type_: MessageType[Any] | ServiceType[Any, Any]) -> None:
         self._scope = scope
@@ -76,29 +77,28 @@ class PeerConverters(Generic[C]):
             definition = self.definitions().get(type_hash)
             if definition is None:  # not cached: peers determine the hash
                 return None
-            self._converters[type_hash] = self._load(definition)
+            try:
+                self._converters[type_hash] = self._load(definition)
+            except RosidlError as error:
+                self._converters[type_hash] = None
+                self._scope.logger.warning(
+                    f"{self._contents} of the definition of {definition.type_name} of {', '.join(definition.distros)} "
+                    f"cannot be converted: {error}"
+                )
         return self._converters[type_hash]
 
-    def _load(self, definition: PeerDefinition) -> C | None:
+    def _load(self, definition: PeerDefinition) -> C:
+        """Return the conversion for a definition; raises `RosidlError` if there is none."""
         raise NotImplementedError
 
 
 class MessageConverters(PeerConverters["SampleConverter"]):
     """Conversions from peers' definitions of a message type to the own one."""
 
-    __slots__ = ()
-
-    def _load(self, definition: PeerDefinition) -> SampleConverter | None:
+    def _load(self, definition: PeerDefinition) -> SampleConverter:
         from rosidl_py_gen.type_loading.peer_definitions import converter_from
 
-        try:
-            return converter_from(definition, self.cls)
-        except RosidlError as error:
-            self._scope.logger.warning(
-                f"messages of the definition of {definition.type_name} of {', '.join(definition.distros)} cannot be "
-                f"converted: {error}"
-            )
-            return None
+        return converter_from(definition, self.cls)
 
 
 class TypeHashFilter(Generic[W]):
@@ -115,12 +115,6 @@ class TypeHashFilter(Generic[W]):
         converted: number of samples that were converted.
         service_hash: hash of the service; empty for a topic.
     """
-
-    __slots__ = (
-        *("_by_guid", "_by_writer", "_guid_of", "_hash_of", "_mode", "_on_converted", "_peers", "_reported", "_scope"),
-        *("_is_late", "_topic", "_type_hash", "_unknown_samples"),
-        *("accepted_writers", "converted", "incompatible_dropped", "service_hash"),
-    )
 
     def __init__(
         self,
@@ -165,18 +159,14 @@ class TypeHashFilter(Generic[W]):
     def payload(self, writer: W, data: Payload) -> Payload | None:
         """Return a sample of a writer that is not in `accepted_writers`, in the definition of the reader.
 
-        Returns:
-            None if the sample is dropped and counted.
-
-        Raises:
-            DecodeError: the sample has another definition, and cannot be converted.
+        Returns None if it is dropped and counted; raises `DecodeError` if its conversion fails.
         """
         converter = self._by_writer.get(writer)
         if converter is None and self._mode != "off":
             guid = self._guid_of(writer)
             endpoint = self._endpoint(guid)
             if endpoint is None:  # the writer has left, or is not discovered yet
-                known = self._left_writer(guid) or self._writer_of_key(writer)
+                known = self._by_guid.get(guid or b"") or self._writer_of_key(writer)
                 if known is None:
                     self._unknown_samples += 1
                     return self._payload_of_left(data) if self._is_late else data
@@ -221,9 +211,6 @@ class TypeHashFilter(Generic[W]):
         other._reported = self._reported
         return other
 
-    def _left_writer(self, guid: bytes | None) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
-        return None if guid is None else self._by_guid.get(guid)
-
     def _writer_of_key(self, writer: W) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
         """Return a writer with the definition of a sample's key, on a transport whose keys contain the hash."""
         type_hash = self._hash_of(writer)
@@ -262,8 +249,6 @@ class TypeHashFilter(Generic[W]):
             return False
         self._on_converted(endpoint.type_hash)
         return True
-
-    # --- writers without hash -----------------------------------------------------------------------------------------
 
     def _needs_guess(self, endpoint: DiscoveredEndpoint) -> bool:
         """Return True if a writer has no hash and may use the definition of another distribution."""
@@ -320,14 +305,14 @@ class TypeHashFilter(Generic[W]):
         fitting = [one for one in converters if fits_exactly(one.old, data)]
         return self._convert(fitting[0], data) if len(fitting) == 1 else data
 
-    # --- log ----------------------------------------------------------------------------------------------------------
-
     def _report(self, endpoint: DiscoveredEndpoint, converter: SampleConverter) -> None:
         """Log once for each definition that samples are converted."""
         type_hash = converter.old._TYPE.hash
         if type_hash not in self._reported:
-            distros = self._peers.definitions()[type_hash].distros
-            self._warn_once(endpoint, type_hash, f"are converted: {conversion_text(converter, distros)}")
+            distros = ", ".join(self._peers.definitions()[type_hash].distros)
+            texts = [f"its definition of {converter.old._TYPE.name} is that of {distros}, {type_hash}"]
+            texts += [f"here it is {converter.new._TYPE.hash}", *field_changes(converter)]
+            self._warn_once(endpoint, type_hash, f"are converted: {'; '.join(texts)}")
 
     def _report_drop(self, endpoint: DiscoveredEndpoint) -> None:
         """Log once for each definition that samples are dropped."""
@@ -346,13 +331,6 @@ class TypeHashFilter(Generic[W]):
             logger.warning(f"messages on {self._topic} from {discovery.graph.describe_node(endpoint)} {text}")
 
         discovery.call_when_named(endpoint, log)
-
-
-def conversion_text(converter: SampleConverter, distros: tuple[str, ...]) -> str:
-    """Return a text about the two definitions, and the fields that only one of them has."""
-    names = converter.old._TYPE.name, converter.old._TYPE.hash, converter.new._TYPE.hash
-    text = f"its definition of {names[0]} is that of {', '.join(distros)}, {names[1]}; here it is {names[2]}"
-    return text + "".join(f"; {change}" for change in field_changes(converter))
 
 
 def field_changes(converter: SampleConverter) -> list[str]:
