@@ -81,11 +81,7 @@ class FeedbackReadiness:
 
 
 class ExecuteFunction:
-    """The execute function of one action server, with its calls.
-
-    Args:
-        complete: `ServerGoals.complete`.
-    """
+    """The execute function of one action server, with its calls; `complete` is `ServerGoals.complete`."""
 
     def __init__(
         self,

@@ -300,7 +300,7 @@ class EntityScope:
         self.loop_binding.adopt_running_loop()
 
     def run_blocking(self, coroutine: Coroutine[Any, Any, T], caller: object, name: str) -> T:
-        """Run a coroutine of a caller's method and block; raises `ClosedError`, and `WouldDeadlockError` on the loop."""
+        """Run a coroutine of a caller's method and block; raises `ClosedError`, `WouldDeadlockError` on the loop."""
         in_loop = self.loop_binding.in_loop_thread() or current_loop() is not None
         if in_loop or self.closed:
             coroutine.close()

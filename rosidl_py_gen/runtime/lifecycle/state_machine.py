@@ -248,15 +248,9 @@ class LifecycleMachine:
             ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, SERVICES_DEFAULT)
 
     async def change(self, transition_id: int = 0, label: str = "") -> TransitionCallbackReturn:
-        """Run a transition, and error processing if it fails.
+        """Run a transition, and error processing if it fails; return the result of the transition's own callback.
 
-        Returns:
-            The result of the transition's own callback.
-
-        Raises:
-            TransitionError: the transition is not possible in the current state.
-            ClosedError: the node is closed.
-            CancelledError: the caller was cancelled; the transition has ended as an error.
+        Raises `TransitionError` if it is not possible now, and CancelledError after it has ended as an error.
         """
         self._scope.require_open(False, "the lifecycle")
         row = requested_transition(self.state, transition_id, label)

@@ -229,11 +229,7 @@ class LogOutputs:
         self._file: LogFile | None = None
 
     def open(self, settings: LogSettings, program: str, environ: Mapping[str, str]) -> None:
-        """Open the outputs for a context, and set its log levels; raises `LogFileError`.
-
-        Args:
-            program: name of the program, for the log file.
-        """
+        """Open the outputs for a context, and set its log levels; raises `LogFileError`."""
         location = None
         if settings.wants_file(environ):
             location = get_logging_directory(environ), settings.file_name or program_prefix(program)

@@ -96,15 +96,15 @@ def validate_namespace(namespace: str) -> None:
     _raise_for(find_namespace_fault(namespace), "namespace", namespace)
 
 
-def find_namespace_fault(namespace: str) -> NameFault | None:
-    """Return the rule of rmw that a namespace breaks; None if it is valid."""
-    return None if namespace == "/" else _full_fault(namespace, MAX_NAMESPACE_LENGTH)
-
-
 def validate_enclave(name: str) -> None:
     """Raise `InvalidNameError` if rcl would refuse the name of an enclave such as ``/`` or ``/robot/arm``."""
     _check_type("enclave", name)
     _raise_for(find_namespace_fault(name), "enclave", name)
+
+
+def find_namespace_fault(namespace: str) -> NameFault | None:
+    """Return the rule of rmw that a namespace breaks; None if it is valid."""
+    return None if namespace == "/" else _full_fault(namespace, MAX_NAMESPACE_LENGTH)
 
 
 def normalize_namespace(namespace: str) -> str:
@@ -206,11 +206,7 @@ def fully_qualified_node_name(name: str, namespace: str) -> str:
 
 
 def resolve_node_name(name: str, namespace: str) -> str:
-    """Return ``/ns/name`` of a node that is given as ``name`` in `namespace`, or as ``/ns/name``.
-
-    Raises:
-        InvalidNameError: name or namespace is invalid.
-    """
+    """Return ``/ns/name`` of a node that is given as ``name`` in `namespace`, or as ``/ns/name``."""
     _check_type("node name", name)
     above, slash, plain = name.rpartition("/")
     validate_node_name(plain)
@@ -220,14 +216,7 @@ def resolve_node_name(name: str, namespace: str) -> str:
 def expand_name(name: str, node_name: str, namespace: str, what: str = "topic name") -> str:
     """Return the fully qualified name, without remapping: ``~/x`` becomes ``/ns/node/x``.
 
-    Args:
-        name: topic or service name, which may contain ``~`` and ``{...}``.
-        node_name: replaces ``{node}``.
-        namespace: replaces ``{ns}`` and ``{namespace}``.
-        what: kind of the name in errors.
-
-    Raises:
-        InvalidNameError: the name is invalid, as written or after expansion; attribute `name` has the invalid one.
+    `what` is the kind of the name in errors. Raises `InvalidNameError` with the name as written or after expansion.
     """
     validate_name(name, what)
     full = name

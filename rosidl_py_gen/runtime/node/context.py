@@ -187,12 +187,7 @@ class ContextCore:
 
 
 def resolve_transport(transport: Transport | str | None) -> Transport:
-    """Return the transport for an argument, which may be None: the environment decides.
-
-    Raises:
-        TypeError: there is no such transport.
-        BackendMissingError: the transport is not installed.
-    """
+    """Return the transport for an argument, or that of the environment; raises `TypeError`, `BackendMissingError`."""
     warn = get_root_logger().warning
     name = middleware(os.environ, warn) if transport is None else transport
     if name == DDS:

@@ -166,12 +166,7 @@ def find_security(
 ) -> SecurityEnclave | None:
     """Return the enclave with its files; None if the context is not secured.
 
-    Args:
-        enclave: name of the context's enclave.
-        is_supported: False if the transport has no security.
-
-    Raises:
-        SecurityError: security is enforced, and something is missing.
+    Raises `SecurityError` if security is enforced and something is missing, or the transport does not support it.
     """
     enable = environ.get("ROS_SECURITY_ENABLE", "")
     if enable != "true":

@@ -131,12 +131,7 @@ class SetCallbacks:
     def run_on_set(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
         """Call the on-set callbacks, the newest first, then those of bound objects.
 
-        Returns:
-            The last result, and functions to call once the values are stored.
-
-        Raises:
-            RefusedError: a function refused or raised.
-            CallbackAnswerError: a callback returned a wrong type.
+        Returns the last result, and functions to call once the values are stored. Raises as `run_pre_set`.
         """
         result = ACCEPTED
         for callback in reversed(list(self._callbacks["on-set"])):
@@ -158,10 +153,9 @@ class SetCallbacks:
         return [commit for commit in commits if commit is not None]
 
     def run_post_set(self, parameters: Sequence[Parameter]) -> None:
-        """Call the post-set callbacks, the newest first, and log their exceptions.
+        """Call the post-set callbacks, the newest first.
 
-        Raises:
-            Exception: the first one of a callback that was added with `raises`, after all calls.
+        Logs their exceptions, but raises the first one of a callback that was added with `raises` after all calls.
         """
         failure: Exception | None = None
         for callback, raises in reversed(list(self._callbacks["post-set"])):

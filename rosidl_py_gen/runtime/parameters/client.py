@@ -80,11 +80,7 @@ T = TypeVar("T")
 async def read_all(
     names: Sequence[str], get: Client[Any, Any], types: Client[Any, Any], deadline: Deadline
 ) -> dict[str, ParameterValue]:
-    """Return the values of the parameters that have one, in the order of the names.
-
-    Raises:
-        CallTimeoutError: a response did not arrive within the deadline, which is for all requests together.
-    """
+    """Return the values of the parameters that have one, in the order of the names; raises `CallTimeoutError`."""
 
     async def values_of(batch: list[str]) -> list[Any]:
         return list((await get.call(GetParameters_Request(names=batch), deadline.remaining_s())).values)

@@ -246,20 +246,10 @@ def bind_class(
     initial: T | None = None,
     validator: Callable[[T], str | None] | None = None,
 ) -> T:
-    """Declare the fields of `cls` as parameters, all or none, and return the parameter object.
+    """Implement `Node.declare_parameters`: declare the fields of `cls`, and return the parameter object.
 
     Events and post-set callbacks follow after all declarations. The field of an undeclared parameter keeps its last
     value until the parameter is declared again, with the same type.
-
-    Args:
-        prefix: prefix of all names, without the dot.
-        initial: object with the default values; None: ``cls()``, so every field needs a default.
-        validator: called with the complete new instance before each set; returns None or the reason to refuse.
-
-    Raises:
-        ParameterClassError: an annotation cannot be a parameter, or a field has no default and `initial` is None.
-        ParameterError: a name is declared already, or an override has the wrong type or is refused.
-        TypeError: an argument has the wrong type, or the validator is async.
     """
     require_name(prefix, "the prefix")
     binding = _ParameterBinding(store, cls, f"{prefix}." if prefix else "", validator)
@@ -272,9 +262,8 @@ def bind_class(
             default = field.to_parameter(follow(source, field.path))
             values[name] = store.declare(name, default, field.descriptor, optional=field.optional)
             declared.append(name)
-        values |= {
-            name: value for name, value in store.values().items() if name in values
-        }  # callbacks may have set some
+        # Callbacks may have set some of them.
+        values |= {name: value for name, value in store.values().items() if name in values}
         try:
             commit = binding.prepare(values)
         except RefusedError as refusal:

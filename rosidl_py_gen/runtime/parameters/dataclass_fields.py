@@ -151,12 +151,7 @@ class ParameterField:
         return self.container(plain) if self.container is not None else plain  # type: ignore[arg-type]
 
     def check(self, value: Any) -> None:
-        """Check the ranges of items, and call the validators; the store checks all else.
-
-        Raises:
-            RefusedError: a range or a validator refused.
-            CallbackAnswerError: a validator returned neither None nor a str.
-        """
+        """Check the ranges of items, and call the validators; the store checks all else. Raises as `validate`."""
         if value is None:
             return
         allowed = self.element_range
@@ -177,9 +172,6 @@ def _enum_by_value(enum: type[Enum]) -> bool:
 
 def _enum_plain(enum: type[Enum], member: Enum) -> Any:
     return member.value if _enum_by_value(enum) else member.name
-
-
-# --------------------------------------------------------------------------------------------------------- planning
 
 
 def parameter_fields_of(cls: type, prefix: tuple[str, ...] = ()) -> tuple[ParameterField, ...]:

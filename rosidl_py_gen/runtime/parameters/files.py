@@ -131,12 +131,7 @@ def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverr
 
 
 def read_parameter_file(path: Path) -> list[ParameterOverrides]:
-    """Read and parse a parameter file.
-
-    Raises:
-        ParameterFileError: it is not UTF-8, or not a parameter file.
-        OSError: it cannot be read.
-    """
+    """Read and parse a parameter file; raises `ParameterFileError`, also if it is not UTF-8, and `OSError`."""
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:

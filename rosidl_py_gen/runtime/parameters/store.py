@@ -166,13 +166,8 @@ class ParameterStore:
         """Declare one parameter and return its value: the override, or else the default.
 
         The type is that of the descriptor, or else of the default; without either, the descriptor must have
-        `dynamic_typing`. An `optional` parameter keeps its type, may be unset, and remains declared then.
-
-        Raises:
-            ParameterAlreadyDeclaredError: the name is declared already.
-            InvalidParameterNameError: the name is not a str, or empty.
-            WrongParameterTypeError: default or override have another type.
-            InvalidParameterValueError: a range or a callback refused the value.
+        `dynamic_typing`. An `optional` parameter keeps its type, may be unset, and remains declared then. Raises as
+        `Node.declare_parameter`.
         """
         with self.lock, self.sources.declaring(name, ignore_override):
             if reason := name_reason(name):
@@ -198,9 +193,7 @@ class ParameterStore:
             if is_overridden:
                 self.used_overrides.add(name)
             self._values = {**self._values, name: value}
-            for commit in commits:
-                commit()
-            self._notifier.event(ParameterEvent(new=(parameter,) if value.is_set else ()))
+            self._publish(ParameterEvent(new=(parameter,) if value.is_set else ()), commits)
         self._notifier.after_set([parameter])
         return value
 
@@ -228,6 +221,11 @@ class ParameterStore:
             raise RefusedError(_NESTED_REASON)
         return self.callbacks.run_on_set(parameters)
 
+    def _publish(self, event: ParameterEvent, commits: Iterable[Commit]) -> None:
+        for commit in commits:
+            commit()
+        self._notifier.event(event)
+
     def declare_overrides(self) -> None:
         """Declare every override that is not declared yet, with the type of its value."""
         for name, value in self.overrides.items():
@@ -252,9 +250,7 @@ class ParameterStore:
     def get(self, name: str) -> ParameterValue:
         """Return a value; NOT_SET with dynamic typing, and for undeclared names if those are allowed.
 
-        Raises:
-            ParameterNotDeclaredError: the parameter is not declared.
-            ParameterUninitializedError: it has no value, and no dynamic typing.
+        Otherwise raises `ParameterNotDeclaredError`, or `ParameterUninitializedError` without a value.
         """
         return self._value_in(self._values, name)
 
@@ -317,10 +313,7 @@ class ParameterStore:
     def set_atomically(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> SetResult:
         """Set all parameters or none, with one event; the result has the reason of a refusal.
 
-        Raises:
-            CallbackAnswerError: a callback or validator returned a wrong type.
-            Exception: any exception of a callback that was added with `raises`.
-            ParameterNotDeclaredError: a name is not declared, with `require_declared`.
+        Raises as `Node.set_parameters_atomically`.
         """
         try:
             with self.lock:
@@ -328,10 +321,7 @@ class ParameterStore:
                 if require_declared and (missing := self._missing([item.name for item in requested])):
                     raise ParameterNotDeclaredError(missing)
                 result, commits = self._run_validation(requested, self._reason(requested))
-                event = self._apply(requested)
-                for commit in commits:
-                    commit()
-                self._notifier.event(event)
+                self._publish(self._apply(requested), commits)
         except RefusedError as refused:
             refusal = refused
         else:
@@ -344,16 +334,7 @@ class ParameterStore:
     def set_descriptor(
         self, name: str, descriptor: ParameterDescriptor, alternative: ParameterValue = NOT_SET
     ) -> ParameterValue:
-        """Replace the descriptor of a parameter and return its value; set the alternative if the value does not fit.
-
-        Without a type the descriptor gets that of the parameter. Without effect for undeclared names that are allowed.
-
-        Raises:
-            ParameterNotDeclaredError: the parameter is not declared.
-            ParameterImmutableError: it is read-only.
-            InvalidParameterValueError: neither value fits, a callback refuses the alternative, or a range is invalid.
-            TypeError: the descriptor has a wrong type.
-        """
+        """Implement `Node.set_descriptor`."""
         with self.lock:
             self._require(name)
             if name not in self._values:
@@ -374,10 +355,7 @@ class ParameterStore:
                 raise InvalidParameterValueError(text) from refusal.__cause__
             self._descriptors[name] = described
             if is_changed:
-                event = self._apply([parameter])
-                for commit in commits:
-                    commit()
-                self._notifier.event(event)
+                self._publish(self._apply([parameter]), commits)
         if is_changed:
             self._notifier.after_set([parameter])
         return parameter.value
@@ -421,9 +399,7 @@ class ParameterStore:
         changed: list[Parameter] = []
         deleted: list[Parameter] = []
         # The last value of a name counts, so that the event agrees with the stored values.
-        unique = (
-            parameters if len(parameters) == 1 else {parameter.name: parameter for parameter in parameters}.values()
-        )
+        unique = {parameter.name: parameter for parameter in parameters}.values()
         values = dict(self._values)  # a copy, so that readers see all changes at once
         for parameter in unique:
             name, value = parameter.name, parameter.value

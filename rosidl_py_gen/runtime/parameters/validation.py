@@ -202,12 +202,7 @@ def _is_listed(name: str, prefixes: Sequence[str], depth: int) -> bool:
 
 
 def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterDescriptor:
-    """Return the descriptor with the name of its parameter.
-
-    Raises:
-        TypeError: it is not a descriptor, or one of its fields has the wrong type.
-        InvalidParameterValueError: a range is invalid.
-    """
+    """Return the descriptor with the name of its parameter; raises `TypeError`, `InvalidParameterValueError`."""
     if reason := descriptor_reason(descriptor):
         raise TypeError(f"parameter {name!r}: {reason}")
     if reason := range_reason(descriptor.floating_point_range) or range_reason(descriptor.integer_range):
@@ -218,13 +213,7 @@ def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterD
 def declared_descriptor(
     name: str, default: ParameterValue, descriptor: ParameterDescriptor | None
 ) -> ParameterDescriptor:
-    """Return the descriptor of a declaration, with its type or else that of the default.
-
-    Raises:
-        WrongParameterTypeError: the default has another type.
-        InvalidParameterValueError: the type is unknown and not dynamic, or as `checked_descriptor`.
-        TypeError: as `checked_descriptor`.
-    """
+    """Return the descriptor of a declaration, with its type or else that of the default."""
     descriptor = checked_descriptor(name, descriptor or ParameterDescriptor())
     default = coerce_empty_list(default, descriptor)
     if descriptor.dynamic_typing:
