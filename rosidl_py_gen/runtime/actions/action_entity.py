@@ -8,15 +8,21 @@ from __future__ import annotations
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
+from rosidl_py_gen.runtime.entities.pollable import user_callback
 from rosidl_py_gen.runtime.entities.service_common import ServiceEndpoint
-from rosidl_py_gen.runtime.loop.user_functions import require_callable
 from rosidl_py_gen.runtime.time.values import Time
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.cdr import Action
+    from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
+    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.introspection import IntrospectionState
+    from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
+    from rosidl_py_gen.runtime.loop.user_callback import UserCallback
     from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
@@ -65,23 +71,24 @@ def require_stamp(stamp: Any) -> Time:
     return time
 
 
-def require_server_options(
-    action: str, execute: object, goal_callback: object, cancel_callback: object, goal_policy: object
-) -> None:
-    """Raise `TypeError` or `ValueError` for wrong arguments, before anything is created."""
+def server_callbacks(
+    scope: EntityScope,
+    action: str,
+    execute: Callable[[Any], Any] | None,
+    goal_callback: Callable[[Any], Any] | None,
+    cancel_callback: Callable[[Any], Any] | bool,
+    goal_policy: object,
+) -> tuple[UserCallback | None, UserCallback | bool]:
+    """Return the goal and cancel callbacks of a server; raises `TypeError` or `ValueError` for wrong arguments."""
     if not (isinstance(cancel_callback, bool) or callable(cancel_callback)):
         raise TypeError(
             f"cancel_callback of action {action} must be True, False or a function, got {cancel_callback!r:.100}"
         )
-    for callback, name, argument in (
-        (execute, "execute", "the goal"),
-        (goal_callback, "goal_callback", "the goal message"),
-        (None if isinstance(cancel_callback, bool) else cancel_callback, "cancel_callback", "the goal"),
-    ):
-        subject = f"{name} of action {action}"
-        require_callable(callback, subject)
-        if callable(callback):
-            require_signature(callback, subject, argument)
+    user_callback(scope, execute, f"execute of action {action}", "the goal")  # a check: `ExecuteFunction` calls it
+    on_goal = user_callback(scope, goal_callback, f"goal_callback of action {action}", "the goal message")
+    on_cancel: UserCallback | bool = cancel_callback is True
+    if not isinstance(cancel_callback, bool):
+        on_cancel = user_callback(scope, cancel_callback, f"cancel_callback of action {action}", "the goal") or False
     if goal_callback is not None and execute is None:
         raise TypeError(
             f"goal_callback of action {action} needs execute, else accepted goals are not executed; without execute, "
@@ -89,12 +96,23 @@ def require_server_options(
         )
     if goal_policy not in get_args(Policy):
         raise ValueError(f"goal_policy must be one of {', '.join(get_args(Policy))}, got {goal_policy!r}")
+    return on_goal, on_cancel
 
 
 class ActionEntity(CompositeEntity):
     """Base of action clients and servers, which consist of three services and two topics."""
 
-    name: str
+    def __init__(
+        self, scope: EntityScope, action_type: ActionType, names: ActionNames, type_hash_check: TypeCheck | None
+    ) -> None:
+        super().__init__(scope, type_hash_check=type_hash_check)
+        self._type = action_type
+        self.name: str = names.action
+        """Fully qualified name of the action."""
+        self.action_type: str = action_type.ros_name
+        """``pkg/action/Name``."""
+        self.action_class: type[Action[Any, Any, Any]] = action_type.cls
+        """The generated class, with `Goal`, `Result` and `Feedback`."""
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish the requests and responses of all three services on ``<service>/_service_event`` from now on.

@@ -207,16 +207,9 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         server_lost_timeout_s: float,
         type_hash_check: TypeCheck | None = None,
     ) -> None:
-        super().__init__(scope, type_hash_check=type_hash_check)
+        super().__init__(scope, action_type, names, type_hash_check)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = timeout_to_ns("server_lost_timeout_s", server_lost_timeout_s)
-        self.name: str = names.action
-        """Fully qualified name of the action."""
-        self.action_type: str = action_type.ros_name
-        """``pkg/action/Name``."""
-        self.action_class: type[Action[Any, Any, Any]] = action_type.cls
-        """The generated class, with `Goal`, `Result` and `Feedback`."""
-        self._type = action_type
         self._is_available: MatchCache[bool] = MatchCache(scope.graph, lambda _: not self._missing())
         self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
         # The topics first: peers discover endpoints in this order, and a server that knows the send_goal client must
@@ -412,10 +405,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         """Request to cancel every goal of the server, including other clients'; return the ids being cancelled.
 
         Raises:
-            CancelRejectedError: the server refused for all of its goals.
-            ActionTimeoutError: no reply arrived within `timeout_s`.
-            ActionServerLostError: the server disappeared.
-            ClosedError: the client is closed.
+            CancelRejectedError: the server refused for all of its goals. Others as `ClientGoal.cancel`.
         """
         return await self._request_cancel(ZERO_ID, None, "any goal", timeout_s)
 

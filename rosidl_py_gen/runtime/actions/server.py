@@ -13,7 +13,7 @@ from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
-from rosidl_py_gen.runtime.actions.action_entity import ActionEntity, require_server_options
+from rosidl_py_gen.runtime.actions.action_entity import ActionEntity, server_callbacks
 from rosidl_py_gen.runtime.actions.goal_decisions import CancelRequest, GoalRequest, request_decision
 from rosidl_py_gen.runtime.actions.goal_execution import ExecuteFunction, FeedbackReadiness
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
@@ -29,7 +29,6 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.action_entity import Policy
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
@@ -54,15 +53,10 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         goal_policy: Policy,
         type_hash_check: TypeCheck | None = None,
     ) -> None:
-        require_server_options(names.action, execute, goal_callback, cancel_callback, goal_policy)
-        self.name: str = names.action
-        """Fully qualified name of the action."""
-        self.action_type: str = action_type.ros_name
-        """``pkg/action/Name``."""
-        self.action_class: type[Action[Any, Any, Any]] = action_type.cls
-        """The generated class, with `Goal`, `Result` and `Feedback`."""
-        super().__init__(scope, type_hash_check=type_hash_check)
-        self._type = action_type
+        super().__init__(scope, action_type, names, type_hash_check)
+        self._goal_callback, self._cancel_callback = server_callbacks(
+            self._parts, self.name, execute, goal_callback, cancel_callback, goal_policy
+        )
         self._policy = goal_policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
@@ -70,14 +64,6 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         parts = self._parts
         self._goals = ServerGoals(
             parts, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=goal_policy
-        )
-        self._goal_callback = (
-            None if goal_callback is None else UserCallback(parts, goal_callback, f"the goal_callback of {self.name}")
-        )
-        self._cancel_callback: UserCallback | bool = (
-            cancel_callback
-            if isinstance(cancel_callback, bool)
-            else UserCallback(parts, cancel_callback, f"the cancel_callback of {self.name}")
         )
         self._requests: AsyncQueue[GoalRequest[ActionT_co]] = AsyncQueue()
         self._cancels: AsyncQueue[CancelRequest[ActionT_co]] | None = None

@@ -23,6 +23,7 @@ from rosidl_py_gen.runtime.entities.message_types import (
     DictMessage,
     MessageType,
     ServiceType,
+    generated_class,
     message_type,
     service_type,
 )
@@ -100,17 +101,7 @@ class ActionType:
 
 def action_type(source: object, *, arrays: bool = False) -> ActionType:
     """Return the `ActionType` of a class or a type name; `arrays` and errors as in `message_type`."""
-    cls: Any = source
-    if isinstance(source, str):
-        from rosidl_py_gen import get_action
-
-        if arrays:
-            raise TypeError("arrays=True needs a generated class; a type given as text creates dicts of lists")
-        cls = get_action(source)
-    elif not (isinstance(source, type) and issubclass(source, Action) and source is not Action):
-        raise TypeError(
-            f"expected a generated action class or a text like 'example_interfaces/action/Fibonacci', got {source!r}"
-        )
+    cls = generated_class(source, Action, "example_interfaces/action/Fibonacci", arrays=arrays)
     convert = _dict_type if isinstance(source, str) else _class_type
     return ActionType(
         cls._TYPE.name,

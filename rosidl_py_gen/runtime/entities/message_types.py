@@ -73,36 +73,32 @@ def message_type(source: type[Message] | str, *, arrays: bool = False) -> Messag
         TypeNotFoundError: the text names no known type.
         TypeError: `source` is neither text nor message class, or a text is combined with `arrays`.
     """
-    if isinstance(source, str):
-        from rosidl_py_gen import get_message
-
-        _refuse_arrays(arrays)
-        return _untyped(get_message(source))
-    if not (isinstance(source, type) and issubclass(source, Message) and source is not Message):
-        raise TypeError(f"expected a generated message class or a text like 'std_msgs/msg/String', got {source!r}")
-    return _with_arrays(source) if arrays else _typed(source)
+    cls = generated_class(source, Message, "std_msgs/msg/String", arrays=arrays)
+    return _converters(source, arrays)(cls)
 
 
 def service_type(source: type[Service[Any, Any]] | str, *, arrays: bool = False) -> ServiceType[Any, Any]:
     """Return the `ServiceType` of a class or text; parameters and exceptions as for `message_type`."""
-    cls: Any = source
-    if isinstance(source, str):
-        from rosidl_py_gen import get_service
-
-        _refuse_arrays(arrays)
-        cls = get_service(source)
-    elif not (isinstance(source, type) and issubclass(source, Service) and source is not Service):
-        raise TypeError(
-            f"expected a generated service class or a text like 'example_interfaces/srv/AddTwoInts', got {source!r}"
-        )
+    cls = generated_class(source, Service, "example_interfaces/srv/AddTwoInts", arrays=arrays)
     _remember(cls)
-    make = _untyped if isinstance(source, str) else _with_arrays if arrays else _typed
+    make = _converters(source, arrays)
     return ServiceType(cls._TYPE.name, cls._TYPE.hash, make(cls.Request), make(cls.Response))
 
 
-def _refuse_arrays(arrays: bool) -> None:
-    if arrays:
-        raise TypeError("arrays=True needs a message class; with a type given as text, messages are dicts of lists")
+def generated_class(source: object, base: type[Any], example: str, *, arrays: bool) -> Any:
+    """Return the class of a message, service or action, which is given as class or text; raises as `message_type`."""
+    kind = base.__name__.lower()
+    if isinstance(source, str):
+        if arrays:
+            raise TypeError(f"arrays=True needs a class; with the {kind} type as text, messages are dicts of lists")
+        return getattr(import_module("rosidl_py_gen"), f"get_{kind}")(source)
+    if not (isinstance(source, type) and issubclass(source, base) and source is not base):
+        raise TypeError(f"expected a generated {kind} class or a text like {example!r}, got {source!r}")
+    return source
+
+
+def _converters(source: object, arrays: bool) -> Callable[[type[Any]], MessageType[Any]]:
+    return _untyped if isinstance(source, str) else _with_arrays if arrays else _typed
 
 
 def class_of(ros_name: str, type_hash: str) -> type[Any] | None:

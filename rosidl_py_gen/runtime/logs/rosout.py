@@ -1,4 +1,4 @@
-"""Routing of log records to the node that publishes them as rcl_interfaces/Log.
+"""Routing of log records to the node that publishes them on ``/rosout``.
 
 Source: docs/internals/protocol.md 9.7.
 """
@@ -8,31 +8,16 @@ from __future__ import annotations
 import logging
 import threading
 import traceback
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.registration import Registration
-from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.runtime.logs.loggers import get_root_logger, ros_level
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import TypeAlias
 
-    Publish: TypeAlias = "Callable[[LogFields], None]"
-
-
-@dataclass(frozen=True, slots=True)
-class LogFields:
-    """Fields of rcl_interfaces/Log; `stamp_ns` is system time, also with simulated time."""
-
-    stamp_ns: int
-    level: int
-    name: str
-    msg: str
-    file: str
-    function: str
-    line: int
+    Publish: TypeAlias = "Callable[[logging.LogRecord], None]"
 
 
 def message_text(record: logging.LogRecord) -> str:
@@ -43,19 +28,6 @@ def message_text(record: logging.LogRecord) -> str:
     if record.stack_info:
         text += "\n" + record.stack_info
     return text
-
-
-def log_fields(record: logging.LogRecord) -> LogFields:
-    """Convert a record."""
-    return LogFields(
-        round(record.created * NS_PER_S),
-        ros_level(record.levelno),
-        record.name,
-        message_text(record),
-        record.pathname,
-        record.funcName or "",
-        record.lineno,
-    )
 
 
 class RosoutRouter(logging.Handler):
@@ -95,7 +67,7 @@ class RosoutRouter(logging.Handler):
             return
         self._busy.now = True
         try:
-            publish(log_fields(record))
+            publish(record)
         except Exception:
             self.handleError(record)
         finally:

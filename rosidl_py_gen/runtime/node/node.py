@@ -6,9 +6,10 @@ Entities do not know their node. Only lifecycle nodes, the runner and the pytest
 from __future__ import annotations
 
 import asyncio
+import logging
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
-from rosidl_py_gen.base.stamps import sec_nanosec
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
@@ -19,8 +20,8 @@ from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_ty
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
-from rosidl_py_gen.runtime.logs.loggers import failure_listeners
-from rosidl_py_gen.runtime.logs.rosout import shared_router
+from rosidl_py_gen.runtime.logs.loggers import failure_listeners, ros_level
+from rosidl_py_gen.runtime.logs.rosout import message_text, shared_router
 from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
 from rosidl_py_gen.runtime.names.rclpy_hints import HINTS, unknown_attribute
 from rosidl_py_gen.runtime.names.remapping import NodeNames
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks, SubscriptionEventCallbacks
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
-    from rosidl_py_gen.runtime.logs.rosout import LogFields
     from rosidl_py_gen.runtime.loop.callback_failures import OnError
     from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.qos import QoSLike
@@ -428,18 +428,21 @@ def _start_rosout(scope: EntityScope) -> None:
     """Publish the node's log records on ``/rosout`` until it closes (docs/internals/protocol.md 9.7)."""
     publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
 
-    def publish(fields: LogFields) -> None:
-        sec, nanosec = sec_nanosec(fields.stamp_ns)
-        publisher._publish_without_waiting(
-            Log(
-                stamp=Time(sec=sec, nanosec=nanosec),
-                level=fields.level,
-                name=fields.name,
-                msg=fields.msg,
-                file=fields.file,
-                function=fields.function,
-                line=fields.line,
-            )
-        )
+    def publish(record: logging.LogRecord) -> None:
+        publisher._publish_without_waiting(log_message(record))
 
     scope.register(shared_router().register(scope.logger.name, publish))
+
+
+def log_message(record: logging.LogRecord) -> Log:
+    """Convert a log record; its stamp is system time, also with simulated time."""
+    sec, nanosec = sec_nanosec(round(record.created * NS_PER_S))
+    return Log(
+        stamp=Time(sec=sec, nanosec=nanosec),
+        level=ros_level(record.levelno),
+        name=record.name,
+        msg=message_text(record),
+        file=record.pathname,
+        function=record.funcName or "",
+        line=record.lineno,
+    )

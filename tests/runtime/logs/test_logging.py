@@ -38,7 +38,8 @@ from rosidl_py_gen.runtime.logs.loggers import (
     set_logger_level,
 )
 from rosidl_py_gen.runtime.logs.outputs import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
-from rosidl_py_gen.runtime.logs.rosout import LogFields, RosoutRouter, log_fields, message_text, shared_router
+from rosidl_py_gen.runtime.logs.rosout import RosoutRouter, message_text, shared_router
+from rosidl_py_gen.runtime.node.node import log_message
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import parameter_value
 from rosidl_py_gen.runtime.time.clock import Clock
@@ -176,8 +177,8 @@ def test_exception_logs_the_traceback(caught: list[python_logging.LogRecord]) ->
         raise RuntimeError("boom")
     except RuntimeError:
         get_logger("exc").exception("failed")
-    fields = log_fields(caught[0])
-    assert fields.level == ERROR and fields.msg.startswith("failed\nTraceback") and fields.msg.endswith("boom")
+    text = message_text(caught[0])
+    assert caught[0].levelno == ERROR and text.startswith("failed\nTraceback") and text.endswith("boom")
 
 
 def test_once_and_skip_first_are_per_line(caught: list[python_logging.LogRecord]) -> None:
@@ -288,7 +289,9 @@ def test_a_program_may_have_its_logs_printed_before_a_context_is_open(monkeypatc
 
 
 def test_the_fields_of_a_log_message() -> None:
-    assert log_fields(record()) == LogFields(3_250_000_000, WARN, "a.n", "hi", "/src/f.py", "main", 12)
+    message = Log(level=WARN, name="a.n", msg="hi", file="/src/f.py", function="main", line=12)
+    message.stamp.sec, message.stamp.nanosec = 3, 250_000_000
+    assert log_message(record()) == message
 
 
 def test_records_go_to_the_node_of_the_nearest_registered_logger() -> None:
@@ -308,8 +311,8 @@ def test_publishing_that_logs_does_not_publish_again() -> None:
     router = RosoutRouter()
     seen: list[str] = []
 
-    def publish(fields: LogFields) -> None:
-        seen.append(fields.msg)
+    def publish(record_: python_logging.LogRecord) -> None:
+        seen.append(record_.getMessage())
         router.emit(record(name="a"))
 
     router.register("a", publish)
@@ -319,8 +322,8 @@ def test_publishing_that_logs_does_not_publish_again() -> None:
 
 def test_two_nodes_of_one_name_publish_once() -> None:
     router = RosoutRouter()
-    first: list[LogFields] = []
-    second: list[LogFields] = []
+    first: list[python_logging.LogRecord] = []
+    second: list[python_logging.LogRecord] = []
     added = router.register("a", first.append)
     router.register("a", second.append)
     router.emit(record(name="a"))
@@ -330,12 +333,12 @@ def test_two_nodes_of_one_name_publish_once() -> None:
 
 
 def test_the_shared_router_hears_ros_loggers() -> None:
-    seen: list[LogFields] = []
+    seen: list[python_logging.LogRecord] = []
     added = shared_router().register("routed", seen.append)
     get_logger("routed.kid").warning("x")
     added.close()
     get_logger("routed").warning("y")
-    assert [fields.msg for fields in seen] == ["x"]
+    assert [one.getMessage() for one in seen] == ["x"]
 
 
 def test_loggers_are_ours() -> None:
