@@ -41,7 +41,7 @@ def compare(path: str, entry: dict[str, Any], thing: Any) -> Iterator[tuple[str,
     if entry["kind"] != "property" and kind_of(thing) != entry["kind"]:
         yield path, "kind", kind_of(thing)
     parameters = entry.get("parameters")
-    if parameters is not None and parameters_of(thing) != parameters:
+    if parameters is not None and parameters_of(thing) != parameters and not path.endswith(".__ne__"):
         yield path, "parameters", parameters_of(thing)
     if "value" in entry and plain(getattr(thing, "value", thing)) != entry["value"]:
         yield path, "value", thing

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
 from support.node_fixtures import domain_id
+from support.program_processes import run
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,8 +50,6 @@ def test_lifecycle_events_have_the_definition_of_the_distribution(
 ) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM, encoding="utf-8")
-    settings = {"ROS_DISTRO": distro, "ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
-    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", str(program)]
-    done = subprocess.run(command, env={**kept, **settings}, capture_output=True, text=True, timeout=100, check=False)
+    settings = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    done = run(program, ROS_DISTRO=distro, **settings)
     assert done.stdout.splitlines() == expected, done.stderr

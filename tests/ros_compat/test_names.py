@@ -50,21 +50,16 @@ OTHER_VALUES = {
 """Reason -> constants whose values differ."""
 MORE = {
     "the result of `init` since Kilted": ("rclpy.InitContextManager",),
-    "moved out of `rclpy.node` and `rclpy.action.server`": (
-        "rclpy.action.server_goal",
-        "rclpy.node_entities",
-        "rclpy.node_graph",
-        "rclpy.node_parameters",
-    ),
+    "moved out of `rclpy.node`": ("rclpy.node_entities", "rclpy.node_graph", "rclpy.node_parameters"),
     "replacements of C code": (
         "rclpy.entity_execution",
         "rclpy.handles",
         "rclpy.impl.action_endpoints",
         "rclpy.impl.entities",
-        "rclpy.impl.lifecycle_machine",
         "rclpy.impl.names",
-        "rclpy.impl.parameter_rules",
+        "rclpy.impl.pending_requests",
         "rclpy.incompatible_peers",
+        "rclpy.lifecycle.node.LifecycleStateMachine",
         "rclpy.ready_scan",
         "rclpy.task.EntityTask",
     ),
@@ -85,7 +80,6 @@ MORE = {
     "attribute of all C handles except that of a clock": ("rclpy.clock.ClockHandle.pointer",),
     "type aliases": (
         "rclpy.clock.AnyClockType",
-        "rclpy.lifecycle.node.TransitionTuple",
         "rclpy.time.AnyClockType",
     ),
     "a value of the middleware without a name in rclpy": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),

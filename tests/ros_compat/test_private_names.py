@@ -28,7 +28,13 @@ INTERNAL = (
 )
 """Modules whose classes programs neither derive from nor get."""
 INTERNAL_CLASSES = {"TimerHandle", "ClockHandle", "EventHandle", "GuardConditionHandle", "WaitSet", "EntityTask"}
-INTERNAL_CLASSES |= {"_Requests", "_OldName", "_RuntimeProfile", "TransformRegistration", "ConvertRegistration"}
+INTERNAL_CLASSES |= {
+    "LifecycleStateMachine",
+    "_OldName",
+    "_RuntimeProfile",
+    "TransformRegistration",
+    "ConvertRegistration",
+}
 OF_COMPANIONS = {
     "BufferCore": {"_frameExists", "_getFrameStrings"},
     "Buffer": {"_new_data_callbacks"},

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import asyncio
-import os
-import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -14,6 +12,7 @@ import pytest
 from support.concurrent_programs import AT_ONCE, at_once
 from support.environments import SHARED_MEMORY_LOST, environment
 from support.node_fixtures import DOMAINS
+from support.program_processes import run_in_domain
 
 FOLDER = Path(__file__).parent / "semantics"
 HELPERS = {"show", "until", "let_arrive", "connected", "spin_until", "main"}
@@ -29,8 +28,6 @@ SIGNALS = (
     "int_thread",
     "multi_term",
     "reinit",
-    "after",
-    "shutdown_in_callback",
     "options",
     "chained",
     "spin_after",
@@ -54,11 +51,7 @@ Outcomes = dict[str, "tuple[Outcome, Outcome] | BaseException"]
 
 
 def run_program(command: list[str], middleware: str, domain: int) -> Outcome:
-    """Run a program in a domain, on this machine only."""
-    settings = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
-    environment = {**kept, **settings, "RMW_IMPLEMENTATION": middleware}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=200, check=False)
+    done = run_in_domain(command, domain, middleware)
     return SHARED_MEMORY_LOST.sub("", done.stdout), done.returncode, done.stderr
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ import pytest
 from support.concurrent_programs import at_once
 from support.environments import environment
 from support.node_fixtures import DOMAINS
+from support.program_processes import run_in_domain
 
 HERE = Path(__file__).resolve().parent
 PROGRAMS = sorted((HERE / "programs").glob("values_*.py"))
@@ -26,16 +26,8 @@ Both = tuple[dict[str, Any], dict[str, Any]]
 
 
 def results_of(python: Path | str, program: Path, *more: str, domain: int) -> dict[str, Any]:
-    own = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    environ = {**os.environ, **own, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp" if more else "rmw_fastrtps_cpp"}
-    done = subprocess.run(
-        [str(python), str(HERE / "print_results.py"), str(program), *more],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env=environ,
-        check=False,
-    )
+    middleware = "rmw_cyclonedds_cpp" if more else "rmw_fastrtps_cpp"
+    done = run_in_domain([python, HERE / "print_results.py", program, *more], domain, middleware)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found

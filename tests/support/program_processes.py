@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 RUN = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
@@ -21,6 +22,13 @@ def started(*command: str | Path, cwd: Path | None = None, **settings: str) -> s
 def run(*arguments: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
     """A ``rosidl-py run`` that ended."""
     return started(*RUN, *arguments, cwd=cwd, **settings)
+
+
+def run_in_domain(command: Sequence[str | Path], domain: int, middleware: str) -> subprocess.CompletedProcess[str]:
+    """A process that ended, in a domain of this machine, without other settings of ROS."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
+    own = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "RMW_IMPLEMENTATION": middleware}
+    return subprocess.run([*map(str, command)], capture_output=True, text=True, env={**kept, **own}, timeout=200)
 
 
 def output_lines(folder: Path, program: str, **settings: str) -> list[str]:

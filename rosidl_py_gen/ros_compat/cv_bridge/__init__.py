@@ -1,5 +1,4 @@
 """Conversion of images to arrays and back; OpenCV is optional, and converts compressed images."""
 
-from cv_bridge.boost.cv_bridge_boost import getCvType as getCvType
-from cv_bridge.core import CvBridge as CvBridge
-from cv_bridge.core import CvBridgeError as CvBridgeError
+from cv_bridge.boost.cv_bridge_boost import getCvType
+from cv_bridge.core import CvBridge, CvBridgeError

@@ -85,7 +85,6 @@ class Cache(SimpleFilter):
         self.connectInput(f)
 
     def connectInput(self, f: SimpleFilter) -> None:
-        """Connect the input filter."""
         self.incoming_connection = f.registerCallback(self.add)
 
     def add(self, msg: Any) -> None:
@@ -142,7 +141,6 @@ class TimeSynchronizer(SimpleFilter):
         self.connectInput(fs)
 
     def connectInput(self, fs: Sequence[SimpleFilter]) -> None:
-        """Connect the input filters."""
         self._rosidl_synchronizer = self._rosidl_create_synchronizer([message_filters.MessageFilter() for _ in fs])
         self.input_connections = [f.registerCallback(self.add, number) for number, f in enumerate(fs)]
 

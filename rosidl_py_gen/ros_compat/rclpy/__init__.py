@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any, List, Optional  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, List, Optional
 
-import rclpy.impl.implementation_singleton  # noqa: F401  programs find it without importing it
-from rclpy.context import Context as Context
-from rclpy.parameter import Parameter as Parameter
-from rclpy.signals import SignalHandlerOptions as SignalHandlerOptions
-from rclpy.signals import install_signal_handlers as install_signal_handlers
-from rclpy.signals import uninstall_signal_handlers as uninstall_signal_handlers
-from rclpy.task import Future as Future
-from rclpy.utilities import get_default_context as get_default_context
-from rclpy.utilities import get_rmw_implementation_identifier as get_rmw_implementation_identifier
-from rclpy.utilities import ok as ok
+import rclpy.impl.implementation_singleton
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
+from rclpy.task import Future
+from rclpy.utilities import get_default_context, get_rmw_implementation_identifier, ok, try_shutdown
 from rclpy.utilities import shutdown as _shutdown
-from rclpy.utilities import try_shutdown as try_shutdown
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -119,21 +114,10 @@ def create_node(
     enable_logger_service: bool = False,
 ) -> Node:
     """Create a `rclpy.node.Node` with these arguments."""
+    arguments = locals().copy()
     from rclpy.node import Node
 
-    return Node(
-        node_name,
-        context=context,
-        cli_args=cli_args,
-        namespace=namespace,
-        use_global_arguments=use_global_arguments,
-        enable_rosout=enable_rosout,
-        start_parameter_services=start_parameter_services,
-        parameter_overrides=parameter_overrides,
-        allow_undeclared_parameters=allow_undeclared_parameters,
-        automatically_declare_parameters_from_overrides=automatically_declare_parameters_from_overrides,
-        enable_logger_service=enable_logger_service,
-    )
+    return Node(**arguments)
 
 
 def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: float | None = None) -> None:

@@ -147,7 +147,6 @@ def rclpy_logging_set_logger_level(name: str, level: int, detailed_error: bool =
 
 
 def rclpy_logging_get_logger_effective_level(name: str, /) -> int:
-    """Return the lowest severity that a logger logs."""
     return _severity(runtime.get_logger(name).getEffectiveLevel())
 
 
@@ -161,7 +160,6 @@ def _severity(level: int) -> int:
 
 
 def rclpy_logging_logger_is_enabled_for(name: str, severity: int, /) -> bool:
-    """Return True if a logger logs records of a severity."""
     return runtime.get_logger(name).isEnabledFor(severity)
 
 
@@ -174,5 +172,4 @@ def rclpy_logging_severity_level_from_string(severity: str, /) -> int:
 
 
 def rclpy_logging_get_logging_directory() -> str:
-    """Return the folder of log files."""
     return str(runtime.get_logging_directory())

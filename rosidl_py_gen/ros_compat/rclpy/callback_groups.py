@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from threading import Lock  # noqa: F401
+from threading import Lock
 from typing import Any
 
 

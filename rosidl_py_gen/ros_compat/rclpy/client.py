@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
-import time  # noqa: F401
-from collections import deque
-from functools import partial
-from typing import TYPE_CHECKING, Any, Dict, Optional, TypeVar  # noqa: F401, UP035
+import time
+from typing import TYPE_CHECKING, Any, Dict, Optional, TypeVar
 
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.clock import Clock as Clock
-from rclpy.context import Context as Context
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.context import Context
 from rclpy.entity_execution import is_in_callback_that_blocks
 from rclpy.impl.entities import ServiceEntity
-from rclpy.qos import QoSProfile as QoSProfile
-from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
+from rclpy.impl.pending_requests import PendingRequests
+from rclpy.qos import QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    import concurrent.futures
     from collections.abc import Callable
 
     from rclpy.executors import Executor
@@ -50,23 +47,11 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
         qos_profile: QoSProfile,
         callback_group: CallbackGroup,
     ) -> None:
-        super().__init__(client_impl)
+        super().__init__(client_impl, srv_type, srv_name, qos_profile, callback_group)
         self.context = context
-        self._rosidl_is_ready = client_impl.is_ready
-        self.srv_type = srv_type
-        self.srv_name = srv_name
-        self.qos_profile = qos_profile
-        self._pending_requests: dict[int, Future[Any]] = {}
-        self.callback_group = callback_group
-        self._executor_event = False
-        self._lock = threading.Lock()
-        self._rosidl_sequence_numbers = itertools.count(1)
-        self._rosidl_response_futures: dict[int, concurrent.futures.Future[Any]] = {}
-        self._rosidl_responses: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
-        client_impl.set_ready_check(self._rosidl_has_response)
-
-    def _rosidl_has_response(self) -> bool:
-        return bool(self._rosidl_responses)
+        self._rosidl_requests = requests = PendingRequests(client_impl.entity, client_impl.notify_arrival)
+        self._pending_requests, self._lock = requests.futures, requests.lock
+        client_impl.set_ready_check(lambda: bool(requests.responses))
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Send a request and wait for the response, while an executor in another thread receives it.
@@ -109,27 +94,11 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
         """
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
-        future: Future[Any] = Future()
-        with self.handle as handle:
+        with self.handle:
             try:
-                response_future = handle.entity.send_request(request)
+                return self._rosidl_requests.send(request)
             except runtime.ClosedError:
-                return future
-        with self._lock:
-            sequence_number = next(self._rosidl_sequence_numbers)
-            self._pending_requests[sequence_number] = future
-            self._rosidl_response_futures[sequence_number] = response_future
-        future.add_done_callback(self.remove_pending_request)
-        response_future.add_done_callback(partial(self._rosidl_on_response, sequence_number))
-        return future
-
-    def _rosidl_on_response(self, sequence_number: int, response_future: concurrent.futures.Future[Any]) -> None:
-        lost_errors = runtime.ServerLostError, runtime.ClosedError
-        if response_future.cancelled() or isinstance(response_future.exception(), lost_errors):
-            return  # in rclpy such a future stays pending
-        self._rosidl_responses.append((sequence_number, response_future))
-        self._rosidl_handle.notify_arrival()
-        self._rosidl_handle.context.loop_runner.wake()
+                return Future()
 
     def get_pending_request(self, sequence_number: int) -> Future[Any]:
         """Return the future of an unanswered request; raise KeyError for other numbers."""
@@ -138,14 +107,7 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
 
     def remove_pending_request(self, future: Future[Any]) -> None:
         """Discard a request, so that its response is ignored."""
-        with self._lock:
-            sequence_number = next((key for key, other in self._pending_requests.items() if other is future), None)
-            if sequence_number is None:
-                return
-            del self._pending_requests[sequence_number]
-            response_future = self._rosidl_response_futures.pop(sequence_number)
-        if not response_future.done():
-            response_future.cancel()
+        self._rosidl_requests.discard(future)
 
     def service_is_ready(self) -> bool:
         """Return True if a server is connected.
@@ -167,13 +129,12 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
             return handle.context.wait(self.service_is_ready, timeout_sec)
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
-        if not self._rosidl_handle.is_valid or not self._rosidl_responses:
+        item = self._rosidl_requests.take() if self._rosidl_handle.is_valid else None
+        if item is None:
             return None
-        sequence_number, response_future = self._rosidl_responses.popleft()
+        future, _, response_future = item
 
         def finish() -> None:
-            with self._lock:
-                future = self._pending_requests.get(sequence_number)
             if future is None:  # removed or cancelled
                 return
             future._set_executor(executor)

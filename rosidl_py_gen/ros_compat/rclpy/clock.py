@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from types import TracebackType
-from typing import Any, Optional, Protocol, Type, TypedDict  # noqa: F401, UP035
+from typing import Any, Optional, Protocol, Type, TypedDict
 
 from rclpy._rclpy_pybind11 import ClockChange as ClockChangeOfC
 from rclpy._rclpy_pybind11 import ClockType as ClockTypeOfC
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
-from rclpy.destroyable import DestroyableType as DestroyableType
+from rclpy.destroyable import DestroyableType
 from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
 from rclpy.handles import Destroyable
@@ -22,16 +22,8 @@ from rclpy.time import AnyClockType, Time, TimeHandle
 from rclpy.utilities import get_default_context
 from rosidl_py_gen import runtime
 
+ClockChange = runtime.ClockChange
 JumpHandlePreCallbackType = Callable[[], Any]
-
-
-class ClockChange(IntEnum):
-    """Change of a clock's source, with the numbers of rcl."""
-
-    ROS_TIME_NO_CHANGE = 1
-    ROS_TIME_ACTIVATED = 2
-    ROS_TIME_DEACTIVATED = 3
-    SYSTEM_TIME_NO_CHANGE = 4
 
 
 @dataclass(kw_only=True, eq=False)
@@ -159,11 +151,9 @@ class ClockHandle(Destroyable):
         return Time(nanoseconds=self.clock.now_ns(), clock_type=self._clock_type)
 
     def get_ros_time_override_is_enabled(self) -> bool:
-        """Return True if simulated time is active."""
         return self.clock.ros_time_is_active
 
     def set_ros_time_override_is_enabled(self, enabled: bool) -> None:
-        """Start or stop simulated time."""
         if enabled:
             self.clock.enable_ros_time_override()
         else:
@@ -202,7 +192,6 @@ class Clock:
         return f"Clock(clock_type={self.clock_type.name})"
 
     def now(self) -> Time:
-        """Return the current time."""
         with self.handle as handle:
             return Time(nanoseconds=handle.get_now().nanoseconds, clock_type=self.clock_type)
 
@@ -282,7 +271,6 @@ class ROSClock(Clock):
 
     @property
     def ros_time_is_active(self) -> bool:
-        """True if simulated time is active."""
         with self.handle as handle:
             return handle.get_ros_time_override_is_enabled()
 

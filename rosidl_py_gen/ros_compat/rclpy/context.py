@@ -9,13 +9,13 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable
-from inspect import ismethod  # noqa: F401
-from types import MethodType, TracebackType  # noqa: F401
-from typing import TYPE_CHECKING, Any, ContextManager, List, Optional, Protocol, Type, Union  # noqa: F401, UP035
-from weakref import WeakMethod  # noqa: F401
+from inspect import ismethod
+from types import MethodType, TracebackType
+from typing import TYPE_CHECKING, Any, ContextManager, List, Optional, Protocol, Type, Union
+from weakref import WeakMethod
 
 from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
-from rclpy.destroyable import DestroyableType as DestroyableType
+from rclpy.destroyable import DestroyableType
 from rclpy.handles import ContextHandle
 from rosidl_py_gen import runtime
 

@@ -1,7 +1,7 @@
 """Protocol of objects that are destroyed when no longer in use; `rclpy.handles` implements it."""
 
 from types import TracebackType
-from typing import Optional, Protocol, Type  # noqa: F401, UP035
+from typing import Optional, Protocol, Type
 
 
 class DestroyableType(Protocol):

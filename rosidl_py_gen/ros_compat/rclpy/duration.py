@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import total_ordering
-from typing import Protocol, Union  # noqa: F401
+from typing import Protocol, Union
 
 import builtin_interfaces.msg
 
@@ -30,9 +30,6 @@ class _Ordered:
     def __eq__(self, other: object) -> bool:
         nanoseconds = self._rosidl_comparable_ns(other)
         return NotImplemented if nanoseconds is None else self._rosidl_nanoseconds == nanoseconds
-
-    def __ne__(self, other: object) -> bool:
-        return not self == other
 
     def __lt__(self, other: object) -> bool:
         nanoseconds = self._rosidl_comparable_ns(other)

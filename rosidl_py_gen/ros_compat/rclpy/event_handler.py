@@ -6,17 +6,16 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum  # noqa: F401
+from enum import IntEnum
 from functools import partial
-from typing import TYPE_CHECKING, Any, List, Optional  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, List, Optional
 
-from rclpy._rclpy_pybind11 import EnumOfC
-from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy._rclpy_pybind11 import EnumOfC, UnsupportedEventTypeError
+from rclpy.callback_groups import CallbackGroup
 from rclpy.handles import Destroyable
 from rclpy.incompatible_peers import WatchedEndpoint, to_rclpy_status
-from rclpy.logging import get_logger as get_logger
-from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
+from rclpy.logging import get_logger
+from rclpy.qos import qos_policy_name_from_kind
 from rclpy.task import await_or_execute
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import runtime
@@ -146,21 +145,23 @@ class _EventCallbacks:
 
     _ROSIDL_EVENT_TYPES: dict[str, EnumOfC]
     _ROSIDL_QOS_WARNING: str
+    _ROSIDL_RUNTIME_CLASS: type[Any]
     use_default_callbacks: bool
 
     def _rosidl_program_callbacks(self) -> dict[str, Callable[[Any], Any]]:
         return {name: getattr(self, name) for name in self._ROSIDL_EVENT_TYPES if getattr(self, name) is not None}
 
-    def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], dict[str, Callable[[Any], None]]]:
-        """Return a queue for each requested event, by number, and the runtime's callbacks that fill them, by name."""
+    def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], Any]:
+        """Return a queue for each requested event, by number, and the runtime's callbacks that fill them, if any."""
         queues = {name: deque[Any]() for name in self._rosidl_program_callbacks()}
 
         def append(queue: deque[Any], status: Any) -> None:
             queue.append(to_rclpy_status(status))
-            context.notify_arrival()
+            context.notify()
 
         by_number = {self._ROSIDL_EVENT_TYPES[name].value: queue for name, queue in queues.items()}
-        return by_number, {name: partial(append, queue) for name, queue in queues.items()}
+        functions = {name: partial(append, queue) for name, queue in queues.items()}
+        return by_number, self._ROSIDL_RUNTIME_CLASS(**functions) if functions else None
 
     def _rosidl_handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:
         functions = self._rosidl_default_callbacks(impl, topic_name) | self._rosidl_program_callbacks()
@@ -199,6 +200,7 @@ class _EventCallbacks:
 class SubscriptionEventCallbacks(_EventCallbacks):
     """Callbacks for events of a subscription; each is called with one of the `...Info` values."""
 
+    _ROSIDL_RUNTIME_CLASS = runtime.SubscriptionEventCallbacks
     _ROSIDL_QOS_WARNING = (
         "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
     )
@@ -230,6 +232,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
 class PublisherEventCallbacks(_EventCallbacks):
     """Callbacks for events of a publisher; each is called with one of the `...Info` values."""
 
+    _ROSIDL_RUNTIME_CLASS = runtime.PublisherEventCallbacks
     _ROSIDL_QOS_WARNING = (
         "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
     )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, List, Optional, Union  # noqa: F401, UP035
+from typing import TYPE_CHECKING, List, Optional, Union
 
-from rclpy._rclpy_pybind11 import InvalidHandle as InvalidHandle
+from rclpy._rclpy_pybind11 import InvalidHandle
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter

@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-import inspect  # noqa: F401
+import inspect
 import os
 import threading
 import time
 import warnings
 from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack  # noqa: F401
-from threading import Condition, Lock, RLock  # noqa: F401
+from contextlib import ExitStack
+from threading import Condition, Lock, RLock
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, ContextManager, Generator, List, Optional, Set, Tuple, Type, TypeVar, Union  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, ContextManager, Generator, List, Optional, Set, Tuple, Type, TypeVar, Union
 
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.client import Client as Client
-from rclpy.clock import Clock as Clock
-from rclpy.clock_type import ClockType as ClockType
-from rclpy.context import Context as Context
+from rclpy.client import Client
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
 from rclpy.entity_execution import execute_entity
-from rclpy.exceptions import InvalidHandle as InvalidHandle
-from rclpy.exceptions import NotInitializedException
-from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy.exceptions import InvalidHandle, NotInitializedException
+from rclpy.guard_condition import GuardCondition
 from rclpy.ready_scan import find_ready_entities, find_ready_waitables
-from rclpy.service import Service as Service
-from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
-from rclpy.subscription import Subscription as Subscription
-from rclpy.task import EntityTask
-from rclpy.task import Future as Future
-from rclpy.task import Task as Task
-from rclpy.task import await_or_execute as await_or_execute
-from rclpy.timer import Timer as Timer
-from rclpy.utilities import get_default_context
-from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
-from rclpy.waitable import NumberOfEntities as NumberOfEntities
-from rclpy.waitable import Waitable as Waitable
+from rclpy.service import Service
+from rclpy.signals import SignalHandlerGuardCondition
+from rclpy.subscription import Subscription
+from rclpy.task import EntityTask, Future, Task, await_or_execute
+from rclpy.timer import Timer
+from rclpy.utilities import get_default_context, timeout_sec_to_nsec
+from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -85,7 +79,7 @@ def _always_false() -> bool:
 
 
 class Executor:
-    """Base class of executors, which finds ready entities; subclasses define `spin_once`.
+    """Base class of executors, which finds ready entities; subclasses of programs define `spin_once`.
 
     Args:
         context: an open context. [default: the default context]
@@ -195,10 +189,14 @@ class Executor:
         Args:
             timeout_sec: maximum time to wait; None or negative: unlimited; 0: do not wait.
         """
-        raise NotImplementedError
+        self._rosidl_spin_once(timeout_sec)
 
     def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
         """Wait for one ready callback and run it, but return without running one if a future is done."""
+        self._rosidl_wake_at_end(future)
+        self._rosidl_spin_once(timeout_sec, future.done)
+
+    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         raise NotImplementedError
 
     def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
@@ -345,19 +343,7 @@ class Executor:
         self.shutdown()
 
 
-class _StandardExecutor(Executor):
-    def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
-        raise NotImplementedError
-
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        self._rosidl_spin_once(timeout_sec)
-
-    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
-        self._rosidl_wake_at_end(future)
-        self._rosidl_spin_once(timeout_sec, future.done)
-
-
-class SingleThreadedExecutor(_StandardExecutor):
+class SingleThreadedExecutor(Executor):
     """Executor that runs callbacks in the spinning thread; their exceptions leave `spin`."""
 
     _rosidl_has_one_thread = True
@@ -378,7 +364,7 @@ class SingleThreadedExecutor(_StandardExecutor):
         handler.result()
 
 
-class MultiThreadedExecutor(_StandardExecutor):
+class MultiThreadedExecutor(Executor):
     """Executor that runs callbacks in a thread pool; their exceptions leave a later `spin_once`.
 
     Args:

@@ -9,7 +9,7 @@ import contextlib
 import threading
 import weakref
 from collections import deque
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.incompatible_peers import IncompatiblePeerWatcher, WatchedEndpoint
@@ -22,14 +22,9 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
-class Closable(Protocol):
-    """Endpoint, node or context of the runtime."""
-
-    def close(self) -> None: ...
-
-
 T = TypeVar("T")
-C = TypeVar("C", bound=Closable)
+C = TypeVar("C", bound=Any)
+"""Endpoint, node or context of the runtime."""
 _DESTROYED_TEXT = "cannot use Destroyable because destruction was requested"
 
 
@@ -114,7 +109,7 @@ class ContextHandle(Destroyable):
             raise
         self.change_token: object = None
         """Replaced by a new object after each change that an executor may wait for."""
-        self.incompatible_peers = IncompatiblePeerWatcher(self.runtime, self.loop_runner, self.notify_arrival)
+        self.incompatible_peers = IncompatiblePeerWatcher(self.runtime, self.loop_runner, self.notify)
         self.creation_lock = threading.RLock()
         """Lock for creating and counting endpoints. The graph shows an endpoint before it is matched; a program that
         counts it then and publishes would lose the message.
@@ -133,11 +128,6 @@ class ContextHandle(Destroyable):
 
     def get_domain_id(self) -> int:
         return self.runtime.domain_id
-
-    def notify_arrival(self) -> None:
-        """Report an arrival to executors. Thread: loop."""
-        self.change_token = object()
-        self.loop_runner.wake()  # in the loop's thread this only checks whether the current iteration ends the wait
 
     def notify(self) -> None:
         """Make waiting executors check their conditions again. Thread: any, and signal handlers."""
@@ -243,9 +233,10 @@ class Handle(Destroyable, Generic[C]):
 
     def take_from(self, take: Callable[[C], T]) -> T:
         """Take from the endpoint, which stays marked if it has more; raise InvalidHandle if it was destroyed."""
-        entity = self.require_entity()
+        if self._is_destruction_requested:
+            raise InvalidHandle(_DESTROYED_TEXT)
         self._may_be_ready = False
-        item = take(entity)
+        item = take(self.entity)
         if self._has_more():
             self._mark_ready()
         return item
@@ -255,16 +246,10 @@ class Handle(Destroyable, Generic[C]):
         if self._node is not None:
             self._node.marked_kinds.add(self._kind)
 
-    def require_entity(self) -> C:
-        """Return the endpoint for one call that tolerates its destruction; raise InvalidHandle if it was destroyed."""
-        if self._is_destruction_requested:
-            raise InvalidHandle(_DESTROYED_TEXT)
-        return self.entity
-
     def notify_arrival(self) -> None:
         """Record that something may be taken. Thread: loop."""
         self._mark_ready()
-        self.context.notify_arrival()
+        self.context.notify()
 
     def _destroy(self) -> None:
         self.entity.close()
@@ -306,7 +291,7 @@ def _weak_notifier(handle: Handle[Any]) -> Callable[[], None]:
     return notify
 
 
-def _close(entity: Closable, parent: Any) -> None:
+def _close(entity: Any, parent: Any) -> None:
     entity.close()
     if parent is not None:
         parent.__exit__()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Union  # noqa: F401
+from typing import Union
 
 from rclpy._rclpy_pybind11 import (
     rclpy_logging_get_logger_effective_level,

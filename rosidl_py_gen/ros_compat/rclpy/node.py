@@ -2,84 +2,73 @@
 
 from __future__ import annotations
 
-import math  # noqa: F401
-import time  # noqa: F401
-import warnings  # noqa: F401
+import math
+import time
+import warnings
 import weakref
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Type, TypeVar, Union  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Type, TypeVar, Union
 
-from rcl_interfaces.msg import FloatingPointRange as FloatingPointRange
-from rcl_interfaces.msg import IntegerRange as IntegerRange
-from rcl_interfaces.msg import ListParametersResult as ListParametersResult
-from rcl_interfaces.msg import Parameter as ParameterMsg  # noqa: F401  imported from here by programs
-from rcl_interfaces.msg import ParameterDescriptor as ParameterDescriptor
-from rcl_interfaces.msg import ParameterEvent as ParameterEvent
-from rcl_interfaces.msg import ParameterType as ParameterType
-from rcl_interfaces.msg import ParameterValue as ParameterValue
-from rcl_interfaces.msg import SetParametersResult as SetParametersResult
-from rcl_interfaces.srv import ListParameters as ListParameters
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ListParametersResult,
+    ParameterDescriptor,
+    ParameterEvent,
+    ParameterType,
+    ParameterValue,
+    SetParametersResult,
+)
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.srv import ListParameters
 
-from rclpy._rclpy_pybind11 import NodeNameNonExistentError as NodeNameNonExistentError
-from rclpy._rclpy_pybind11 import RCLError
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup as MutuallyExclusiveCallbackGroup
-from rclpy.callback_groups import ReentrantCallbackGroup as ReentrantCallbackGroup
-from rclpy.client import Client as Client
-from rclpy.client import SrvType as SrvType
-from rclpy.client import SrvTypeRequest as SrvTypeRequest
-from rclpy.client import SrvTypeResponse as SrvTypeResponse
-from rclpy.clock import Clock as Clock
-from rclpy.clock import ROSClock as ROSClock
-from rclpy.constants import S_TO_NS as S_TO_NS
-from rclpy.context import Context as Context
-from rclpy.context import invalid_arguments_error
-from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
-from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidHandle as InvalidHandle
-from rclpy.exceptions import InvalidParameterTypeException as InvalidParameterTypeException
-from rclpy.exceptions import InvalidParameterValueException as InvalidParameterValueException
-from rclpy.exceptions import InvalidTopicNameException as InvalidTopicNameException
-from rclpy.exceptions import NameValidationException
-from rclpy.exceptions import NotInitializedException as NotInitializedException
-from rclpy.exceptions import ParameterAlreadyDeclaredException as ParameterAlreadyDeclaredException
-from rclpy.exceptions import ParameterImmutableException as ParameterImmutableException
-from rclpy.exceptions import ParameterNotDeclaredException as ParameterNotDeclaredException
-from rclpy.exceptions import ParameterUninitializedException as ParameterUninitializedException
-from rclpy.executors import Executor as Executor
-from rclpy.expand_topic_name import expand_topic_name as expand_topic_name
-from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLError
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.client import Client, SrvType, SrvTypeRequest, SrvTypeResponse
+from rclpy.clock import Clock, ROSClock
+from rclpy.constants import S_TO_NS
+from rclpy.context import Context, invalid_arguments_error
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import (
+    InvalidHandle,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    InvalidTopicNameException,
+    NameValidationException,
+    NotInitializedException,
+    ParameterAlreadyDeclaredException,
+    ParameterImmutableException,
+    ParameterNotDeclaredException,
+    ParameterUninitializedException,
+)
+from rclpy.executors import Executor
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.guard_condition import GuardCondition
 from rclpy.handles import Handle
 from rclpy.impl._fields import value_or_default
-from rclpy.logging import get_logger as get_logger
-from rclpy.logging_service import LoggingService as LoggingService
+from rclpy.logging import get_logger
+from rclpy.logging_service import LoggingService
 from rclpy.node_entities import NodeEntities
 from rclpy.node_graph import NodeGraph
 from rclpy.node_parameters import NodeParameters
-from rclpy.parameter import PARAMETER_SEPARATOR_STRING as PARAMETER_SEPARATOR_STRING
-from rclpy.parameter import Parameter as Parameter
-from rclpy.parameter_service import ParameterService as ParameterService
-from rclpy.publisher import MsgType as MsgType
-from rclpy.publisher import Publisher as Publisher
-from rclpy.qos import QoSProfile as QoSProfile
-from rclpy.qos import qos_profile_parameter_events as qos_profile_parameter_events
-from rclpy.qos import qos_profile_services_default as qos_profile_services_default
-from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
-from rclpy.service import Service as Service
-from rclpy.subscription import Subscription as Subscription
-from rclpy.time_source import TimeSource as TimeSource
-from rclpy.timer import Rate as Rate
-from rclpy.timer import Timer as Timer
-from rclpy.topic_endpoint_info import TopicEndpointInfo as TopicEndpointInfo
-from rclpy.type_description_service import TypeDescriptionService as TypeDescriptionService
-from rclpy.type_support import check_is_valid_msg_type as check_is_valid_msg_type
-from rclpy.type_support import check_is_valid_srv_type as check_is_valid_srv_type
-from rclpy.utilities import get_default_context as get_default_context
-from rclpy.validate_full_topic_name import validate_full_topic_name as validate_full_topic_name
-from rclpy.validate_namespace import validate_namespace as validate_namespace
-from rclpy.validate_node_name import validate_node_name as validate_node_name
-from rclpy.validate_parameter_name import validate_parameter_name as validate_parameter_name
-from rclpy.validate_topic_name import validate_topic_name as validate_topic_name
-from rclpy.waitable import Waitable as Waitable
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
+from rclpy.parameter_service import ParameterService
+from rclpy.publisher import MsgType, Publisher
+from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.time_source import TimeSource
+from rclpy.timer import Rate, Timer
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.type_description_service import TypeDescriptionService
+from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
+from rclpy.utilities import get_default_context
+from rclpy.validate_full_topic_name import validate_full_topic_name
+from rclpy.validate_namespace import validate_namespace
+from rclpy.validate_node_name import validate_node_name
+from rclpy.validate_parameter_name import validate_parameter_name
+from rclpy.validate_topic_name import validate_topic_name
+from rclpy.waitable import Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:

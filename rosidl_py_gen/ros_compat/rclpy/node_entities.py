@@ -133,6 +133,7 @@ class NodeEntities:
             group.add_entity(entity)
         for entities in self._rosidl_lists_of_kind(kind):
             entities.append(entity)
+        self._rosidl_waitables += getattr(entity, "event_handlers", ())
         self._rosidl_wake_executor()
         return entity
 
@@ -168,20 +169,11 @@ class NodeEntities:
         """
         profile = self._rosidl_to_profile(qos_profile)
         group = callback_group or self.default_callback_group
-        full = self._rosidl_resolve_name(topic, is_service=False)
-        options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
-        _declare_qos_parameters(Publisher, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
-        check_is_valid_msg_type(msg_type)
         callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
-        with self.handle:
-            context, node = self._rosidl_require_ok()
-            queues, functions = callbacks._rosidl_queues(context)
-            events = runtime.PublisherEventCallbacks(**functions) if functions else None
-            create = partial(
-                node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events
-            )
-            handle = self._rosidl_create_with_events(create, queues)
-            callbacks._rosidl_watch(node, handle.entity, handle)
+        create = partial(self.handle.entity.create_publisher, msg_type, topic)
+        handle = self._rosidl_create_on_topic(
+            Publisher, msg_type, topic, profile, qos_overriding_options, callbacks, create
+        )
         publisher = publisher_class(
             handle,
             msg_type,
@@ -190,17 +182,34 @@ class NodeEntities:
             event_callbacks=callbacks.create_event_handlers(group, handle, topic),
             callback_group=group,
         )
-        for handler in publisher.event_handlers:
-            self.add_waitable(handler)
         return self._rosidl_register(publisher, None, "publishers")
 
-    def _rosidl_create_with_events(self, create: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
-        try:
-            with self.handle.context.creation_lock, denied_as_rcl_error():
-                handle = self.handle.create_endpoint_handle(create(), SUBSCRIPTIONS)
-        except runtime.UnsupportedEventError as error:
-            raise UnsupportedEventTypeError(str(error)) from error
-        handle.events = queues
+    def _rosidl_create_on_topic(
+        self,
+        entity_class: type[Publisher] | type[Subscription],
+        msg_type: type[Any],
+        topic: str,
+        profile: QoSProfile,
+        options: QoSOverridingOptions | None,
+        callbacks: PublisherEventCallbacks | SubscriptionEventCallbacks,
+        create: Callable[..., Any],
+    ) -> Handle[Any]:
+        """Check the arguments, override the profile, and return the handle of the endpoint that `create` returns."""
+        full = self._rosidl_resolve_name(topic, is_service=False)
+        options = QoSOverridingOptions([]) if options is None else options
+        _declare_qos_parameters(entity_class, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
+        check_is_valid_msg_type(msg_type)
+        with self.handle:
+            context, node = self._rosidl_require_ok()
+            queues, runtime_callbacks = callbacks._rosidl_queues(context)
+            try:
+                with context.creation_lock, denied_as_rcl_error():
+                    endpoint = create(qos=profile.get_c_qos_profile(), event_callbacks=runtime_callbacks)
+                    handle = self.handle.create_endpoint_handle(endpoint, SUBSCRIPTIONS)
+            except runtime.UnsupportedEventError as error:
+                raise UnsupportedEventTypeError(str(error)) from error
+            handle.events = queues
+            callbacks._rosidl_watch(node, handle.entity, handle)
         return handle
 
     def create_subscription(
@@ -228,21 +237,11 @@ class NodeEntities:
         """
         profile = self._rosidl_to_profile(qos_profile)
         group = callback_group or self.default_callback_group
-        full = self._rosidl_resolve_name(topic, is_service=False)
-        options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
-        _declare_qos_parameters(Subscription, self, full, profile, options)  # type: ignore[arg-type]  # it is a Node
-        check_is_valid_msg_type(msg_type)
         callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
-        with self.handle:
-            context, node = self._rosidl_require_ok()
-            queues, functions = callbacks._rosidl_queues(context)
-            events = runtime.SubscriptionEventCallbacks(**functions) if functions else None
-            qos = profile.get_c_qos_profile()
-            create: Callable[[], Any] = partial(
-                node.create_subscription, msg_type, topic, None, qos, raw=raw, event_callbacks=events
-            )
-            handle = self._rosidl_create_with_events(create, queues)
-            callbacks._rosidl_watch(node, handle.entity, handle)
+        create: Callable[..., Any] = partial(self.handle.entity.create_subscription, msg_type, topic, raw=raw)
+        handle = self._rosidl_create_on_topic(
+            Subscription, msg_type, topic, profile, qos_overriding_options, callbacks, create
+        )
         handlers = callbacks.create_event_handlers(group, handle, topic)
         try:
             subscription = Subscription(
@@ -251,8 +250,6 @@ class NodeEntities:
         except Exception:
             handle.destroy_when_not_in_use()
             raise
-        for handler in handlers:
-            self.add_waitable(handler)
         return self._rosidl_register(subscription, group, "subscriptions")
 
     def create_client(

@@ -39,11 +39,9 @@ class NodeGraph:
         return [f"{'' if ns == '/' else ns}/{name}" for name, ns in self.get_node_names_and_namespaces()]
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        """Return name and namespace of all nodes."""
         return [(name, namespace) for name, namespace, _ in self.get_node_names_and_namespaces_with_enclaves()]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
-        """Return name, namespace and enclave of all nodes."""
         with self.handle.in_use_if_ok() as node:
             return [(info.name, info.namespace, info.enclave) for info in node.get_nodes()]
 
@@ -119,7 +117,6 @@ class NodeGraph:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
-        """Return all services."""
         with self.handle.in_use_if_ok() as node:
             return node.get_service_names_and_types()
 
@@ -135,19 +132,15 @@ class NodeGraph:
             return count
 
     def count_publishers(self, topic_name: str) -> int:
-        """Return the number of publishers of a topic."""
         return self._rosidl_count("publishers", topic_name)
 
     def count_subscribers(self, topic_name: str) -> int:
-        """Return the number of subscriptions of a topic."""
         return self._rosidl_count("subscribers", topic_name)
 
     def count_clients(self, service_name: str) -> int:
-        """Return the number of clients of a service."""
         return self._rosidl_count("clients", service_name)
 
     def count_services(self, service_name: str) -> int:
-        """Return the number of servers of a service."""
         return self._rosidl_count("services", service_name)
 
     def _rosidl_endpoint_infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:

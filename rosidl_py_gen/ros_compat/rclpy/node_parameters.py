@@ -10,6 +10,7 @@ from rcl_interfaces.msg import (
     ListParametersResult,
     ParameterDescriptor,
     ParameterEvent,
+    ParameterValue,
     SetParametersResult,
 )
 from rcl_interfaces.msg import Parameter as ParameterMsg
@@ -23,11 +24,11 @@ from rclpy.exceptions import (
     ParameterUninitializedException,
 )
 from rclpy.impl._fields import value_or_default
-from rclpy.impl.parameter_rules import read_declaration, refusal_reason, to_rclpy_value
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
-from rosidl_py_gen.runtime._rclpy_support import EMPTY_LIST_REASON, RELATIVE_TOLERANCE, list_names
+from rclpy.validate_parameter_name import validate_parameter_name
+from rosidl_py_gen.runtime import _rclpy_support as rules
 
 if TYPE_CHECKING:
     from rclpy.clock import Clock
@@ -39,6 +40,11 @@ if TYPE_CHECKING:
     OnSetCallback = Callable[[list[Parameter]], Any]
     PostSetCallback = Callable[[list[Parameter]], Any]
 
+_NAME_ONLY = (
+    "when declaring parameter named '{}', declaring a parameter only providing its name is deprecated; pass a default "
+    "value, a Parameter.Type, or a descriptor with dynamic_typing=True"
+)
+
 
 class NodeParameters:
     """Declared parameters and callbacks of a node.
@@ -46,7 +52,7 @@ class NodeParameters:
     The runtime's node reads command lines and files; it declares the values it finds there, and no others.
     """
 
-    PARAM_REL_TOL = RELATIVE_TOLERANCE
+    PARAM_REL_TOL = rules.RELATIVE_TOLERANCE
 
     if TYPE_CHECKING:  # of Node
 
@@ -78,7 +84,7 @@ class NodeParameters:
         if initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
             del initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own service
         overrides = {
-            name: Parameter(name, value=to_rclpy_value(info.value.value)) for name, info in initial_parameters.items()
+            name: Parameter(name, value=_to_rclpy_value(info.value.value)) for name, info in initial_parameters.items()
         }
         overrides |= {parameter.name: parameter for parameter in program_overrides or ()}
         self._rosidl_overrides = self._parameter_overrides = overrides
@@ -125,7 +131,7 @@ class NodeParameters:
         descriptors: dict[str, Any] = {}
         overrides: dict[str, Parameter] = value_or_default(self._parameter_overrides, dict, self._rosidl_overrides)
         for index, declaration in enumerate(parameters):
-            name, value, descriptor = read_declaration(namespace, index, declaration)
+            name, value, descriptor = _read_declaration(namespace, index, declaration)
             if not ignore_override and name in overrides:
                 value = overrides[name].value
             requested.append(Parameter(name, value=value))
@@ -152,7 +158,6 @@ class NodeParameters:
         del self._rosidl_values[name], self._rosidl_descriptors[name]
 
     def has_parameter(self, name: str) -> bool:
-        """Return True if a parameter is declared."""
         return name in self._rosidl_values
 
     def get_parameter_types(self, names: list[str]) -> list[Any]:
@@ -224,7 +229,7 @@ class NodeParameters:
             raise TypeError("The depth must be instance of type int")
         if depth < 0:
             raise ValueError("The depth must be greater than or equal to zero")
-        result = list_names(self._rosidl_values, prefixes, depth)
+        result = rules.list_names(self._rosidl_values, prefixes, depth)
         return ListParametersResult(names=list(result.names), prefixes=list(filter(None, result.prefixes)))
 
     def describe_parameter(self, name: str) -> Any:
@@ -240,7 +245,6 @@ class NodeParameters:
         raise ParameterNotDeclaredException(name)
 
     def describe_parameters(self, names: list[str]) -> list[Any]:
-        """Return the descriptors of several parameters."""
         return [self.describe_parameter(name) for name in names]
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
@@ -263,7 +267,7 @@ class NodeParameters:
             callbacks = tuple(self._rosidl_pre_set)
             parameter_list = [parameter for callback in callbacks for parameter in callback(parameter_list)]
             if not parameter_list:
-                return SetParametersResult(successful=False, reason=EMPTY_LIST_REASON)
+                return SetParametersResult(successful=False, reason=rules.EMPTY_LIST_REASON)
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         undeclared_names = [parameter.name for parameter in parameter_list if parameter.name not in self._rosidl_values]
@@ -302,7 +306,7 @@ class NodeParameters:
     def _rosidl_refusal_reason(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
         descriptor.name = parameter.name
         is_declared = self.has_parameter(parameter.name)
-        return refusal_reason(parameter, descriptor, is_declared=is_declared, check_read_only=check_read_only)
+        return _refusal_reason(parameter, descriptor, is_declared=is_declared, check_read_only=check_read_only)
 
     def _rosidl_store(self, parameter: Parameter, new_descriptors: dict[str, Any] | None, event: Any) -> None:
         name = parameter.name
@@ -370,14 +374,74 @@ class NodeParameters:
         self._rosidl_pre_set.remove(callback)
 
     def remove_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
-        """Remove a callback; raise ValueError if it is not registered."""
         self._rosidl_on_set.remove(callback)
 
     def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
-        """Remove a callback; raise ValueError if it is not registered."""
         self._rosidl_post_set.remove(callback)
 
 
 def _require_str_names(names: list[str]) -> None:
     if not all(isinstance(name, str) for name in names):
         raise TypeError("All names must be instances of type str")
+
+
+def _refusal_reason(parameter: Parameter, descriptor: Any, *, is_declared: bool, check_read_only: bool) -> str:
+    """Return the reason why a value is refused, or an empty string. A dynamic descriptor takes the value's type."""
+    if check_read_only and descriptor.read_only:
+        return rules.read_only_reason(parameter.name)
+    is_set = parameter.type_ is not Parameter.Type.NOT_SET
+    if descriptor.dynamic_typing:
+        descriptor.type = parameter.type_.value
+    elif is_declared and not is_set:
+        return rules.UNDECLARED_REASON
+    elif is_set and parameter.type_.value != descriptor.type:
+        return rules.type_reason(Parameter.Type(descriptor.type).name, parameter.type_.name)
+    if parameter.type_ is Parameter.Type.INTEGER and descriptor.integer_range:
+        return rules.integer_range_reason(parameter.name, parameter.value, descriptor.integer_range[0])
+    if parameter.type_ is Parameter.Type.DOUBLE and descriptor.floating_point_range:
+        return rules.float_range_reason(parameter.name, parameter.value, descriptor.floating_point_range[0])
+    return ""
+
+
+def _read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) -> tuple[str, Any, Any]:
+    """Return name, value and completed descriptor of a tuple for `Node.declare_parameters`."""
+    if not 1 <= len(declaration) <= 3:
+        raise TypeError(
+            f"Invalid parameter tuple length at index {index} in parameters list: {declaration}; "
+            "expecting length between 1 and 3"
+        )
+    name, value, descriptor = (*declaration, None, None)[:3]
+    if not isinstance(name, str):
+        raise TypeError(f"First element {name} at index {index} in parameters list is not a str.")
+    name = f"{namespace}.{name}" if namespace else name
+    validate_parameter_name(name)
+    descriptor = ParameterDescriptor() if len(declaration) < 3 else descriptor
+    if not isinstance(descriptor, ParameterDescriptor):
+        text = f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
+        raise TypeError(text)
+    if len(declaration) == 1:
+        warnings.warn(_NAME_ONLY.format(name), stacklevel=5)
+        descriptor.dynamic_typing = True
+    if isinstance(value, Parameter.Type):
+        if value is Parameter.Type.NOT_SET:
+            raise ValueError(f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET")
+        if descriptor.dynamic_typing:
+            raise ValueError(
+                f"When declaring parameter {{{name}}} passing a descriptor with"
+                "`dynamic_typing=True` is not allowed when the parameter type is provided"
+            )
+        descriptor.type = value.value
+        return name, None, descriptor
+    if not descriptor.dynamic_typing:
+        is_message = isinstance(value, ParameterValue)
+        descriptor.type = value.type if is_message else Parameter.Type.from_parameter_value(value).value
+        if descriptor.type == Parameter.Type.NOT_SET.value:
+            text = "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
+            raise ValueError(text)
+    return name, value, descriptor
+
+
+def _to_rclpy_value(value: Any) -> Any:
+    """Return an initial value with arrays as lists, and bytes (``!!binary``) as a list of single bytes."""
+    items = [bytes([byte]) for byte in value] if isinstance(value, bytes) else value
+    return list(items) if isinstance(items, (tuple, list)) else items

@@ -4,34 +4,12 @@ from __future__ import annotations
 
 import array
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple, Union  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple, Union
 
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
 PARAMETER_SEPARATOR_STRING = "."
-
-if TYPE_CHECKING:
-    AllowableParameterValue = (
-        bool
-        | int
-        | float
-        | str
-        | list[bytes]
-        | tuple[bytes, ...]
-        | list[bool]
-        | tuple[bool, ...]
-        | list[int]
-        | tuple[int, ...]
-        | array.array[int]
-        | list[float]
-        | tuple[float, ...]
-        | array.array[float]
-        | list[str]
-        | tuple[str, ...]
-        | None
-    )
-    """Value of a parameter."""
 
 
 class Parameter:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time  # noqa: F401
+import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, List, Optional, Union  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, List, Optional, Union
 
-from rcl_interfaces.msg import Parameter as ParameterMsg  # noqa: F401  imported from here by programs
+from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -17,14 +17,14 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
-from rclpy.node import Node as Node
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
-from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
-from rclpy.subscription import Subscription as Subscription
-from rclpy.task import Future as Future
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from rclpy.task import Future
 
 if TYPE_CHECKING:
     from rclpy.client import Client
@@ -86,7 +86,6 @@ class AsyncParameterClient:
         return self._rosidl_send(self._list_parameter_client, request, callback)
 
     def get_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Request values by name."""
         return self._rosidl_send(self._get_parameter_client, GetParameters.Request(names=names), callback)
 
     def set_parameters(self, parameters: Sequence[Any], callback: Callback | None = None) -> Future[Any]:
@@ -95,7 +94,6 @@ class AsyncParameterClient:
         return self._rosidl_send(self._set_parameter_client, request, callback)
 
     def describe_parameters(self, names: list[str], callback: Callback | None = None) -> Future[Any]:
-        """Request descriptors by name."""
         return self._rosidl_send(self._describe_parameters_client, DescribeParameters.Request(names=names), callback)
 
     def get_parameter_types(self, names: list[str], callback: Callback | None = None) -> Future[Any]:

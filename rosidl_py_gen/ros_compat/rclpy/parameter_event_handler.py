@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import threading
-from collections import defaultdict  # noqa: F401
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
-from threading import Lock  # noqa: F401
-from typing import Any, Dict, List, Optional, Tuple  # noqa: F401, UP035
+from threading import Lock
+from typing import Any, Dict, List, Optional, Tuple
 
 from rcl_interfaces.msg import ParameterEvent
 
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
-from rclpy.node import Node as Node
-from rclpy.parameter import Parameter as Parameter
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, qos_profile_parameter_events
-from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 
 @dataclass(eq=False)
@@ -67,14 +67,12 @@ class ParameterEventHandler:
         def add_parameter_callback(
             self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]
         ) -> ParameterCallbackHandle:
-            """Add a callback for one parameter; `node_name` is fully qualified."""
             handle = ParameterCallbackHandle(parameter_name, node_name, callback)
             with self.mutex:
                 self.parameter_callbacks.setdefault((parameter_name, node_name), []).insert(0, handle)
             return handle
 
         def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
-            """Remove a callback; raise RuntimeError if it is not registered."""
             key = handle.parameter_name, handle.node_name
             with self.mutex:
                 handles = self.parameter_callbacks.get(key, [])
@@ -85,14 +83,12 @@ class ParameterEventHandler:
                     del self.parameter_callbacks[key]
 
         def add_parameter_event_callback(self, callback: Callable[[Any], Any]) -> ParameterEventCallbackHandle:
-            """Add a callback for all events."""
             handle = ParameterEventCallbackHandle(callback)
             with self.mutex:
                 self.event_callbacks.insert(0, handle)
             return handle
 
         def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
-            """Remove a callback; raise RuntimeError if it is not registered."""
             with self.mutex:
                 if handle not in self.event_callbacks:
                     raise RuntimeError("Callback doesn't exist")
@@ -122,7 +118,6 @@ class ParameterEventHandler:
         )
 
     def destroy(self) -> None:
-        """Destroy the subscription."""
         self.node.destroy_subscription(self.parameter_event_subscription)
 
     @staticmethod

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar, Union  # noqa: F401
+from typing import TYPE_CHECKING, Any, TypeVar, Union
 
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
-from rclpy.event_handler import EventHandler as EventHandler
-from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
+from rclpy.event_handler import EventHandler, PublisherEventCallbacks
 from rclpy.impl.entities import TopicEntity
-from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.qos import QoSProfile
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -37,11 +36,7 @@ class Publisher(TopicEntity[runtime.Publisher[Any]]):
         event_callbacks: list[EventHandler],
         callback_group: CallbackGroup,
     ) -> None:
-        super().__init__(publisher_impl)
-        self.msg_type = msg_type
-        self.topic = topic
-        self.qos_profile = qos_profile
-        self.event_handlers = event_callbacks
+        super().__init__(publisher_impl, msg_type, topic, qos_profile, event_callbacks)
 
     def publish(self, msg: Any) -> None:
         """Publish a message, or the bytes of a serialized one. Thread: any.

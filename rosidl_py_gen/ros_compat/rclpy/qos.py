@@ -5,13 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from enum import Enum, IntEnum
-from typing import Any, TypeVar, Union  # noqa: F401
+from typing import Any, TypeVar, Union
 
 from rclpy._rclpy_pybind11 import RMW_QOS_DEADLINE_BEST_AVAILABLE, QoSCompatibility
 from rclpy.duration import Duration
 from rclpy.impl._fields import Checked
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime import QoSPolicyKind as QoSPolicyKind
+from rosidl_py_gen.runtime import QoSPolicyKind
 from rosidl_py_gen.runtime import qos as presets
 
 _P = TypeVar("_P", bound=IntEnum)

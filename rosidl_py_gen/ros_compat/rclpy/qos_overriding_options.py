@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, List, Optional, Text, Type, Union  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, List, Optional, Text, Type, Union
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterAlreadyDeclaredException
 from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher as Publisher
+from rclpy.publisher import Publisher
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
     LivelinessPolicy,
+    QoSDurabilityPolicy,
+    QoSHistoryPolicy,
+    QoSLivelinessPolicy,
     QoSPolicyEnum,
     QoSPolicyKind,
     QoSProfile,
+    QoSReliabilityPolicy,
     ReliabilityPolicy,
 )
-from rclpy.qos import QoSDurabilityPolicy as QoSDurabilityPolicy
-from rclpy.qos import QoSHistoryPolicy as QoSHistoryPolicy
-from rclpy.qos import QoSLivelinessPolicy as QoSLivelinessPolicy
-from rclpy.qos import QoSReliabilityPolicy as QoSReliabilityPolicy
-from rclpy.subscription import Subscription as Subscription
+from rclpy.subscription import Subscription
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -78,9 +78,6 @@ def _declare_qos_parameters(
         RuntimeError: a value is unknown.
         ValueError: the profile has an UNKNOWN policy.
     """
-    from rclpy.publisher import Publisher
-    from rclpy.subscription import Subscription
-
     if not issubclass(entity_type, (Publisher, Subscription)):
         raise TypeError("Argument `entity_type` should be a subclass of Publisher or Subscription")
     kind = "publisher" if issubclass(entity_type, Publisher) else "subscription"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Any, Callable, TypeVar  # noqa: UP035
+from typing import TYPE_CHECKING, Any, Callable, TypeVar
 
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.clock import Clock as Clock
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
 from rclpy.impl.entities import ServiceEntity
-from rclpy.qos import QoSProfile as QoSProfile
-from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
+from rclpy.qos import QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -41,14 +41,8 @@ class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
         callback_group: CallbackGroup,
         qos_profile: QoSProfile,
     ) -> None:
-        super().__init__(service_impl)
-        self._rosidl_is_ready = service_impl.is_ready
-        self.srv_type = srv_type
-        self.srv_name = srv_name
+        super().__init__(service_impl, srv_type, srv_name, qos_profile, callback_group)
         self.callback = callback
-        self.callback_group = callback_group
-        self._executor_event = False
-        self.qos_profile = qos_profile
 
     def send_response(self, response: Any, header: runtime.ServiceRequest[Any, Any]) -> None:
         """Send the response of a request; raise TypeError for another class, also for None."""

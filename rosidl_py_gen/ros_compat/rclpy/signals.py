@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy._rclpy_pybind11 import ScopedEnumOfC
 from rclpy.context import mark_all_shut_down
-from rclpy.exceptions import InvalidHandle as InvalidHandle
+from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 
 if TYPE_CHECKING:

@@ -6,13 +6,12 @@ import inspect
 from enum import Enum
 from functools import partial
 from operator import methodcaller
-from typing import TYPE_CHECKING, Any, Callable, TypeVar  # noqa: UP035
+from typing import TYPE_CHECKING, Any, Callable, TypeVar
 
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.event_handler import EventHandler as EventHandler
-from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
 from rclpy.impl.entities import TopicEntity
-from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.qos import QoSProfile
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -51,16 +50,12 @@ class Subscription(TopicEntity["runtime.Subscription[Any]"]):
         raw: bool,
         event_callbacks: list[EventHandler],
     ) -> None:
-        super().__init__(subscription_impl)
+        super().__init__(subscription_impl, msg_type, topic, qos_profile, event_callbacks)
         self._rosidl_is_ready = subscription_impl.may_be_ready
-        self.msg_type = msg_type
-        self.topic = topic
         self.callback = callback
         self.callback_group = callback_group
         self._executor_event = False
-        self.qos_profile = qos_profile
         self.raw = raw
-        self.event_handlers = event_callbacks
 
     def get_publisher_count(self) -> int:
         """Return the number of matched publishers."""

@@ -87,7 +87,6 @@ class Future(Generic[T]):
         return self._exception
 
     def set_result(self, result: T) -> None:
-        """End the future with a result."""
         with self._lock:
             self._result = result
             self._state = FutureState.FINISHED
@@ -96,7 +95,6 @@ class Future(Generic[T]):
             self._rosidl_run_callbacks()
 
     def set_exception(self, exception: BaseException) -> None:
-        """End the future with an exception."""
         with self._lock:
             self._exception = exception
             self._exception_fetched = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, Tuple, Union, overload  # noqa: F401, UP035
+from typing import Protocol, Tuple, Union, overload
 
 import builtin_interfaces.msg
 

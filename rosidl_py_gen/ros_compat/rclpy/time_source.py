@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any, List, Optional, Set  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, List, Optional, Set
 
 import rosgraph_msgs.msg
 from rcl_interfaces.msg import SetParametersResult
@@ -37,7 +37,6 @@ class TimeSource:
 
     @property
     def ros_time_is_active(self) -> bool:
-        """True if simulated time is active."""
         return self._ros_time_is_active
 
     @ros_time_is_active.setter

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any, Callable, Optional  # noqa: F401, UP035
+from typing import TYPE_CHECKING, Any, Callable, Optional
 
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.callback_groups import CallbackGroup as CallbackGroup
-from rclpy.clock import Clock as Clock
-from rclpy.clock import JumpThreshold
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
-from rclpy.context import Context as Context
+from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, NotInitializedException, ROSInterruptException
 from rclpy.handles import ContextHandle, Destroyable
@@ -175,7 +174,6 @@ class Timer:
             return self._rosidl_timer.is_ready()
 
     def is_canceled(self) -> bool:
-        """Return True if the timer was canceled and not reset."""
         with self._rosidl_timer:
             return self._rosidl_timer.canceled
 
@@ -227,7 +225,13 @@ class Rate:
         self._is_destroyed = True
         self._event.set()
 
-    def _presleep(self) -> None:
+    def sleep(self) -> None:
+        """Wait for the next call of the timer.
+
+        Raises:
+            ROSInterruptException: the context is shut down.
+            RuntimeError: the rate was destroyed.
+        """
         if self._is_shutdown:
             raise ROSInterruptException
         if self._is_destroyed:
@@ -237,25 +241,12 @@ class Rate:
             raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
         with self._lock:
             self._num_sleepers += 1
-
-    def _postsleep(self) -> None:
-        with self._lock:
-            self._num_sleepers -= 1
-            if self._num_sleepers == 0:
-                self._event.clear()
-        if self._is_shutdown:
-            self.destroy()
-            raise ROSInterruptException
-
-    def sleep(self) -> None:
-        """Wait for the next call of the timer.
-
-        Raises:
-            ROSInterruptException: the context is shut down.
-            RuntimeError: the rate was destroyed.
-        """
-        self._presleep()
         try:
             self._event.wait()
         finally:
-            self._postsleep()
+            with self._lock:
+                self._num_sleepers -= 1
+                if self._num_sleepers == 0:
+                    self._event.clear()
+            if self._is_shutdown:
+                raise ROSInterruptException

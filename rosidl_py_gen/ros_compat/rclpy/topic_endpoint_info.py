@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rclpy.impl._fields import Checked
 from rclpy.qos import QoSHistoryPolicy, QoSPresetProfiles, QoSProfile
 from rclpy.type_hash import TypeHash
 from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_T = TypeVar("_T")
 
 
 class TopicEndpointTypeEnum(IntEnum):
@@ -26,12 +31,8 @@ def _require_ints(numbers: Any) -> list[int]:
     return list(numbers)
 
 
-def _to_type_hash(value: TypeHash | dict[str, Any]) -> TypeHash:
-    return TypeHash(**value) if isinstance(value, dict) else value
-
-
-def _to_qos_profile(value: QoSProfile | dict[str, Any]) -> QoSProfile:
-    return QoSProfile(**value) if isinstance(value, dict) else value
+def _from_dict(cls: type[_T]) -> Callable[[Any], _T]:
+    return lambda value: cls(**value) if isinstance(value, dict) else value
 
 
 _DEFAULTS: dict[str, Any] = {
@@ -66,10 +67,10 @@ class TopicEndpointInfo:
     node_name = Checked[str](str)
     node_namespace = Checked[str](str)
     topic_type = Checked[str](str)
-    topic_type_hash = Checked[TypeHash](TypeHash, dict, convert=_to_type_hash)
+    topic_type_hash = Checked[TypeHash](TypeHash, dict, convert=_from_dict(TypeHash))
     endpoint_type = Checked[TopicEndpointTypeEnum](int, convert=TopicEndpointTypeEnum)
     endpoint_gid = Checked[list[int]](object, convert=_require_ints)
-    qos_profile = Checked[QoSProfile](QoSProfile, dict, convert=_to_qos_profile)
+    qos_profile = Checked[QoSProfile](QoSProfile, dict, convert=_from_dict(QoSProfile))
 
     def __init__(self, **kwargs: Any) -> None:
         if not kwargs.keys() <= _DEFAULTS.keys():

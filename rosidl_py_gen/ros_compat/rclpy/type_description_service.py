@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import weakref  # noqa: F401
+import weakref
 from typing import TYPE_CHECKING
 
-from rcl_interfaces.msg import ParameterDescriptor
-from rcl_interfaces.msg import ParameterType as ParameterType
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 
-from rclpy.parameter import Parameter as Parameter
-from rclpy.qos import qos_profile_services_default as qos_profile_services_default
-from rclpy.service import Service as Service
-from rclpy.type_support import check_is_valid_srv_type as check_is_valid_srv_type
-from rclpy.validate_topic_name import TOPIC_SEPARATOR_STRING as TOPIC_SEPARATOR_STRING
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_services_default
+from rclpy.service import Service
+from rclpy.type_support import check_is_valid_srv_type
+from rclpy.validate_topic_name import TOPIC_SEPARATOR_STRING
 
 if TYPE_CHECKING:
     from rclpy.node import Node

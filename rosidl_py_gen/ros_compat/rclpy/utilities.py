@@ -7,7 +7,7 @@ import re
 import sys
 import threading
 from collections.abc import Sequence
-from typing import List, Optional, Set  # noqa: F401, UP035
+from typing import List, Optional, Set
 
 from rclpy.constants import S_TO_NS
 from rclpy.context import Context

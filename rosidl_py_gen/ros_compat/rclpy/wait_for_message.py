@@ -1,11 +1,11 @@
 """Reception of one message without an executor."""
 
-from typing import Any, Union  # noqa: F401
+from typing import Any, Union
 
-from rclpy.node import Node as Node
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
-from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
+from rclpy.signals import SignalHandlerGuardCondition
+from rclpy.utilities import timeout_sec_to_nsec
 
 
 def wait_for_message(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partialmethod
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -63,24 +64,13 @@ class WaitSet:
         handles.append(handle)
         return len(handles) - 1
 
-    def add_subscription(self, subscription: Destroyable) -> int:
-        """Return the index for `is_ready`, as the methods below."""
-        return self._add("subscription", subscription)
-
-    def add_guard_condition(self, guard: Destroyable) -> int:
-        return self._add("guard_condition", guard)
-
-    def add_timer(self, timer: Destroyable) -> int:
-        return self._add("timer", timer)
-
-    def add_client(self, client: Destroyable) -> int:
-        return self._add("client", client)
-
-    def add_service(self, service: Destroyable) -> int:
-        return self._add("service", service)
-
-    def add_event(self, event: Destroyable) -> int:
-        return self._add("event", event)
+    add_subscription = partialmethod(_add, "subscription")
+    """Return the index for `is_ready`, as the methods below."""
+    add_guard_condition = partialmethod(_add, "guard_condition")
+    add_timer = partialmethod(_add, "timer")
+    add_client = partialmethod(_add, "client")
+    add_service = partialmethod(_add, "service")
+    add_event = partialmethod(_add, "event")
 
     def is_ready(self, entity_type: str, index: int) -> bool:
         """Return True if the entity of a kind (``"subscription"``, ``"guard_condition"``, ...) and index is ready."""
@@ -131,7 +121,6 @@ class Waitable:
         self._futures.append(future)
 
     def remove_future(self, future: Future[Any]) -> None:
-        """Undo `add_future`."""
         self._futures.remove(future)
 
     def is_ready(self, wait_set: WaitSet) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 
-from ament_index_python import get_resource, get_resources, has_resource
+from ament_index_python.resources import get_resource, get_resources, has_resource
 
 _RESOURCE = "rosidl_interfaces"
 

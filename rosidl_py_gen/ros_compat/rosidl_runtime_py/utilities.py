@@ -51,17 +51,14 @@ def get_action_namespaced_type(identifier: str) -> Any:
 
 
 def is_message(interface: Any) -> bool:
-    """Return True for the class of a message."""
     return hasattr(interface, "SLOT_TYPES")
 
 
 def is_service(interface: Any) -> bool:
-    """Return True for the class of a service."""
     return hasattr(interface, "Request") and hasattr(interface, "Response")
 
 
 def is_action(interface: Any) -> bool:
-    """Return True for the class of an action."""
     return all(hasattr(interface, name) for name in ("Goal", "Result", "Feedback"))
 
 

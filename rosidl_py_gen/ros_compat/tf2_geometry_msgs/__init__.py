@@ -1,5 +1,5 @@
 """Transformation of geometry_msgs; importing it registers the types for ``Buffer.transform``."""
 
-import tf2_ros as tf2_ros
+import tf2_ros
 
-from tf2_geometry_msgs.tf2_geometry_msgs import *  # noqa: F403
+from tf2_geometry_msgs.tf2_geometry_msgs import *

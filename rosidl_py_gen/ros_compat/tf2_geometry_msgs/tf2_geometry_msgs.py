@@ -21,29 +21,8 @@ from geometry_msgs.msg import (
     Vector3Stamped,
 )
 
-from rosidl_py_gen import tf
+from rosidl_py_gen import tf as _tf
 from rosidl_py_gen.numpy import matrix_to_quaternion, quaternion_to_matrix
-
-__all__ = [
-    "Point",
-    "Point32",
-    "PointStamped",
-    "PolygonStamped",
-    "Pose",
-    "PoseStamped",
-    "PoseWithCovarianceStamped",
-    "TransformStamped",
-    "Vector3Stamped",
-    "do_transform_point",
-    "do_transform_polygon_stamped",
-    "do_transform_pose",
-    "do_transform_pose_stamped",
-    "do_transform_pose_with_covariance_stamped",
-    "do_transform_vector3",
-    "from_msg_msg",
-    "to_msg_msg",
-    "transform_covariance",
-]
 
 
 def to_msg_msg(msg: Any) -> Any:
@@ -112,10 +91,10 @@ def transform_covariance(cov_in: Any, transform: TransformStamped) -> Any:
     return result.pose.covariance
 
 
-def _to_transform(stamped: TransformStamped) -> tf.Transform:
+def _to_transform(stamped: TransformStamped) -> _tf.Transform:
     move = stamped.transform.translation
     frames = stamped.header.frame_id, stamped.child_frame_id
-    return tf.Transform(
+    return _tf.Transform(
         *frames, 0, np.array((move.x, move.y, move.z)), _quaternion_or_identity(stamped.transform.rotation)
     )
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import TransformStamped
 from rclpy.duration import Duration
 from rclpy.logging import get_logger
 from rclpy.time import Time
 
 from rosidl_py_gen import tf
-from tf2_py.velocity import Triple, velocity
+from rosidl_py_gen.numpy import matrix_to_quaternion
 
 __all__ = [
     "BufferCore",
@@ -23,9 +25,12 @@ __all__ = [
     "TimeoutException",
     "TransformException",
 ]
+Triple = tuple[float, float, float]
 _NS_PER_S = 1_000_000_000
 _MIN_SPAN_NS = 100_000
 """Minimum time span for the rate of transforms."""
+_EARLIEST_TIME_S = 0.00001
+"""Earliest time to look up, in seconds. Not 0, because tf2 reads time 0 as "latest"."""
 
 
 class TransformException(Exception):
@@ -148,7 +153,7 @@ class BufferCore:
         frames = tracking_frame, observation_frame, reference_frame
         times = _nanoseconds(time) / _NS_PER_S, _nanoseconds(averaging_interval) / _NS_PER_S
         with _tf2_errors():
-            return velocity(self._rosidl_buffer, frames, reference_point, reference_point_frame, *times)
+            return _velocity(self._rosidl_buffer, frames, reference_point, reference_point_frame, *times)
 
     def clear(self) -> None:
         """Remove all transforms except static ones."""
@@ -218,3 +223,51 @@ def _nanoseconds(time: Any) -> int:
     if hasattr(time, "sec") and hasattr(time, "nanosec"):
         return int(time.sec) * _NS_PER_S + int(time.nanosec)
     raise TypeError("time must have sec and nanosec, or nanoseconds.")
+
+
+def _velocity(
+    buffer: tf.TransformBuffer,
+    frames: tuple[str, str, str],
+    point: Any,
+    point_frame: str,
+    time_s: float,
+    interval_s: float,
+) -> tuple[Triple, Triple]:
+    """Return the linear and angular velocity in m/s and rad/s, with the steps of tf2.
+
+    Args:
+        frames: the moving frame, the frame in which it is observed, and the frame of the result.
+        point: point to which the linear velocity applies, in `point_frame`.
+        time_s: middle of the interval; earlier if the latest transform is too old.
+    """
+    tracking_frame, observation_frame, reference_frame = frames
+    end = min(time_s + interval_s * 0.5, buffer.lookup_transform(observation_frame, tracking_frame).stamp / 1e9)
+    start = max(_EARLIEST_TIME_S + interval_s, end) - interval_s
+    before, after = (
+        buffer.lookup_transform(observation_frame, tracking_frame, round(time * 1e9)) for time in (start, end)
+    )
+    now = round(time_s * 1e9)
+    result = buffer.lookup_transform(reference_frame, tracking_frame, now)
+    with np.errstate(all="ignore"):  # as in tf2, an interval of zero results in NaN
+        angular = result.rotate(
+            before.rotate(_rotation_vector(before.matrix[:3, :3].T @ after.matrix[:3, :3])) / np.float64(end - start)
+        )
+        linear = result.rotate((after.translation - before.translation) / np.float64(end - start))
+    linear += np.cross(result.translation, angular)
+    # An elementwise product, as in tf2, not a cross product.
+    linear += angular * (buffer.lookup_transform(reference_frame, point_frame, now).apply(point) - result.translation)
+    return _to_triple(linear), _to_triple(angular)
+
+
+def _rotation_vector(rotation: Any) -> Any:
+    """Return axis times angle, which exceeds half a turn if that of tf2 does."""
+    x, y, z, w = quaternion = matrix_to_quaternion(rotation)
+    if np.trace(rotation) <= 0 and quaternion[np.argmax(np.diag(rotation))] < 0:
+        x, y, z, w = -quaternion
+    length = math.sqrt(max(0.0, 1.0 - w * w))
+    return np.array((x, y, z)) / length * 2.0 * math.acos(min(max(w, -1.0), 1.0)) if length > 1e-15 else np.zeros(3)
+
+
+def _to_triple(values: Any) -> Triple:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped as TransformStamped
+from geometry_msgs.msg import TransformStamped
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.logging import get_logger
@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.time import Time
 from tf2_msgs.srv import FrameGraph
-from tf2_py import BufferCore
+from tf2_py import BufferCore, TransformException
 
 from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
@@ -112,7 +112,7 @@ class Buffer(BufferCore, BufferInterface):
         return_debug_tuple: bool = False,
     ) -> Any:
         """Return True if `lookup_transform` would succeed; with `return_debug_tuple` also the reason why not."""
-        result = self._rosidl_wait(lambda: self.can_transform_core(target_frame, source_frame, time), timeout)
+        result = self._rosidl_wait(partial(self.can_transform_core, target_frame, source_frame, time), timeout)
         return result if return_debug_tuple else result[0]
 
     def can_transform_full(
@@ -138,30 +138,29 @@ class Buffer(BufferCore, BufferInterface):
 
     def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Time) -> Future[Any]:
         """Return a future of the transform."""
-        arguments = target_frame, source_frame, time
-        return self._rosidl_future(
-            partial(self.can_transform_core, *arguments), partial(self.lookup_transform_core, *arguments)
-        )
+        return self._rosidl_future(self.lookup_transform_core, target_frame, source_frame, time)
 
     def wait_for_transform_full_async(
         self, target_frame: str, target_time: Time, source_frame: str, source_time: Time, fixed_frame: str
     ) -> Future[Any]:
         """Return a future of the transform between two times."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
-        can_transform, look_up = self.can_transform_full_core, self.lookup_transform_full_core
-        return self._rosidl_future(partial(can_transform, *arguments), partial(look_up, *arguments))
+        return self._rosidl_future(self.lookup_transform_full_core, *arguments)
 
-    def _rosidl_future(self, can_transform: Callable[[], tuple[bool, str]], look_up: Callable[[], Any]) -> Future[Any]:
+    def _rosidl_future(self, look_up: Callable[..., Any], *arguments: Any) -> Future[Any]:
         future: Future[Any] = Future()
 
         def try_lookup() -> None:
             if future.done() or future.cancelled():
                 return
             try:
-                if can_transform()[0]:
-                    future.set_result(look_up())
+                transform = look_up(*arguments)
+            except TransformException:
+                return  # not available yet
             except Exception as error:
                 future.set_exception(error)
+            else:
+                future.set_result(transform)
 
         def remove_callback(_: Future[Any]) -> None:
             with self._rosidl_condition:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 import warnings
 from typing import Any
 
 import builtin_interfaces.msg
-from geometry_msgs.msg import TransformStamped as TransformStamped
+from geometry_msgs.msg import TransformStamped
 from rclpy.action.client import ActionClient
 from rclpy.duration import Duration
+from rclpy.impl.pending_requests import wait_until_done
 from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.time import Time
@@ -105,27 +105,20 @@ class BufferClient(BufferInterface):
         return _check_lookup(lambda: self.lookup_transform_full(*arguments, timeout))[0]
 
     def destroy(self) -> None:
-        """Destroy the action client."""
         self.action_client.destroy()
 
     def _rosidl_request(self, goal: Any, timeout: Duration) -> Any:
         if not self.action_client.server_is_ready():
             raise TimeoutException("The BufferServer is not ready.")
         goal_future = self.action_client.send_goal_async(goal)
-        if not _wait_for_future(goal_future, (timeout.nanoseconds + self.timeout_padding.nanoseconds) / 1e9):
+        if not wait_until_done(goal_future, (timeout.nanoseconds + self.timeout_padding.nanoseconds) / 1e9):
             raise TimeoutException("the BufferServer did not reply to the goal in time")
         handle: Any = goal_future.result()
         if not handle.accepted:
             raise TimeoutException("the BufferServer did not accept the goal")
         future = handle.get_result_async()
-        _wait_for_future(future, None)
+        wait_until_done(future)
         result: Any = future.result().result
         if result.error.error != TF2Error.NO_ERROR:
             raise _ERRORS.get(result.error.error, TransformException)(result.error.error_string[:_MAX_TEXT])
         return result.transform
-
-
-def _wait_for_future(future: Future[Any], seconds: float | None) -> bool:
-    event = threading.Event()
-    future.add_done_callback(lambda _: event.set())
-    return event.wait(seconds)

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, ClassVar
 
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, TransformStamped, Vector3Stamped
 from rclpy.duration import Duration
 from rclpy.time import Time
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 NO_TIME = Duration()
@@ -68,37 +70,11 @@ class BufferInterface:
         result = function(object_stamped, transform)
         return result if new_type is None else convert(result, new_type)
 
-    def lookup_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """Return the transform from `source_frame` to `target_frame`."""
+    def lookup_transform(self, *args: Any, **kwargs: Any) -> Any:
+        """Raise `NotImplementedException`; subclasses implement the four lookups."""
         raise NotImplementedException
 
-    def lookup_transform_full(
-        self,
-        target_frame: str,
-        target_time: Time,
-        source_frame: str,
-        source_time: Time,
-        fixed_frame: str,
-        timeout: Duration = NO_TIME,
-    ) -> Any:
-        """Return the transform between two times."""
-        raise NotImplementedException
-
-    def can_transform(self, target_frame: str, source_frame: str, time: Time, timeout: Duration = NO_TIME) -> Any:
-        """Return True if `lookup_transform` would succeed."""
-        raise NotImplementedException
-
-    def can_transform_full(
-        self,
-        target_frame: str,
-        target_time: Time,
-        source_frame: str,
-        source_time: Time,
-        fixed_frame: str,
-        timeout: Duration = NO_TIME,
-    ) -> Any:
-        """Return True if `lookup_transform_full` would succeed."""
-        raise NotImplementedException
+    lookup_transform_full = can_transform = can_transform_full = lookup_transform
 
 
 def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:
@@ -113,11 +89,9 @@ class TransformRegistration:
     _types: ClassVar[dict[Any, Callable[[Any, Any], Any]]] = {}
 
     def print_me(self) -> None:
-        """Print the table."""
         print(self._types)
 
     def add(self, key: Any, callback: Callable[[Any, Any], Any]) -> None:
-        """Register a type."""
         self._types[key] = callback
 
     def get(self, key: Any) -> Callable[[Any, Any], Any]:

@@ -1,11 +1,11 @@
-"""Broadcaster of transforms that change."""
+"""Broadcasters of transforms that change, and of static ones."""
 
 from collections.abc import Iterable
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped as TransformStamped
+from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
 
@@ -17,9 +17,28 @@ class TransformBroadcaster:
 
     def sendTransform(self, transform: Any) -> None:
         """Publish one transform, or several."""
-        self.pub_tf.publish(TFMessage(transforms=as_list(transform)))
+        self.pub_tf.publish(TFMessage(transforms=_as_list(transform)))
 
 
-def as_list(transform: Any) -> list[Any]:
+class StaticTransformBroadcaster:
+    """Publisher on ``/tf_static`` for transforms that are valid at all times; `qos` is a profile or a depth."""
+
+    def __init__(self, node: Node, qos: QoSProfile | int | None = None) -> None:
+        if qos is None:
+            qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, history=HistoryPolicy.KEEP_LAST)
+        self.pub_tf = node.create_publisher(TFMessage, "/tf_static", qos)
+        self.net_message = TFMessage()
+        self._rosidl_child_frame_ids: set[str] = set()
+
+    def sendTransform(self, transform: Any) -> None:
+        """Publish transforms, together with all earlier ones; the first one of each child frame is retained."""
+        for item in _as_list(transform):
+            if item.child_frame_id not in self._rosidl_child_frame_ids:
+                self._rosidl_child_frame_ids.add(item.child_frame_id)
+                self.net_message.transforms.append(item)
+        self.pub_tf.publish(self.net_message)
+
+
+def _as_list(transform: Any) -> list[Any]:
     """Return one transform or several as a list."""
     return list(transform) if isinstance(transform, Iterable) else [transform]

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
-from tf2_ros.buffer import Buffer as Buffer
+from tf2_ros.buffer import Buffer
 
 DEFAULT_TF_TOPIC = "/tf"
 DEFAULT_STATIC_TF_TOPIC = "/tf_static"
@@ -68,16 +68,13 @@ class TransformListener:
             self.unregister()
 
     def unregister(self) -> None:
-        """Destroy the subscriptions."""
         self.node.destroy_subscription(self.tf_sub)
         self.node.destroy_subscription(self.tf_static_sub)
 
     def callback(self, data: TFMessage) -> None:
-        """Store the transforms of a message on ``/tf``."""
         for transform in data.transforms:
             self.buffer.set_transform(transform, _AUTHORITY)
 
     def static_callback(self, data: TFMessage) -> None:
-        """Store the transforms of a message on ``/tf_static``."""
         for transform in data.transforms:
             self.buffer.set_transform_static(transform, _AUTHORITY)

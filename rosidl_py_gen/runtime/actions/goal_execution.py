@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.actions.server_goal import FINISHED, GoalResult, ServerGoal, current_task_or_thread
-from rosidl_py_gen.runtime.loop.user_callback import UserCallback
-from rosidl_py_gen.runtime.loop.user_functions import in_thread, is_async
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback, in_thread, is_async
 
 if TYPE_CHECKING:
     from collections.abc import Callable

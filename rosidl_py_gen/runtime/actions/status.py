@@ -18,7 +18,7 @@ from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES
 from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
-from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender
+from rosidl_py_gen.runtime.loop.send_queue import DeferredSender
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 if TYPE_CHECKING:

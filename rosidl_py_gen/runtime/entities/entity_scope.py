@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailures
 from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
-from rosidl_py_gen.runtime.loop.user_functions import start_task
+from rosidl_py_gen.runtime.loop.user_callback import start_task
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockType

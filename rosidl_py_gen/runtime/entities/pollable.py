@@ -12,8 +12,7 @@ from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.entity_scope import Entity
-from rosidl_py_gen.runtime.loop.user_callback import UserCallback
-from rosidl_py_gen.runtime.loop.user_functions import require_callable
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_callable
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.loop.shared_loop import SharedLoop
-from rosidl_py_gen.runtime.loop.user_functions import require_callable
+from rosidl_py_gen.runtime.loop.user_callback import require_callable
 from rosidl_py_gen.runtime.time.values import timeout_to_ns
 
 if TYPE_CHECKING:

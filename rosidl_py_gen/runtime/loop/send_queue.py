@@ -1,13 +1,10 @@
-"""Queue of samples that DDS did not accept, because a reliable reader is too slow: writes must not block.
-
-Writing is retried on the event loop until DDS accepts the sample. A full queue drops its oldest sample and counts it.
-"""
+"""Queues of samples before a writer: of those that DDS did not accept, and of those that a reply precedes."""
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
 
@@ -17,12 +14,17 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 
+T = TypeVar("T")
+
 RETRY_INTERVAL_S = 0.001
 """Interval of retries while DDS does not accept a sample."""
 
 
 class SendQueue:
-    """Queue before the writer of an endpoint. Thread: any.
+    """Queue of samples that DDS did not accept, because a reliable reader is too slow: writes must not block.
+
+    Writing is retried on the event loop until DDS accepts the sample. A full queue drops its oldest sample and counts
+    it. Thread: any.
 
     Args:
         report: logs the exception of a sample that could not be sent later.
@@ -76,3 +78,33 @@ class SendQueue:
         """Drop all waiting samples."""
         with self._lock:
             self.waiting.clear()
+
+
+class DeferredSender(Generic[T]):
+    """Passes items to `send`, which must not raise, in the loop's next iteration, or at once outside of the loop.
+
+    So a reply that is being sent goes first. Items keep their order.
+    """
+
+    def __init__(self, loop_binding: LoopBinding, send: Callable[[T], None]) -> None:
+        self._loop_binding = loop_binding
+        self._send = send
+        self._waiting: deque[T] = deque()
+        self._lock = threading.RLock()
+
+    def add(self, item: T) -> None:
+        """Add an item. Thread: any."""
+        self._waiting.append(item)
+        if self._loop_binding.in_loop_thread():
+            self._loop_binding.call_soon(self.flush)
+        else:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send all waiting items."""
+        with self._lock:
+            while self._waiting:
+                self._send(self._waiting.popleft())
+
+    close = flush
+    """Send all waiting items; the writer is older, so it is still open."""

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
-from rosidl_py_gen.runtime.loop.user_functions import start_task
+from rosidl_py_gen.runtime.loop.user_callback import start_task
 
 if sys.platform == "linux":
     from rosidl_py_gen.runtime.loop.event_loop import EventLoop as _Loop

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.base.registration import RegistrationSet
 from rosidl_py_gen.base.signatures import require_signature
-from rosidl_py_gen.runtime.loop.user_functions import is_async
+from rosidl_py_gen.runtime.loop.user_callback import is_async
 from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,

@@ -12,7 +12,7 @@ from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
 from rosidl_py_gen.runtime.entities.message_types import lazy_message_type, lazy_service_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.server import ServiceServer
-from rosidl_py_gen.runtime.loop.deferred_send import DeferredSender
+from rosidl_py_gen.runtime.loop.send_queue import DeferredSender
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_to_message,

@@ -16,7 +16,6 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions as O
 from rclpy.signals import get_current_signal_handlers_options as g
 from rclpy.signals import uninstall_signal_handlers
-from std_msgs.msg import String
 
 mode = sys.argv[1]
 rclpy.init()
@@ -110,21 +109,6 @@ if mode == "reinit":
     rclpy.shutdown()
     show(rclpy.shutdown)
     show(rclpy.try_shutdown)
-if mode == "after":
-    p = node.create_publisher(String, "x", 1)
-    rclpy.shutdown()
-    show(lambda: node.create_publisher(p.msg_type, "y", 1))
-    show(lambda: p.publish(p.msg_type()))
-    show(lambda: node.get_name())
-    show(lambda: Node("z"))
-    show(node.destroy_node)
-    show(lambda: node.get_name())
-    show(node.destroy_node)
-    show(lambda: node.create_timer(1.0, print))
-if mode == "shutdown_in_callback":
-    node.create_timer(0.1, rclpy.shutdown)
-    show(lambda: rclpy.spin(node))
-    show(node.destroy_node)
 if mode == "options":
     print(g() == O.ALL)
     uninstall_signal_handlers()

@@ -17,9 +17,8 @@ from typing import Any
 import rclpy
 import rclpy.logging
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
@@ -107,19 +106,6 @@ def order():
     print(got)
 
 
-def service_async():
-    async def serve(q, r):
-        r.message = str(q.data)
-        return r
-
-    node.create_service(SetBool, "add", serve)
-    cli = node.create_client(SetBool, "add")
-    cli.wait_for_service(10)
-    f = cli.call_async(SetBool.Request(data=True))
-    rclpy.spin_until_future_complete(node, f, timeout_sec=3)
-    print(f.result().message)
-
-
 def nested():
     def call_in_callback(group, limit):
         cli = node.create_client(SetBool, "add", callback_group=group)
@@ -139,26 +125,6 @@ def nested():
     node.create_service(SetBool, "add", lambda q, r: r, callback_group=ReentrantCallbackGroup())
     call_in_callback(MutuallyExclusiveCallbackGroup(), 5)
     call_in_callback(None, 1)  # the group of the timer
-
-
-def blocking_call():
-    group = ReentrantCallbackGroup()
-    ex = MultiThreadedExecutor(4)
-    ex.add_node(node)
-    out = []
-    node.create_service(SetBool, "add", lambda q, r: (setattr(r, "message", str(q.data)), r)[1], callback_group=group)
-    cli = node.create_client(SetBool, "add", callback_group=group)
-    cli.wait_for_service(10)
-
-    def tick():
-        timer.cancel()
-        out.append(cli.call(SetBool.Request(data=True)).message)
-
-    timer = node.create_timer(0.05, tick, group)
-    end = time.time() + 5
-    while not out and time.time() < end:
-        ex.spin_once(timeout_sec=0.1)
-    print(out)
 
 
 def futures():
@@ -245,26 +211,6 @@ def futures_in_asyncio():
     print(inner.exception())
 
 
-def async_group():
-    f = Future()
-    log = []
-
-    async def first():
-        t1.cancel()
-        log.append("in")
-        await f
-        log.append("out")
-
-    t1 = node.create_timer(0.05, first)
-    node.create_timer(0.1, lambda: log.append("tick"))
-    spin_until(lambda: "in" in log)
-    spin_until(lambda: False, limit=0.5)
-    held = list(log)
-    f.set_result(1)
-    spin_until(lambda: "out" in log and "tick" in log)
-    print(held, log[:2], "tick" in log)
-
-
 def timers():
     hits = []
     t = node.create_timer(1.0, lambda: hits.append(1))
@@ -282,48 +228,22 @@ def timers():
     show(t.is_ready)
     show(lambda: t.timer_period_ns)
     show(lambda: node.create_timer(-1.0, print))
-    show(lambda: node.create_timer("x", print))
 
 
 def topics():
-    for qos in (-1, "x", None, 1.5):
+    for qos in (None, 1.5):
         show(lambda qos=qos: node.create_publisher(String, "t", qos) and None)
-    show(lambda: node.create_publisher(String, "1bad", 1))
-    show(lambda: node.create_publisher(int, "x", 1))
     show(lambda: node.create_client(SetBool, "b ad"))
     show(lambda: node.create_subscription(String, "t", lambda a, b, c: 1, 1))
     p = node.create_publisher(String, "rel", 1)
     print(p.topic, p.topic_name)
     p = node.create_publisher(String, "~/p", 1)
     print(p.topic, p.topic_name, node.resolve_topic_name("~/x"), node.resolve_service_name("s"))
-    show(lambda: p.publish("x"))
-    got = []
-    infos = []
-
-    def two(m, info):
-        got.append(m)
-        infos.append(sorted(info))
-
-    s = node.create_subscription(String, "u", two, 10)
-    node.create_subscription(String, "u", lambda m: got.append(type(m)), 10, raw=True)
-    p = node.create_publisher(String, "u", 10)
-    connected(p, 2)
-    p.publish(String(data="a"))
-    spin_until(lambda: len(got) == 2)
-    print(sorted(map(str, got), key=len)[0], infos, s.get_publisher_count(), p.get_subscription_count())
+    s = node.create_subscription(String, "u", lambda message: None, 10)
     print(node.destroy_subscription(s), node.destroy_subscription(s))
     show(lambda: s.get_publisher_count())
     print(node.destroy_publisher(p))
-    show(lambda: p.publish(String()))
     show(p.destroy)
-    s = node.create_subscription(String, "u", two, 10)
-    s.callback = lambda m: got.append("new")
-    p = node.create_publisher(String, "u", 10)
-    connected(p)
-    p.publish(b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00")
-    spin_until(lambda: "new" in got)
-    print("new" in got)
-    print(p.wait_for_all_acked(Duration(seconds=2)))
 
 
 def groups():

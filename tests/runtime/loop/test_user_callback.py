@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime.loop.user_callback import UserCallback
-from rosidl_py_gen.runtime.loop.user_functions import start_task
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback, start_task
 
 
 class Owner:

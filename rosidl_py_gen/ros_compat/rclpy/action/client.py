@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
-import time  # noqa: F401
+import time
 import uuid
 import weakref
-from collections import deque
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from action_msgs.msg import GoalStatus
@@ -16,19 +13,18 @@ from action_msgs.srv import CancelGoal
 from unique_identifier_msgs.msg import UUID
 
 from rclpy.executors import await_or_execute
-from rclpy.impl.action_endpoints import ActionEndpoints, ActionWaitable
+from rclpy.impl.action_endpoints import ActionWaitable
+from rclpy.impl.pending_requests import PendingRequests, wait_until_done
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.task import Future
-from rclpy.type_support import check_for_type_support as check_for_type_support
-from rclpy.waitable import NumberOfEntities
-from rclpy.waitable import Waitable as Waitable
-from rosidl_py_gen import runtime
+from rclpy.type_support import check_for_type_support
+from rclpy.waitable import NumberOfEntities, Waitable
 
 if TYPE_CHECKING:
-    import concurrent.futures
     from collections.abc import Callable
 
     from rclpy.callback_groups import CallbackGroup
+    from rclpy.impl.pending_requests import ResponseFuture
     from rclpy.node import Node
     from rclpy.waitable import WaitSet
 
@@ -47,9 +43,6 @@ class ClientGoalHandle:
     def __eq__(self, other: object) -> bool:
         return bool(self._goal_id == other.goal_id) if isinstance(other, ClientGoalHandle) else NotImplemented
 
-    def __ne__(self, other: object) -> bool:
-        return not self == other
-
     def __repr__(self) -> str:
         return f"ClientGoalHandle <id={self.goal_id.uuid}, accepted={self.accepted}, status={self.status}>"
 
@@ -65,7 +58,6 @@ class ClientGoalHandle:
 
     @property
     def accepted(self) -> bool:
-        """True if the server accepted the goal."""
         return bool(self._goal_response.accepted)
 
     @property
@@ -91,62 +83,8 @@ class ClientGoalHandle:
 
 
 def _wait_for_result(future: Future[Any]) -> Any:
-    done_event = threading.Event()
-    future.add_done_callback(lambda _: done_event.set())
-    done_event.wait()
+    wait_until_done(future)
     return future.result()
-
-
-class _Requests:
-    """Requests to one of the services, by sequence_number."""
-
-    def __init__(self, client: runtime.Client[Any, Any], owner: ActionClient, endpoints: ActionEndpoints) -> None:
-        self.client = client
-        self._endpoints = endpoints
-        self.responses: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
-        self._owner = weakref.ref(owner)
-        self._sequence_numbers = itertools.count(1)
-        self._lock = threading.Lock()
-        self._pending: dict[int, tuple[Future[Any], Any]] = {}
-
-    def send(self, request: Any, subject: Any) -> Future[Any]:
-        """Send a request; `take` returns `subject` with the response."""
-        owner = self._owner()
-        assert owner is not None
-        future: Future[Any] = Future()
-        with self._endpoints:
-            response_future = self.client.send_request(request)
-        with self._lock:
-            sequence_number = next(self._sequence_numbers)
-            self._pending[sequence_number] = future, subject
-        future.add_done_callback(partial(self._remove, sequence_number))
-        owner.add_future(future)
-        response_future.add_done_callback(partial(self._on_response, sequence_number, self._endpoints.context.notify))
-        return future
-
-    def _remove(self, sequence_number: int, future: Future[Any]) -> None:
-        with self._lock:
-            pending = self._pending.pop(sequence_number, None)
-        owner = self._owner()
-        if pending is not None and owner is not None:
-            owner.remove_future(future)
-
-    def _on_response(
-        self, sequence_number: int, notify: Callable[[], None], response_future: concurrent.futures.Future[Any]
-    ) -> None:
-        lost_errors = runtime.ServerLostError, runtime.ClosedError
-        if response_future.cancelled() or isinstance(response_future.exception(), lost_errors):
-            return  # in rclpy such a future stays pending
-        self.responses.append((sequence_number, response_future))
-        notify()
-
-    def take(self) -> tuple[tuple[Future[Any], Any] | None, Any] | None:
-        """Return a response with the future and subject of its request, which are None if it was discarded."""
-        if not self.responses:
-            return None
-        sequence_number, response_future = self.responses.popleft()
-        with self._lock:
-            return self._pending.get(sequence_number), response_future
 
 
 class ActionClient(ActionWaitable):
@@ -188,7 +126,9 @@ class ActionClient(ActionWaitable):
             self._rosidl_status = endpoints.create_subscription(
                 impl.GoalStatusMessage, "status", status_sub_qos_profile
             )
-        self._rosidl_requests = {kind: _Requests(client, self, endpoints) for kind, client in clients.items()}
+        self._rosidl_requests = {
+            kind: PendingRequests(client, endpoints.context.notify) for kind, client in clients.items()
+        }
         node.add_waitable(self)
 
     def is_ready(self, wait_set: WaitSet) -> bool:
@@ -219,12 +159,13 @@ class ActionClient(ActionWaitable):
         if "status" in taken_data:
             self._rosidl_store_states(taken_data["status"].status_list)
 
-    def _rosidl_take_response(self, kind: str, pending: tuple[Future[Any], Any] | None, response_future: Any) -> None:
-        if pending is None:
+    def _rosidl_take_response(
+        self, kind: str, future: Future[Any] | None, goal_id: Any, response_future: ResponseFuture
+    ) -> None:
+        if future is None:
             text = "There may be more than one action server for the action"
             self._logger.warning(f"Ignoring unexpected {kind} response. {text} '{self._action_name}'")
             return
-        future, goal_id = pending
         error = response_future.exception()
         if error is not None:
             future.set_exception(error)
@@ -276,7 +217,14 @@ class ActionClient(ActionWaitable):
         request.goal = goal
         if feedback_callback is not None:
             self._feedback_callbacks[bytes(request.goal_id.uuid)] = feedback_callback
-        return self._rosidl_requests["goal"].send(request, request.goal_id)
+        return self._rosidl_send("goal", request, request.goal_id)
+
+    def _rosidl_send(self, kind: str, request: Any, goal_id: Any) -> Future[Any]:
+        with self._rosidl_endpoints:
+            future = self._rosidl_requests[kind].send(request, goal_id)
+        self.add_future(future)
+        future.add_done_callback(self.remove_future)
+        return future
 
     @staticmethod
     def _rosidl_require(value: Any, expected: type) -> None:
@@ -287,12 +235,12 @@ class ActionClient(ActionWaitable):
         self._rosidl_require(goal_handle, ClientGoalHandle)
         request = CancelGoal.Request()
         request.goal_info.goal_id = goal_handle.goal_id
-        return self._rosidl_requests["cancel"].send(request, goal_handle.goal_id)
+        return self._rosidl_send("cancel", request, goal_handle.goal_id)
 
     def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future[Any]:
         self._rosidl_require(goal_handle, ClientGoalHandle)
         request = self._action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
-        return self._rosidl_requests["result"].send(request, goal_handle.goal_id)
+        return self._rosidl_send("result", request, goal_handle.goal_id)
 
     def server_is_ready(self) -> bool:
         """Return True if all endpoints of a server are connected; raise RCLError after a shutdown."""

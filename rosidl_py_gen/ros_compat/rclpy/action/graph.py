@@ -1,8 +1,8 @@
 """Names and types of actions, found by their feedback topics."""
 
-from typing import List, Tuple  # noqa: F401, UP035
+from typing import List, Tuple
 
-from rclpy.node import Node as Node
+from rclpy.node import Node
 from rclpy.node_graph import NamesAndTypes as _NamesAndTypes
 
 _TOPIC_SUFFIX = "/_action/feedback"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import functools  # noqa: F401
-import threading  # noqa: F401
+import functools
+import threading
 import traceback
 from collections.abc import Callable
 from enum import Enum
@@ -14,17 +14,14 @@ from typing import TYPE_CHECKING, Any
 from action_msgs.msg import GoalInfo, GoalStatus
 
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.action.server_goal import GoalEvent as GoalEvent
-from rclpy.action.server_goal import ServerGoalHandle as ServerGoalHandle
 from rclpy.clock import Clock
 from rclpy.executors import await_or_execute
 from rclpy.impl.action_endpoints import ActionWaitable
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.task import Future
 from rclpy.time import Time
-from rclpy.type_support import check_for_type_support as check_for_type_support
-from rclpy.waitable import NumberOfEntities
-from rclpy.waitable import Waitable as Waitable
+from rclpy.type_support import check_for_type_support
+from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import EncodeError, runtime
 
 if TYPE_CHECKING:
@@ -32,6 +29,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.waitable import WaitSet
 
+GoalEvent = runtime.GoalEvent
 _CANCELABLE = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 # Return codes of action_msgs/CancelGoal.
 _UNKNOWN_GOAL_ID = 2
@@ -50,6 +48,90 @@ class CancelResponse(Enum):
 
     REJECT = 1
     ACCEPT = 2
+
+
+class ServerGoalHandle:
+    """Accepted goal. `succeed`, `abort` and `canceled` end it; its result is what the execute callback returns."""
+
+    def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
+        self._action_server = action_server
+        self._goal_info = goal_info
+        self._goal_request = goal_request
+        self._rosidl_status: runtime.GoalStatus = runtime.GoalStatus.ACCEPTED
+        self._rosidl_is_destroyed = False
+        self._lock = threading.RLock()
+
+    def __eq__(self, other: object) -> bool:
+        return bool(self.goal_id == other.goal_id) if isinstance(other, ServerGoalHandle) else NotImplemented
+
+    @property
+    def request(self) -> Any:
+        """Goal that the client sent."""
+        return self._goal_request
+
+    @property
+    def goal_id(self) -> Any:
+        return self._goal_info.goal_id
+
+    @property
+    def is_active(self) -> bool:
+        """True if the goal has not ended."""
+        with self._lock:
+            return not self._rosidl_is_destroyed and self._rosidl_status.is_active
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """True if the goal is to be canceled; then the execute callback calls `canceled`."""
+        return self.status == runtime.GoalStatus.CANCELING
+
+    @property
+    def status(self) -> int:
+        """Number of action_msgs/GoalStatus; STATUS_UNKNOWN after `destroy`."""
+        with self._lock:
+            return int(runtime.GoalStatus.UNKNOWN if self._rosidl_is_destroyed else self._rosidl_status)
+
+    def _update_state(self, event: runtime.GoalEvent) -> None:
+        with self._lock:
+            if self._rosidl_is_destroyed:
+                return
+            try:
+                self._rosidl_status = runtime.next_goal_status(self._rosidl_status, event)
+            except runtime.GoalTransitionError as error:
+                raise RCLError(f"Failed to update goal state: {error}") from error
+            has_ended = not self._rosidl_status.is_active
+        self._action_server._rosidl_publish_status()
+        if has_ended:
+            self._action_server.notify_goal_done()
+
+    def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
+        """Schedule the execution, by this callback or that of the server."""
+        if not self.is_cancel_requested:
+            self._update_state(GoalEvent.EXECUTE)
+        self._action_server.notify_execute(self, execute_callback)
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Publish feedback; raise TypeError for another class."""
+        expected = self._action_server.action_type.Feedback
+        if not isinstance(feedback, expected):
+            raise TypeError(f"Expected type {expected.__name__} but received {type(feedback)}")
+        if not self._rosidl_is_destroyed:
+            self._action_server._rosidl_publish_feedback(self.goal_id, feedback)
+
+    def succeed(self) -> None:
+        """End the goal as succeeded; raise RCLError if that is not possible, as the next two methods."""
+        self._update_state(GoalEvent.SUCCEED)
+
+    def abort(self) -> None:
+        self._update_state(GoalEvent.ABORT)
+
+    def canceled(self) -> None:
+        """End the goal as canceled, after a client requested that."""
+        self._update_state(GoalEvent.CANCELED)
+
+    def destroy(self) -> None:
+        """Invalidate the goal."""
+        with self._lock:
+            self._rosidl_is_destroyed = True
 
 
 def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
@@ -135,7 +217,7 @@ class ActionServer(ActionWaitable):
             if not isinstance(decision, GoalResponse):
                 self._logger.warning("Goal request callback did not return a GoalResponse type. Rejecting goal.")
         if accepted:
-            info.stamp = self._rosidl_clock().now().to_msg()
+            info.stamp = self._node.get_clock().now().to_msg()
             self._goal_handles[key] = ServerGoalHandle(self, info, request.message.goal)
             self._result_futures[key] = Future()
             self.add_future(self._result_futures[key])
@@ -144,9 +226,6 @@ class ActionServer(ActionWaitable):
             return
         self._rosidl_publish_status()
         await await_or_execute(self._handle_accepted_callback, self._goal_handles[key])
-
-    def _rosidl_clock(self) -> Clock:
-        return self._node.get_clock()
 
     def _rosidl_respond(self, request: Any, response: Any, kind: str) -> bool:
         try:
@@ -246,7 +325,7 @@ class ActionServer(ActionWaitable):
         """Return the goals whose results have been retained long enough."""
         if self._rosidl_result_timeout_ns < 0:
             return []
-        last_ns = self._rosidl_clock().now().nanoseconds - self._rosidl_result_timeout_ns
+        last_ns = self._node.get_clock().now().nanoseconds - self._rosidl_result_timeout_ns
         return [key for key, end_ns in list(self._rosidl_end_times_ns.items()) if end_ns <= last_ns]
 
     def _rosidl_remove_goal(self, key: bytes) -> None:
@@ -258,7 +337,7 @@ class ActionServer(ActionWaitable):
 
     def notify_goal_done(self) -> None:
         """Start the result timeout of goals that have ended."""
-        now_ns = self._rosidl_clock().now().nanoseconds
+        now_ns = self._node.get_clock().now().nanoseconds
         for key, goal in list(self._goal_handles.items()):
             if not goal.is_active:
                 self._rosidl_end_times_ns.setdefault(key, now_ns)

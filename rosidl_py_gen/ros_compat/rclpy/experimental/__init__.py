@@ -1,3 +1,3 @@
 """Experimental parts of rclpy."""
 
-from rclpy.experimental.events_executor import EventsExecutor as EventsExecutor
+from rclpy.experimental.events_executor import EventsExecutor

@@ -1,7 +1,7 @@
 """Name of the events executor; here all executors react to events, and one thread runs the callbacks."""
 
-import faulthandler  # noqa: F401
-import typing  # noqa: F401
+import faulthandler
+import typing
 
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor

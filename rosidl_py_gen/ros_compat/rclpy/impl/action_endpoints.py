@@ -55,7 +55,7 @@ class ActionEndpoints(Destroyable):
     ) -> Any:
         """Create an endpoint that queues what it receives, and wakes up executors."""
         endpoint = self._create(create, type_, name, None, qos)
-        endpoint.on_ready(self.context.notify_arrival)
+        endpoint.on_ready(self.context.notify)
         return endpoint
 
     @contextlib.contextmanager

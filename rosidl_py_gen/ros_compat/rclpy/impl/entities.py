@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
     from rclpy.clock import Clock
     from rclpy.event_handler import EventHandler
     from rclpy.handles import Handle
@@ -40,7 +41,14 @@ class Entity(Generic[E]):
 class TopicEntity(Entity[E]):
     """Publisher or subscription."""
 
-    event_handlers: list[EventHandler]
+    def __init__(
+        self, handle: Handle[E], msg_type: type[Any], topic: str, qos: QoSProfile, event_handlers: list[EventHandler]
+    ) -> None:
+        super().__init__(handle)
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos
+        self.event_handlers = event_handlers
 
     @property
     def topic_name(self) -> str:
@@ -56,6 +64,15 @@ class TopicEntity(Entity[E]):
 
 class ServiceEntity(Entity[E]):
     """Client or server of a service."""
+
+    def __init__(self, handle: Handle[E], srv_type: Any, srv_name: str, qos: QoSProfile, group: CallbackGroup) -> None:
+        super().__init__(handle)
+        self._rosidl_is_ready = handle.is_ready
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.qos_profile = qos
+        self.callback_group = group
+        self._executor_event = False
 
     @property
     def service_name(self) -> str:

@@ -3,5 +3,3 @@
 import rclpy._rclpy_pybind11 as rclpy_implementation
 
 package = "rclpy"
-
-__all__ = ["package", "rclpy_implementation"]

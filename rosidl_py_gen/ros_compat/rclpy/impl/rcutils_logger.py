@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import inspect  # noqa: F401
+import inspect
 import os
 import sys
-from collections import OrderedDict, namedtuple  # noqa: F401
+from collections import OrderedDict, namedtuple
 from types import FrameType
 from typing import Any, ClassVar, NamedTuple
 
@@ -73,14 +73,9 @@ class Once(LoggingFilter):
 
     params: ClassVar[dict[str, Any]] = {"once": None}
 
-    @classmethod
-    def initialize_context(cls, context: dict[str, Any], **kwargs: Any) -> None:
-        super().initialize_context(context, **kwargs)
-        context["has_been_logged_once"] = False
-
     @staticmethod
     def should_log(context: dict[str, Any]) -> bool:
-        passes = not context["has_been_logged_once"]
+        passes = "has_been_logged_once" not in context
         context["has_been_logged_once"] = True
         return passes
 
@@ -112,14 +107,9 @@ class SkipFirst(LoggingFilter):
 
     params: ClassVar[dict[str, Any]] = {"skip_first": None}
 
-    @classmethod
-    def initialize_context(cls, context: dict[str, Any], **kwargs: Any) -> None:
-        super().initialize_context(context, **kwargs)
-        context["first_has_been_skipped"] = False
-
     @staticmethod
     def should_log(context: dict[str, Any]) -> bool:
-        passes: bool = context["first_has_been_skipped"]
+        passes = "first_has_been_skipped" in context
         context["first_has_been_skipped"] = True
         return passes
 
@@ -219,15 +209,12 @@ class RcutilsLogger:
         return all(supported_filters[filter_].should_log(context) for filter_ in filters)
 
     def debug(self, message: str, **kwargs: Any) -> bool:
-        """Log at DEBUG."""
         return self.log(message, LoggingSeverity.DEBUG, **kwargs)
 
     def info(self, message: str, **kwargs: Any) -> bool:
-        """Log at INFO."""
         return self.log(message, LoggingSeverity.INFO, **kwargs)
 
     def warning(self, message: str, **kwargs: Any) -> bool:
-        """Log at WARN."""
         return self.log(message, LoggingSeverity.WARN, **kwargs)
 
     def warn(self, message: str, **kwargs: Any) -> bool:
@@ -235,9 +222,7 @@ class RcutilsLogger:
         return self.warning(message, **kwargs)
 
     def error(self, message: str, **kwargs: Any) -> bool:
-        """Log at ERROR."""
         return self.log(message, LoggingSeverity.ERROR, **kwargs)
 
     def fatal(self, message: str, **kwargs: Any) -> bool:
-        """Log at FATAL."""
         return self.log(message, LoggingSeverity.FATAL, **kwargs)

@@ -55,7 +55,6 @@ class SimpleManagedEntity(ManagedEntity):
 
     @property
     def is_activated(self) -> bool:
-        """True if the entity is active."""
         return self._enabled
 
     @staticmethod

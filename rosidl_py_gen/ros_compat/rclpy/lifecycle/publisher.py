@@ -1,10 +1,9 @@
 """Publishers of lifecycle nodes."""
 
-from typing import Any, Union  # noqa: F401
+from typing import Any, Union
 
 from rclpy.lifecycle.managed_entity import SimpleManagedEntity
-from rclpy.publisher import MsgType as MsgType
-from rclpy.publisher import Publisher
+from rclpy.publisher import MsgType, Publisher
 
 
 class LifecyclePublisher(SimpleManagedEntity, Publisher):
