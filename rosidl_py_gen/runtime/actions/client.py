@@ -227,8 +227,6 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         self._result = ResultRequester(parts, action_type.get_result, names.get_result, lost_after_ns)
         scope.register(self)
 
-    # ------------------------------------------------------------------------------------------------ availability
-
     def server_is_available(self) -> bool:
         """Return True if all three services and both topics of a server are matched.
 
@@ -272,8 +270,6 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         )
 
     wait_for_server_sync = blocking(wait_for_server)
-
-    # ------------------------------------------------------------------------------------------------------- goals
 
     async def send_goal(
         self: ActionClient[Action[GoalT, Any, Any]],
@@ -338,8 +334,6 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         except ServerLostError as error:
             raise ActionServerLostError(f"action {self.name}: no reply to the goal: {error}") from error
 
-    # ------------------------------------------------------------------------------------------------------ result
-
     def _request_result(self, goal: ClientGoal[ActionT_co]) -> None:
         request = self._type.cls.GetResult.Request()
         set_goal_id(request, goal.goal_id)
@@ -365,8 +359,6 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             goal._on_result(status, self._type.result.to_value(response.result))
         except Exception as error:
             goal._on_error(error)
-
-    # ------------------------------------------------------------------------------------------------------ cancel
 
     async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
         """Request to cancel one goal, which may be another client's; see `ClientGoal.cancel`.
@@ -440,8 +432,6 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             error_class, text = _CANCEL_ERRORS.get(code, (CancelError, f"replied with the unknown code {code} for"))
             raise error_class(f"action server {self.name} {text} {subject}")
         return [goal_id_of(info) for info in response.goals_canceling]
-
-    # ------------------------------------------------------------------------------------------------------ topics
 
     def _on_feedback(self, message: Any) -> None:
         goal = self._goals.get(goal_id_of(message))

@@ -47,7 +47,7 @@ def request_decision(
 class GoalRequest(Generic[ActionT_co]):
     """Goal that waits for `accept`, `defer` or `reject`, from iterating over an action server. Thread: any.
 
-    A request that the program drops without a decision is rejected with a warning.
+    If the program drops it without a decision, it is rejected with a warning.
     """
 
     def __init__(

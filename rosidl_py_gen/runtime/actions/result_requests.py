@@ -106,11 +106,7 @@ class ResultRequester:
     """Pending results of one action client. Thread: loop."""
 
     def __init__(
-        self,
-        scope: EntityScope,
-        service_type: ServiceType[Any, Any],
-        name: str,
-        lost_after_ns: int | None,
+        self, scope: EntityScope, service_type: ServiceType[Any, Any], name: str, lost_after_ns: int | None
     ) -> None:
         self._scope = scope
         self._lost_after_s = math.inf if lost_after_ns is None else lost_after_ns / NS_PER_S
@@ -120,11 +116,6 @@ class ResultRequester:
         self.client: Client[Any, Any] = Client(
             scope, service_type, name, SERVICES_DEFAULT, batch_interval_s=_BATCH_INTERVAL_S
         )
-
-    @property
-    def pending_count(self) -> int:
-        """Number of pending results."""
-        return len(self._pending)
 
     def request(
         self,

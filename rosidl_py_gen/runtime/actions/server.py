@@ -84,8 +84,6 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
         if self._runner is not None:
             self._runner.run(goal)
 
-    # ------------------------------------------------------------------------------------------------ iteration
-
     def __aiter__(self) -> AsyncQueue[GoalRequest[ActionT_co]]:
         if self._runner is not None:
             raise TypeError(f"action {self.name} has execute=; its goals cannot be iterated over")
@@ -109,8 +107,6 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
     def feedback_dropped(self) -> int:
         """Number of feedback messages that were not sent, because a client received them too slowly."""
         return self._goals.feedback.dropped
-
-    # -------------------------------------------------------------------------------------------------- send_goal
 
     def _on_send_goal(self, request: Any) -> Any:
         """Return the response, or a coroutine if the decision is not made yet."""
@@ -149,8 +145,6 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
             set_stamp(response.stamp, info.stamp_ns)
         return response
 
-    # ------------------------------------------------------------------------------------------------------ cancel
-
     async def _on_cancel_goal(self, request: CancelGoal_Request) -> CancelGoal_Response:
         self._goals.expire()
         selection = self._goals.table.select_for_cancel(
@@ -185,8 +179,6 @@ class ActionServer(ActionEntity, Generic[ActionT_co]):
                 self._cancel_callback, goal, reply, lambda decision: decision is not GoalDecision.REJECT, False
             )
         return await reply
-
-    # ------------------------------------------------------------------------------------------------------ result
 
     def _on_get_result(self, request: Any) -> bytes | Coroutine[Any, Any, bytes]:
         self._goals.expire()

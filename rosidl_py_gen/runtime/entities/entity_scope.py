@@ -170,10 +170,7 @@ class EntityScope:
         """Create a clock that runs on the time functions of the transport."""
         functions = self.clocks
         return Clock(
-            clock_type,
-            system_ns=functions.system_ns,
-            steady_ns=functions.steady_ns,
-            on_failure=self.report_failure,
+            clock_type, system_ns=functions.system_ns, steady_ns=functions.steady_ns, on_failure=self.report_failure
         )
 
     def register(self, entity: Closeable, *, reader: bytes = b"", writer: bytes = b"") -> None:

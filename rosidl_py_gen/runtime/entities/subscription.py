@@ -249,11 +249,8 @@ class Subscription(PollableEntity, Generic[T]):
     def latest(self) -> T | None:
         """Return the newest message without waiting, or None before the first one; older ones are skipped.
 
-        If `receive` or an iteration has returned the newest message, the same object is returned again.
-
-        Raises:
-            CallbackInUseError: the subscription has a callback.
-            ClosedError: the subscription or its node is closed.
+        If `receive` or an iteration has returned the newest message, the same object is returned again. Raises as
+        `take`.
         """
         self._require_takeable()
         self._reader.fetch()

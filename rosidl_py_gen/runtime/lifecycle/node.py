@@ -19,7 +19,6 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.message_types import DictMessage
     from rosidl_py_gen.runtime.graph.endpoint_events import PublisherEventCallbacks
-    from rosidl_py_gen.runtime.node.node_base import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -39,8 +38,7 @@ class LifecycleNode(Node):
 
     _machine: LifecycleMachine
 
-    def _open(self, options: NodeOptions) -> None:
-        super()._open(options)
+    def _finish_open(self) -> None:
         self._machine = LifecycleMachine(self._scope, self._names, self, self.clock)
 
     def _may_declare_more(self) -> bool:

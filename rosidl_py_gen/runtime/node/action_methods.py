@@ -151,11 +151,7 @@ class ActionMethods(NodeBase):
             arrays: decode sequences of fixed-size messages in results and feedback as structured arrays.
             type_hash_check: like that of `Node`, for the services and topics of this action.
 
-        Raises:
-            InvalidNameError: the action name is invalid.
-            TypeNotFoundError: `action` names no known type.
-            TypeError, ActionArgumentError: an argument is invalid.
-            ClosedError: the node is closed.
+        Raises as `create_action_server`.
         """
         from rosidl_py_gen.runtime.actions.client import ActionClient
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type

@@ -251,10 +251,7 @@ class MessageMethods(NodeBase):
 
         Raises:
             WaitTimeoutError: no message arrived within `timeout_s`; attribute `reason` contains the reason.
-            InvalidNameError: the topic name is invalid.
-            InvalidQoSError: the profile is invalid.
-            TypeNotFoundError: `msg_type` names no known type.
-            ClosedError: the node is closed, also while waiting.
+            ClosedError: the node is closed, also while waiting. Others as `create_subscription`.
         """
         subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
             self, topic, msg_type, qos=qos, depth=1, raw=raw, arrays=arrays

@@ -54,11 +54,7 @@ class EnvironmentSettingError(RosidlError, ValueError):
 
 
 def read_environment(
-    environ: Mapping[str, str],
-    *,
-    domain_id: int | None = None,
-    discovery: str | None = None,
-    distro: str | None = None,
+    environ: Mapping[str, str], *, domain_id: int | None = None, discovery: str | None = None, distro: str | None = None
 ) -> DomainSettings:
     """Combine variables and arguments; an argument that is not None overrides its variables.
 

@@ -31,7 +31,6 @@ from rosidl_py_gen.runtime.node.adaptive_subscription import MessageMethods
 from rosidl_py_gen.runtime.node.arguments import parse_node_arguments
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph_methods import GraphMethods
-from rosidl_py_gen.runtime.node.node_base import NodeOptions
 from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
 from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
 from rosidl_py_gen.runtime.node.sim_time import TimeMethods
@@ -124,18 +123,6 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         normalize_namespace(namespace)
         mode = checked_mode(type_hash_check)
         own_arguments = parse_node_arguments(cli_args)
-        options = NodeOptions(
-            arguments=own_arguments,
-            use_global_arguments=use_global_arguments,
-            enable_rosout=enable_rosout,
-            parameter_overrides=parameter_overrides,
-            allow_undeclared_parameters=allow_undeclared_parameters,
-            automatically_declare_parameters_from_overrides=automatically_declare_parameters_from_overrides,
-            start_services=start_services,
-            parameter_events=parameter_events,
-            logger_services=logger_services,
-            time_source=time_source,
-        )
         self.context = Context.default() if context is None else context
         core = self.context._core
         try:
@@ -154,17 +141,27 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         for sentence in own_arguments.warnings:
             self.logger.warning(sentence)
         try:
-            self._open(options)
+            core.loop_binding.adopt_running_loop()
+            if enable_rosout and core.ros_arguments.logs.rosout:
+                _start_rosout(self._scope)
+            self._open_parameters(
+                own_arguments.parameters,
+                parameter_overrides or {},
+                use_global_arguments=use_global_arguments,
+                allow_undeclared=allow_undeclared_parameters,
+                declares_overrides=automatically_declare_parameters_from_overrides,
+                start_services=start_services,
+                parameter_events=parameter_events,
+                logger_services=logger_services,
+                time_source=time_source,
+            )
+            self._finish_open()
         except BaseException:
             self.close()
             raise
 
-    def _open(self, options: NodeOptions) -> None:
-        """Start rosout, parameters and services; subclasses add to it. The node is closed when this fails."""
-        self.context._core.loop_binding.adopt_running_loop()
-        if options.enable_rosout and self.context._core.ros_arguments.logs.rosout:
-            _start_rosout(self._scope)
-        self._open_parameters(options)
+    def _finish_open(self) -> None:
+        """Start what a subclass adds; the node is closed when this fails."""
 
     @property
     def name(self) -> str:
@@ -307,11 +304,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             concurrency: maximum number of concurrent calls of an async callback; they start in order.
 
         Raises:
-            InvalidNameError: the topic name is invalid.
-            InvalidQoSError: the profile is invalid.
-            TypeNotFoundError: `msg_type` names no known type.
-            UnsupportedEventError: the transport does not report a requested event.
-            ClosedError: the node is closed.
+            TypeError, ValueError: an argument is invalid. Others as `create_publisher`.
         """
         self._require_open()
         if arrays and raw:

@@ -38,10 +38,10 @@ from rosidl_py_gen.runtime.parameters.values import (
 from rosidl_py_gen.runtime.type_resolution.description_service import start_type_descriptions
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from rosidl_py_gen.runtime.node.node_base import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
+    from rosidl_py_gen.runtime.parameters.initial_values import ParameterOverrides
     from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService, ParameterServices
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
 
@@ -65,16 +65,28 @@ class ParameterMethods(NodeBase):
     _changes: list[AsyncQueue[ParameterChange]]
     _event_callbacks: RegistrationSet[Callable[[ParameterEvent], object]]
 
-    def _open_parameters(self, options: NodeOptions) -> None:
-        """Start the parameters and all that depends on them, in the order of rclpy."""
-        own_overrides = {item.name: item.value for item in as_parameters(options.parameter_overrides or {})}
-        arguments = options.arguments.parameters
-        if options.use_global_arguments:
+    def _open_parameters(
+        self,
+        own_arguments: tuple[ParameterOverrides, ...],
+        parameter_overrides: Mapping[str, object],
+        *,
+        use_global_arguments: bool,
+        allow_undeclared: bool,
+        declares_overrides: bool,
+        start_services: bool,
+        parameter_events: bool,
+        logger_services: bool,
+        time_source: bool,
+    ) -> None:
+        """Start the parameters and all that depends on them, in the order of rclpy; arguments as for `Node`."""
+        own_overrides = {item.name: item.value for item in as_parameters(parameter_overrides)}
+        arguments = own_arguments
+        if use_global_arguments:
             arguments = self.context._core.ros_arguments.parameters + arguments
         self._changes = changes = list[AsyncQueue[ParameterChange]]()
         self._event_callbacks = callbacks = RegistrationSet[Callable[[ParameterEvent], object]]()
         events: ParameterEventPublisher | None = None
-        if options.parameter_events:
+        if parameter_events:
             from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
 
             events = ParameterEventPublisher(self._scope, self._names, self.clock)
@@ -96,20 +108,20 @@ class ParameterMethods(NodeBase):
 
         self._store = ParameterStore(
             overrides_for(arguments, self._names.fully_qualified_name) | own_overrides,
-            allow_undeclared=options.allow_undeclared_parameters,
+            allow_undeclared=allow_undeclared,
             on_event=on_event,
             on_failure=self._scope.report_failure,
         )
         self._store.sources.update(sources_for(arguments, self._names.fully_qualified_name))
         for name in own_overrides:
             self._store.sources.pop(name, None)
-        if options.time_source:
+        if time_source:
             TimeSource(self._scope, self._names, self._store, self.clock)
-        if options.automatically_declare_parameters_from_overrides:
+        if declares_overrides:
             self._store.declare_overrides()
-        if options.start_services:
+        if start_services:
             self._parameter_services().serve(self._names)
-        if options.logger_services:
+        if logger_services:
             from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
             start_logger_services(self._scope, self._names)
@@ -118,9 +130,9 @@ class ParameterMethods(NodeBase):
             self._scope,
             self._store,
             own_overrides,
-            options.arguments.parameters,
+            own_arguments,
             self._may_declare_more,
-            takes_global=options.use_global_arguments,
+            takes_global=use_global_arguments,
         )
 
     def _may_declare_more(self) -> bool:
@@ -289,8 +301,7 @@ class ParameterMethods(NodeBase):
         Raises:
             ParameterNotDeclaredError: the parameter is not declared.
             InvalidParameterValueError: the value is refused; the text contains the reason.
-            CallbackAnswerError: a callback returned an invalid result.
-            ClosedError: the node is closed.
+            Exception: as `set_parameters`.
         """
         result = self.set_parameters_atomically({name: value}, require_declared=True)
         if not result.successful:

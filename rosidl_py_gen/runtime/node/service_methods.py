@@ -56,11 +56,7 @@ class ServiceMethods(NodeBase):
             arrays: decode sequences of fixed-size messages as structured arrays; not with a type name.
             type_hash_check: like that of `Node`.
 
-        Raises:
-            InvalidNameError: the service name is invalid.
-            InvalidQoSError: the profile is invalid.
-            TypeNotFoundError: `srv_type` names no known type.
-            ClosedError: the node is closed.
+        Raises as `create_publisher`.
         """
         self._require_open()
         server: ServiceServer[Any, Any] = ServiceServer(

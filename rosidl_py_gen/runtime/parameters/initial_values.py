@@ -156,8 +156,6 @@ class InitialValues:
         if self._all_names:
             self._warn_unmatched_nodes()
 
-    # ------------------------------------------------------------------------------------------------------ conditions
-
     def on_listed(self, store: ParameterStore) -> None:
         """Report unused values after a peer has requested the list of a node's parameters."""
         for source in list(self._sources):
@@ -182,8 +180,6 @@ class InitialValues:
             for name in node.store.used_overrides & source.unused.keys():
                 del source.unused[name]
         return nodes
-
-    # -------------------------------------------------------------------------------------------------------- warnings
 
     def _warn_unused(self, source: _OverrideSource, nodes: list[_OpenNode]) -> None:
         node_names = ", ".join(node.scope.node_name for node in nodes)

@@ -408,7 +408,7 @@ class ParameterStore:
                 (changed if had_value else new).append(parameter)
                 described = self._descriptors.get(name)
                 if described is None or described.dynamic_typing:
-                    self._retype(name, value)
+                    self._descriptors[name] = replace(self._descriptor(name), type=value.type)
                 values[name] = value
                 continue
             if had_value:
@@ -421,12 +421,6 @@ class ParameterStore:
                 self._descriptors.pop(name, None)
         self._values = values
         return ParameterEvent(tuple(new), tuple(changed), tuple(deleted))
-
-    def _retype(self, name: str, value: ParameterValue) -> None:
-        """Adapt the descriptor of a dynamically typed or undeclared parameter to its value."""
-        described = self._descriptor(name)
-        if described.dynamic_typing:
-            self._descriptors[name] = replace(described, type=value.type)
 
     def forget(self, name: str) -> None:
         """Remove a parameter without checks and without an event."""

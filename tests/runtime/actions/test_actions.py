@@ -654,7 +654,7 @@ async def test_a_server_that_goes_away_is_noticed(world: World) -> None:
     with pytest.raises(ActionServerLostError):
         async for _ in handle.feedback():
             pass
-    assert client._goals == {} and client._result.pending_count == 0
+    assert client._goals == {} and not client._result._pending
 
 
 @pytest.mark.every_transport

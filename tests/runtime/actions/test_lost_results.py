@@ -51,7 +51,7 @@ async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
     for handle in handles:
         assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED
     assert len(lost) == 3
-    assert client._result.pending_count == client._result.client.in_flight_count == 0
+    assert not client._result._pending and client._result.client.in_flight_count == 0
 
 
 async def test_it_is_asked_for_until_it_comes(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,7 +117,7 @@ async def test_a_server_that_always_denies_an_ended_goal_ends_it(
     handle = await client.send_goal(goal(0), timeout_s=5)
     with pytest.raises(UnknownGoalError, match="does not know goal"):
         await handle.result(timeout_s=10)
-    assert client._result.pending_count == client._result.client.in_flight_count == 0
+    assert not client._result._pending and client._result.client.in_flight_count == 0
 
 
 async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_again(
@@ -154,7 +154,7 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
         with pytest.raises(UnknownGoalError, match="does not know goal"):
             await wait(timeout_s=5)
     assert 2.0 <= now_s() - times_s[0] < 3.0 and len(times_s) == 8
-    assert client._result.pending_count == client._result.client.in_flight_count == 0
+    assert not client._result._pending and client._result.client.in_flight_count == 0
 
 
 # --------------------------------------------------------------------------------------------------- started again
