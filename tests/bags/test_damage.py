@@ -7,23 +7,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 from support.bag_damage import COUNT, String, blocks, chunks, found, kills, mutations, recording, zeroed_chunk
+from support.bag_samples import STRING, require_error, write_foreign
 
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
-
-
-def started(stream: Any, topic: str, **options: Any) -> tuple[Any, int]:
-    """A writer of the package `mcap`, and the number of its channel."""
-    writer = Writer(stream, **options)
-    writer.start("ros2", "x")
-    schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
-    return writer, writer.register_channel(topic, "cdr", schema)
 
 
 def test_mutated_files_give_intact_messages_or_an_error_and_more_of_them_with_skip_damaged(tmp_path: Path) -> None:
@@ -60,8 +52,7 @@ def test_a_damaged_chunk_is_an_error_with_its_place_or_is_skipped_and_reported(
     path = tmp_path / "a.mcap"
     begin, end = zeroed_chunk(path, 2, has_index=has_index, compression=compression)
     place = f"{end - begin} bytes at byte {begin}, log times from 80 to 119 ns, topics /t0, /t1"
-    with pytest.raises(BagError, match=place), BagReader(path) as strict:
-        list(strict)
+    require_error(path, place)
     with pytest.warns(BagWarning, match=place), BagReader(path, skip_damaged=True) as reader:
         for _ in range(2):  # reported once
             assert [one.log_time for one in reader] == [*range(80), *range(120, COUNT)]
@@ -89,7 +80,10 @@ def test_zeros_in_the_last_chunk_are_the_end_of_a_file_without_index(tmp_path: P
 def test_a_message_outside_of_chunks_that_may_end_with_lost_blocks_is_dropped(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as stream:
-        writer, channel = started(stream, "/t0", use_chunking=False, index_types=IndexType.NONE)
+        writer = Writer(stream, use_chunking=False, index_types=IndexType.NONE)
+        writer.start("ros2", "x")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/t0", "cdr", schema)
         ends = []
         for number in range(3):
             writer.add_message(channel, number, b"\0\1\0\0\x05\0\0\0abcd\0", number)
@@ -121,11 +115,7 @@ def test_after_a_hole_in_the_records_the_next_chunk_is_found_but_not_one_in_a_me
 def test_a_chunk_that_is_too_large_is_not_taken_for_damaged(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     recording(path, COUNT)
-    with (
-        pytest.raises(BagError, match="max_decompressed_bytes"),
-        BagReader(path, skip_damaged=True, max_decompressed_bytes=9) as one,
-    ):
-        list(one)
+    require_error(path, "max_decompressed_bytes", skip_damaged=True, max_decompressed_bytes=9)
 
 
 # ------------------------------------------------------------------------------------------------------------ commands
@@ -153,12 +143,8 @@ def test_reindex_writes_what_is_intact_and_keeps_what_was(tmp_path: Path) -> Non
 def test_chunks_that_overlap_are_read_in_linear_time(tmp_path: Path) -> None:
     """Every chunk ends after all others: with a list that is sorted for each, 12 000 took 20 s."""
     path, count = tmp_path / "a.mcap", 12_000
-    with path.open("wb") as stream:
-        writer, channel = started(stream, "/t0", chunk_size=70, compression=CompressionType.NONE)
-        for number in range(count):
-            for log_time in (number, 10**9 - number):
-                writer.add_message(channel, log_time, bytes(8), 0)
-        writer.finish()
+    samples = ((log_time, bytes(8)) for number in range(count) for log_time in (number, 10**9 - number))
+    write_foreign(path, ("/t0", *STRING, samples), chunk_size=70, compression=CompressionType.NONE)
     assert len(chunks(path.read_bytes())) > count
     began = time.process_time()
     with BagReader(path) as reader:
@@ -169,12 +155,7 @@ def test_chunks_that_overlap_are_read_in_linear_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("times", [[1 << 63], [5, (1 << 64) - 1]])
 def test_log_times_that_arrays_have_no_room_for_are_an_error(tmp_path: Path, times: list[int]) -> None:
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as stream:
-        writer, channel = started(stream, "/s")
-        for one in times:
-            writer.add_message(channel, one, String(data="x").encode(), one)
-        writer.finish()
+    path = write_foreign(tmp_path / "a.mcap", ("/s", *STRING, [(one, String(data="x").encode()) for one in times]))
     with BagReader(path) as reader, pytest.raises(BagError, match=f"/s at {times[-1]} ns: arrays have log times up to"):
         reader.to_arrays("/s")
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from mcap.writer import Writer
+from support.bag_samples import write_foreign, write_humble
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWarning, BagWriter, SqliteWriter
@@ -22,15 +22,6 @@ from rosidl_py_gen.errors import RosidlError
 String: Any = get_message("std_msgs/msg/String")
 NAME = "old_msgs/msg/Reading"
 THEN, NOW, LATER = "float32 value\nfloat32 weight\n", "float32 value\n", "float32 value\nfloat32 weight\nstring unit\n"
-HUMBLE = """
-create table schema(schema_version integer primary key, ros_distro text not null);
-insert into schema values (3, 'humble');
-create table topics(id integer primary key, name text not null, type text not null,
-  serialization_format text not null, offered_qos_profiles text not null);
-create table messages(id integer primary key, topic_id integer not null, timestamp integer not null,
-  data blob not null);
-create index timestamp_idx on messages (timestamp asc);
-"""
 
 
 def package(folder: Path, text: str) -> Path:
@@ -44,11 +35,7 @@ def package(folder: Path, text: str) -> Path:
 def humble_bag(folder: Path, name: str, samples: list[bytes], *, hash: str = "") -> Path:
     """A folder as rosbag2 of Humble writes it; `hash` is in metadata.yaml, as later ones have it."""
     folder.mkdir()
-    with sqlite3.connect(folder / "bag_0.db3") as base:
-        base.executescript(HUMBLE)
-        base.execute("insert into topics values (1, '/reading', ?, 'cdr', '')", (name,))
-        base.executemany("insert into messages(topic_id, timestamp, data) values (1, ?, ?)", enumerate(samples, 1))
-    base.close()
+    write_humble(folder / "bag_0.db3", ("/reading", name, enumerate(samples, 1)))
     topic = {"name": "/reading", "type": name, "serialization_format": "cdr", "offered_qos_profiles": ""}
     told = {
         "version": 5,
@@ -189,21 +176,12 @@ def test_the_hash_of_a_channel_decides_too(tmp_path: Path) -> None:
             list(reader.messages("/t"))
 
 
-def two_definitions(path: Path) -> Path:
-    """Two topics whose types have one name, as a stranger writes them."""
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start("ros2", "somebody")
-        for topic, text in (("/one", b"int32 a\nint32 b"), ("/two", b"int32 b\nint32 a")):
-            channel = writer.register_channel(topic, "cdr", writer.register_schema("my/msg/Pair", "ros2msg", text))
-            cls: Any = compile_definition("my/msg/Pair", text.decode())
-            writer.add_message(channel, 1, cls(a=1, b=2).encode(), 1)
-        writer.finish()
-    return path
-
-
 def test_sqlite_bags_have_one_definition_for_a_type(tmp_path: Path) -> None:
-    with BagReader(two_definitions(tmp_path / "two.mcap")) as reader:
+    texts, samples = ("int32 a\nint32 b", "int32 b\nint32 a"), []
+    for topic, text in zip(("/one", "/two"), texts, strict=True):
+        cls: Any = compile_definition("my/msg/Pair", text)
+        samples.append((topic, "my/msg/Pair", text, [(1, cls(a=1, b=2).encode())]))
+    with BagReader(write_foreign(tmp_path / "two.mcap", *samples)) as reader:
         assert {(item.message.a, item.message.b) for item in reader} == {(1, 2)}
         with SqliteWriter(tmp_path / "bag") as writer:
             one, two = reader.channels

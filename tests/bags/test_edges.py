@@ -4,51 +4,30 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-import tracemalloc
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.writer import CompressionType, IndexType, Writer
-from support.bag_samples import String, write_strings
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType
+from support.bag_samples import STRING, String, memory_limit, require_error, write_foreign, write_strings
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter, mcap_writer
 from rosidl_py_gen.bags.common import BagTopic
+from rosidl_py_gen.bags.storage import storage_api
 from rosidl_py_gen.errors import DecodeError
 
 Empty: Any = get_message("std_msgs/msg/Empty")
-STRING = BagTopic("/s", "std_msgs/msg/String", "string data")
 MB = 1 << 20
-
-
-@contextmanager
-def little_more_memory(most: int = 64 * MB) -> Iterator[None]:
-    """So many bytes at most while it lasts."""
-    tracemalloc.start()
-    try:
-        yield
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < most, f"{peak / MB:.0f} MB"
 
 
 def written(path: Path, sizes: list[int], times: list[int] | None = None, **options: Any) -> Path:
     """An MCAP file with strings of these sizes at these times."""
-    with path.open("wb") as stream:
-        writer = Writer(stream, **{"chunk_size": 1 << 40, **options})
-        writer.start("ros2", "somebody")
-        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
-        channel = writer.register_channel("/s", "cdr", schema)
-        for number, size in enumerate(sizes):
-            time = number if times is None else times[number]
-            writer.add_message(channel, time, String(data=chr(97 + number % 26) * size).encode(), time)
-        writer.finish()
-    return path
+    texts = [chr(97 + number % 26) * size for number, size in enumerate(sizes)]
+    samples = zip(times or range(len(sizes)), (String(data=text).encode() for text in texts), strict=True)
+    return write_foreign(path, ("/s", *STRING, samples), **{"chunk_size": 1 << 40, **options})
 
 
 def told(path: Path, **options: Any) -> list[tuple[int, str, int]]:
@@ -71,7 +50,7 @@ def test_a_large_chunk_takes_the_memory_of_a_piece_of_it(
         path.write_bytes(path.read_bytes()[:-60])
     if compression is CompressionType.ZSTD:
         assert path.stat().st_size < 300_000
-    with little_more_memory():
+    with memory_limit(64 * MB):
         found = told(path)
     assert found == [(number, chr(97 + number % 26), size) for number, size in enumerate(sizes)]
 
@@ -106,7 +85,7 @@ def test_the_files_of_a_bag_are_unpacked_one_after_the_other(tmp_path: Path) -> 
     folder.mkdir()
     for number in range(30):
         written(folder / f"bag_{number:02}.mcap", [2 * MB] * 3, [number * 3 + more for more in range(3)])
-    with little_more_memory():
+    with memory_limit(64 * MB):
         assert [time for time, _, _ in told(folder)] == list(range(90))
 
 
@@ -125,10 +104,31 @@ def test_a_compressed_file_that_becomes_too_large_is_refused(tmp_path: Path, has
     path = tmp_path / "a.db3.zstd"
     made = ZstdCompressor(level=1, write_content_size=has_size).compressobj(*([30 * MB] if has_size else []))
     path.write_bytes(made.compress(bytes(30 * MB)) + made.flush())
-    with pytest.raises(
-        BagError, match=r"decompresses to \d+ bytes; expected at most \d+, unless max_decompressed_bytes is more"
-    ):
-        BagReader(path, max_decompressed_bytes=MB)
+    text = r"decompresses to \d+ bytes; expected at most \d+, unless max_decompressed_bytes is more"
+    require_error(path, text, max_decompressed_bytes=MB)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
+def test_what_the_writer_writes_is_never_refused_as_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
+) -> None:
+    """With a limit of a megabyte for that of 1023; zeros become less than a thousandth."""
+    assert mcap_writer.MAX_COMPRESSED_BYTES + mcap_writer._CHUNK < storage_api.MAX_UNPACKED_BYTES
+    monkeypatch.setattr(mcap_writer, "MAX_COMPRESSED_BYTES", 1 << 20)
+    large = String(data="\0" * (5 << 20)).encode()
+    small = String(data="x" * 1000).encode()
+    path = tmp_path / "b.mcap"
+    with BagWriter(path, compression=compression) as bag:
+        bag.add_topic("/s", String)
+        for number, data in enumerate([small, large, small, large]):
+            bag.write("/s", data, number)
+    with BagReader(path, max_decompressed_bytes=2 << 20) as reader:
+        assert [len(item.message) for item in reader.messages(raw=True)] == [len(small), len(large)] * 2
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        shown = [chunk.compression for chunk in summary.chunk_indexes]
+    assert shown == [compression, "", compression, ""]  # only what is large goes without
 
 
 # --------------------------------------------------------------------------------------------------------------- times
@@ -138,7 +138,7 @@ def test_the_last_times_there_are_come_too(tmp_path: Path) -> None:
     times = [0, (1 << 63) - 1, 1 << 63, (1 << 64) - 2]
     assert [one for one, _, _ in told(written(tmp_path / "a.mcap", [1] * 4, times))] == times
     with SqliteWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/s", STRING)
+        writer.add_topic("/s", BagTopic("/s", *STRING))
         writer.write("/s", String(data="a").encode(), (1 << 63) - 1)
     assert told(tmp_path / "bag") == [((1 << 63) - 1, "a", 1)]
 
@@ -154,8 +154,7 @@ def test_a_channel_that_is_told_twice_and_not_the_same_is_refused(tmp_path: Path
     assert data[first] == 3
     other = data[first : first + length].replace(b"string data", b"uint8[] abc")
     path.write_bytes(data[: first + length] + other + data[first + length : -60])
-    with pytest.raises(BagError, match="schema 1 has two different definitions"):
-        BagReader(path)
+    require_error(path, "schema 1 has two different definitions")
 
 
 def test_damage_in_the_middle_of_a_file_is_not_its_end(tmp_path: Path) -> None:
@@ -166,8 +165,7 @@ def test_damage_in_the_middle_of_a_file_is_not_its_end(tmp_path: Path) -> None:
     data[at + 6] = 1  # a length of a terabyte
     data[-40:-12] = bytes(28)  # and the footer speaks of no index
     path.write_bytes(data)
-    with pytest.raises(BagError, match="no valid record at byte"):
-        BagReader(path)
+    require_error(path, "no valid record at byte")
     path.write_bytes(data[:-20])  # without one it is where the recorder was killed
     assert [time for time, _, _ in told(path)] == [0, 1]
 
@@ -187,8 +185,7 @@ def test_a_chunk_with_messages_of_other_times_than_it_says_is_refused(tmp_path: 
         if data[at : at + 16] == struct.pack("<QQ", 5, 7):
             data[at + 8] = 6
     path.write_bytes(data)
-    with BagReader(path) as reader, pytest.raises(BagError, match="states messages from 5 to 6 ns, and contains some"):
-        list(reader)
+    require_error(path, "states messages from 5 to 6 ns, and contains some")
 
 
 def test_a_damaged_message_is_told_or_left_out_when_that_is_asked_for(tmp_path: Path) -> None:
@@ -240,8 +237,7 @@ def test_a_journal_that_names_other_files_is_refused_and_deletes_none(tmp_path: 
     head = magic + struct.pack(">IIIII", 0, 0, file.stat().st_size // 4096, 512, 4096)
     tail = struct.pack(">I", 262145) + name + struct.pack(">II", len(name), sum(name)) + magic
     Path(f"{file}-journal").write_bytes(head.ljust(512, b"\0") + tail)
-    with pytest.raises(BagError, match="its -journal belongs to several databases"):
-        BagReader(file)
+    require_error(file, "its -journal belongs to several databases")
     assert victim.read_bytes() == b"mine"
 
 

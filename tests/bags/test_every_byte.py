@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
+from support.bag_samples import write_foreign
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import get_message
@@ -25,14 +26,8 @@ RIGHT = [("/a", Bool(data=True), number) for number in range(COUNT)]
 
 
 def mcap(path: Path, data: bytes = TRUE, **options: Any) -> None:
-    with path.open("wb") as stream:
-        writer = Writer(stream, **{"chunk_size": 60, "enable_data_crcs": True, **options})
-        writer.start("ros2", "x")
-        schema = writer.register_schema("std_msgs/msg/Bool", "ros2msg", b"bool data")
-        channel = writer.register_channel("/a", "cdr", schema)
-        for number in range(COUNT):
-            writer.add_message(channel, number, data, number)
-        writer.finish()
+    channel = "/a", "std_msgs/msg/Bool", "bool data", [(number, data) for number in range(COUNT)]
+    write_foreign(path, channel, **{"chunk_size": 60, "enable_data_crcs": True, **options})
 
 
 def write_bag(path: Path) -> None:

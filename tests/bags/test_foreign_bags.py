@@ -7,15 +7,14 @@ import shutil
 import sqlite3
 import struct
 import threading
-import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from mcap.writer import CompressionType, IndexType, Writer
-from support.bag_samples import String, write_strings
+from mcap.writer import CompressionType, IndexType
+from support.bag_samples import STRING, String, memory_limit, require_error, write_foreign, write_strings
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import compile_definition
@@ -28,15 +27,8 @@ COUNT = 20
 
 def foreign(path: Path, count: int = COUNT, order: Any = range, **options: Any) -> Path:
     """A file of strings "0", "1", ... as the package for MCAP writes it, in the given order of times."""
-    with path.open("wb") as stream:
-        writer = Writer(stream, **{"chunk_size": 100, **options})
-        writer.start("ros2", "somebody")
-        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
-        channel = writer.register_channel("/s", "cdr", schema)
-        for number in order(count):
-            writer.add_message(channel, number, String(data=str(number)).encode(), number)
-        writer.finish()
-    return path
+    samples = [(number, String(data=str(number)).encode()) for number in order(count)]
+    return write_foreign(path, ("/s", *STRING, samples), **{"chunk_size": 100, **options})
 
 
 def words(path: Path, **options: Any) -> list[str]:
@@ -52,15 +44,9 @@ OLD, NEW = "int32 x\nint32 y", "int32 y\nint32 x"
 
 
 def of_two_definitions(path: Path) -> Path:
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start("ros2", "two recorders, joined")
-        for number, text in enumerate((OLD, NEW)):
-            schema = writer.register_schema("my_msgs/msg/Place", "ros2msg", text.encode())
-            channel = writer.register_channel("/place", "cdr", schema)
-            writer.add_message(channel, number, struct.pack("<4xii", 1, 2).replace(bytes(4), b"\0\1\0\0", 1), number)
-        writer.finish()
-    return path
+    data = b"\0\1\0\0" + struct.pack("<ii", 1, 2)
+    channels = (("/place", "my_msgs/msg/Place", text, [(number, data)]) for number, text in enumerate((OLD, NEW)))
+    return write_foreign(path, *channels)
 
 
 def test_messages_of_one_topic_are_decoded_each_with_its_own_definition(tmp_path: Path) -> None:
@@ -165,8 +151,7 @@ def test_a_wrong_byte_in_messages_outside_of_chunks_is_told(tmp_path: Path) -> N
     data = path.read_bytes()
     assert words(path) == RIGHT
     path.write_bytes(data.replace(b"\x0219"[1:], b"18", 1))
-    with pytest.raises(BagError, match="the checksum of its messages is wrong"):
-        words(path)
+    require_error(path, "the checksum of its messages is wrong")
 
 
 # --------------------------------------------------------------------------------------------------------------- memory
@@ -176,26 +161,16 @@ def test_the_bag_of_a_killed_recorder_is_read_piece_by_piece(tmp_path: Path) -> 
     path = tmp_path / "a.mcap"
     write_strings(path, ["x" * 100_000] * 300, compression="")
     path.write_bytes(path.read_bytes()[:-100])
-    tracemalloc.start()
-    try:
-        with BagReader(path) as reader:
-            assert not reader.has_index
-            assert sum(1 for _ in reader.messages(raw=True)) == 300
-        assert tracemalloc.get_traced_memory()[1] < 6 << 20
-    finally:
-        tracemalloc.stop()
+    with memory_limit(6 << 20), BagReader(path) as reader:
+        assert not reader.has_index
+        assert sum(1 for _ in reader.messages(raw=True)) == 300
 
 
 def test_many_chunks_that_become_large_take_the_memory_of_one(tmp_path: Path) -> None:
     path = write_strings(tmp_path / "a.mcap", ["x" * 2_000_000] * 60)
     assert path.stat().st_size < 100_000
-    tracemalloc.start()
-    try:
-        with BagReader(path) as reader:
-            assert sum(1 for _ in reader.messages(raw=True)) == 60
-        assert tracemalloc.get_traced_memory()[1] < 12 << 20
-    finally:
-        tracemalloc.stop()
+    with memory_limit(12 << 20), BagReader(path) as reader:
+        assert sum(1 for _ in reader.messages(raw=True)) == 60
 
 
 def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_path: Path) -> None:
@@ -205,11 +180,7 @@ def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_p
         for number in range(10):
             for time in (number, 1000 + number):
                 writer.write("/s", String(data="x" * 700_000).encode(), time)
-    with (
-        BagReader(path, max_decompressed_bytes=3_000_000) as reader,
-        pytest.raises(BagError, match="overlap in time so much"),
-    ):
-        list(reader.messages(raw=True))
+    require_error(path, "overlap in time so much", max_decompressed_bytes=3_000_000)
     with BagReader(path) as reader:
         assert [item.log_time for item in reader.messages(raw=True)] == [*range(10), *range(1000, 1010)]
 
@@ -395,8 +366,7 @@ def test_damaged_compression_is_told(tmp_path: Path) -> None:
     stored = [compress(String(data="a" * 1000).encode())[:-3], compress(bytes(1_000_000))]
     write_strings(folder, stored, storage="sqlite3")
     packed(folder, "MESSAGE")
-    with pytest.raises(BagError, match="/s at 0 ns: damaged"):
-        words(folder)
+    require_error(folder, "/s at 0 ns: damaged")
     with (
         BagReader(folder, max_decompressed_bytes=10_000) as reader,
         pytest.raises(BagError, match="state 1000000 bytes; expected"),
@@ -405,5 +375,4 @@ def test_damaged_compression_is_told(tmp_path: Path) -> None:
     packed(folder, "FILE")
     (file,) = folder.glob("*.zstd")
     file.write_bytes(file.read_bytes()[:-10])
-    with pytest.raises(BagError, match="damaged"):
-        words(folder)
+    require_error(folder, "damaged")

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.keystores import Authority, Keystore, governance
-from support.node_fixtures import domain_id
+from support.node_fixtures import domain_id, running_process
 
 from rosidl_py_gen.bags import BagReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
+    from contextlib import AbstractContextManager
 
 NODE = Path(__file__).parent / "peers" / "secured_node.py"
 LIBRARY = "libddsc.so.0debian"
@@ -52,22 +53,10 @@ def keystore(tmp_path: Path) -> Keystore:
 Result = dict[str, Any]
 
 
-@contextmanager
-def started(role: str, enclave: str, environ: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
+def started(role: str, enclave: str, environ: Mapping[str, str]) -> AbstractContextManager[subprocess.Popen[str]]:
     """Run a node; without variables of security it is an unsecured one."""
-    base = {"ROSIDL_LIBDDSC": LIBRARY, "CYCLONEDDS_URI": _BOUND, "PYTHONPATH": str(NODE.parents[3])}
-    process = subprocess.Popen(
-        [sys.executable, str(NODE), role, enclave],
-        env={**os.environ, **base, **environ},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+    settings = {"ROSIDL_LIBDDSC": LIBRARY, "CYCLONEDDS_URI": _BOUND, **environ}
+    return running_process(sys.executable, NODE, role, enclave, **settings)
 
 
 @contextmanager
@@ -88,6 +77,12 @@ def results(role: str, enclave: str, environ: Mapping[str, str]) -> tuple[Result
     for line in out.splitlines():
         merged |= json.loads(line)
     return merged, log
+
+
+def ended(keystore: Keystore, program: str) -> subprocess.CompletedProcess[str]:
+    """Run the text of a Python program in the secured network to its end."""
+    environ = {**os.environ, **keystore.environment()}
+    return subprocess.run([sys.executable, "-c", program], env=environ, capture_output=True, text=True, timeout=60)
 
 
 def log_of(process: subprocess.Popen[str]) -> str:
@@ -205,15 +200,7 @@ with Context(enclave="/one", args=["x"]), Context(args=["x", "--ros-args", "--en
 with Context(enclave="/two", args=["x"]) as context:  # all others are closed
     print(context.settings.security.name)
 """
-    run = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, **keystore.environment()},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
-    first, second = run.stdout.splitlines()
+    first, second = ended(keystore, program).stdout.splitlines()
     assert "Use one enclave, or two processes" in first and second == "/two"
 
 
@@ -247,8 +234,7 @@ good.close()
 attempt("").close()
 print("end")
 """
-    environ = {**os.environ, **keystore.environment()}
-    run = subprocess.run([sys.executable, "-c", program], env=environ, capture_output=True, text=True, timeout=60)
+    run = ended(keystore, program)
     second, expired, foreign, unsecured, end = run.stdout.splitlines() or [run.stderr]
     folder = f"{keystore.folder}/enclaves/good"
     assert "with no security, and Cyclone DDS permits one enclave" in second
@@ -431,20 +417,9 @@ assert not has_secured_fast_dds(), "peers of a closed context"
 """
 
 
-@contextmanager
-def ours(keystore: Keystore, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [sys.executable, "-c", ECHO, *arguments],
-        env={**os.environ, "CYCLONEDDS_URI": _BOUND, **keystore.environment()},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+def ours(keystore: Keystore, *arguments: str) -> AbstractContextManager[subprocess.Popen[str]]:
+    settings = {"CYCLONEDDS_URI": _BOUND, **keystore.environment()}
+    return running_process(sys.executable, "-c", ECHO, *arguments, **settings)
 
 
 def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
@@ -599,23 +574,15 @@ def test_programs_for_rclpy_are_secured(keystore: Keystore, tmp_path: Path) -> N
             environ={**keystore.environment(), **more},
         )
 
-    talker = subprocess.Popen(
-        [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "talker.py", "--ros-args", "--enclave", "/talker"],
-        env={**os.environ, "CYCLONEDDS_URI": _BOUND, **keystore.environment()},
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    words = sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "talker.py", "--ros-args", "--enclave", "/talker"
+    environ = {"CYCLONEDDS_URI": _BOUND, **keystore.environment()}
+    with running_process(*words, cwd=tmp_path, **environ) as talker:
         assert talker.stdout is not None and talker.stdout.readline() == '{"ready": true}\n'
         secured, plain, missing = side_by_side(
             lambda: listener(20, "--ros-args", "--enclave", "/listener"),
             lambda: listener(2, ROS_SECURITY_ENABLE="false"),
             lambda: listener(2, "--ros-args", "--enclave", "/nowhere"),
         )
-    finally:
-        talker.kill()
-        talker.communicate()
     assert secured.stdout == "5 secret\n[('listen', '/', '/listener'), ('talk', '/', '/talker')]\n", secured
     assert plain.stdout == "[('listen', '/', '/')]\n", plain
     assert "RCLError: failed to initialize rcl: ROS_SECURITY_STRATEGY=Enforce requires a secured" in missing.stderr

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from mcap.writer import Writer
+from support.bag_samples import write_foreign, write_humble
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
@@ -19,14 +18,6 @@ if TYPE_CHECKING:
 String: Any = get_message("std_msgs/msg/String")
 NAME = "old_msgs/msg/Reading"
 THEN, NOW = "float32 value\nfloat32 weight\n", "float32 value\n"
-HUMBLE = """
-create table topics(id integer primary key, name text not null, type text not null,
-  serialization_format text not null, offered_qos_profiles text not null);
-create table messages(id integer primary key, topic_id integer not null, timestamp integer not null,
-  data blob not null);
-insert into topics values (1, '/reading', 'old_msgs/msg/Reading', 'cdr', ''),
-  (2, '/s', 'std_msgs/msg/String', 'cdr', ''), (3, '/silent', 'old_msgs/msg/Never', 'cdr', '');
-"""
 
 
 def package(folder: Path, text: str) -> str:
@@ -38,16 +29,11 @@ def package(folder: Path, text: str) -> str:
 
 @pytest.fixture
 def humble(tmp_path: Path) -> str:
-    path = tmp_path / "humble.db3"
     then = compile_definition(NAME, THEN)
-    with sqlite3.connect(path) as base:
-        base.executescript(HUMBLE)
-        for stamp in (1, 2, 3):
-            row = "insert into messages(topic_id, timestamp, data) values (?, ?, ?)"
-            base.execute(row, (1, stamp, then(value=stamp, weight=2.0).encode()))
-            base.execute(row, (2, stamp, String(data="a").encode()))
-    base.close()
-    return str(path)
+    readings = [(stamp, then(value=stamp, weight=2.0).encode()) for stamp in (1, 2, 3)]
+    texts = [(stamp, String(data="a").encode()) for stamp in (1, 2, 3)]
+    topics = ("/reading", NAME, readings), ("/s", "std_msgs/msg/String", texts), ("/silent", "old_msgs/msg/Never", [])
+    return str(write_humble(tmp_path / "humble.db3", *topics))
 
 
 def test_a_bag_without_definitions_is_written_with_those_of_the_path(
@@ -169,14 +155,9 @@ async def test_messages_are_played_without_a_definition_that_is_not_theirs(
 
 
 def test_a_copy_that_cannot_be_made_leaves_nothing(run_here: Any, tmp_path: Path) -> None:
-    source = tmp_path / "two.mcap"
-    with source.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start("ros2", "somebody")
-        for topic, text in (("/one", b"int32 a\nint32 b"), ("/two", b"int32 b\nint32 a")):
-            channel = writer.register_channel(topic, "cdr", writer.register_schema("my/msg/Pair", "ros2msg", text))
-            writer.add_message(channel, 1, bytes(12), 1)
-        writer.finish()
+    texts = {"/one": "int32 a\nint32 b", "/two": "int32 b\nint32 a"}
+    channels = [(topic, "my/msg/Pair", text, [(1, bytes(12))]) for topic, text in texts.items()]
+    source = write_foreign(tmp_path / "two.mcap", *channels)
     code, _, err = run_here("bag", "convert", str(source), str(tmp_path / "copy"), "--storage", "sqlite3")
     assert code == 1 and "two definitions of my/msg/Pair" in err
     assert not (tmp_path / "copy").exists()

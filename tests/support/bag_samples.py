@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
+import tracemalloc
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+
+import pytest
+from mcap.writer import Writer
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, SqliteWriter
@@ -14,6 +19,17 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 String: Any = get_message("std_msgs/msg/String")
+STRING = "std_msgs/msg/String", "string data"
+"""Name and definition of a type."""
+HUMBLE = """
+create table schema(schema_version integer primary key, ros_distro text not null);
+insert into schema values (3, 'humble');
+create table topics(id integer primary key, name text not null, type text not null,
+  serialization_format text not null, offered_qos_profiles text not null);
+create table messages(id integer primary key, topic_id integer not null, timestamp integer not null,
+  data blob not null);
+create index timestamp_idx on messages (timestamp asc);
+"""
 STORAGES: dict[str, Any] = {"mcap": BagWriter, "sqlite3": SqliteWriter}
 
 
@@ -26,6 +42,50 @@ def write_strings(
         for number, text in enumerate(texts):
             writer.write(topic, text if isinstance(text, bytes) else String(data=text).encode(), number * step_ns)
     return path
+
+
+def write_foreign(path: Path, *channels: tuple[str, str, str, Iterable[tuple[int, bytes]]], **options: Any) -> Path:
+    """Write channels with the package `mcap`: topic, type, definition, and messages with their times."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start("ros2", "somebody")
+        for topic, type_name, text, messages in channels:
+            schema = writer.register_schema(type_name, "ros2msg", text.encode())
+            channel = writer.register_channel(topic, "cdr", schema)
+            for log_time, data in messages:
+                writer.add_message(channel, log_time, data, log_time)
+        writer.finish()
+    return path
+
+
+def write_humble(path: Path, *topics: tuple[str, str, Iterable[tuple[int, bytes]]]) -> Path:
+    """Write a database without definitions, as rosbag2 of Humble: topic, type, and messages with their times."""
+    with sqlite3.connect(path) as base:
+        base.executescript(HUMBLE)
+        for number, (topic, type_name, messages) in enumerate(topics, 1):
+            base.execute("insert into topics values (?, ?, ?, 'cdr', '')", (number, topic, type_name))
+            rows = ((number, *message) for message in messages)
+            base.executemany("insert into messages(topic_id, timestamp, data) values (?, ?, ?)", rows)
+    base.close()
+    return path
+
+
+def require_error(path: Path, text: str, **options: Any) -> None:
+    """Read all messages, which must raise a `BagError`."""
+    with pytest.raises(BagError, match=text), BagReader(path, **options) as reader:
+        list(reader)
+
+
+@contextmanager
+def memory_limit(max_bytes: int) -> Iterator[None]:
+    """Fail if Python has allocated more in the meantime."""
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < max_bytes, f"{peak >> 20} MB"
 
 
 def count_of(path: Path) -> int:

@@ -435,18 +435,21 @@ async def take(stream: Any) -> Any:
 
 
 @contextlib.contextmanager
-def python_process(program: str, *arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a Python program with pipes for its input, output and errors; kill it at the end of the block."""
-    process = subprocess.Popen(
-        [sys.executable, "-W", "default", "-c", program, *arguments],
-        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def running_process(
+    *command: str | Path, cwd: Path | None = None, **environment: str
+) -> Iterator[subprocess.Popen[str]]:
+    """Run a program with pipes for its input, output and errors; kill it at the end of the block."""
+    pipe, changed = subprocess.PIPE, {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    process = subprocess.Popen(command, cwd=cwd, env=changed, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
     try:
         yield process
     finally:
         process.kill()
         process.communicate()
+
+
+def python_process(
+    program: str, *arguments: str, **environment: str
+) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+    """Run the text of a Python program as `running_process`."""
+    return running_process(sys.executable, "-W", "default", "-c", program, *arguments, **environment)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
+from support.bag_samples import STRING, write_foreign, write_humble
 from support.table_values import imus, of_message, rows, write
 
 from rosidl_py_gen import DecodeError, ExtraMissingError, compile_definition, get_message, type_hash
@@ -29,12 +29,6 @@ PoseStamped: Any = get_message("geometry_msgs/msg/PoseStamped")
 Image: Any = get_message("sensor_msgs/msg/Image")
 String: Any = get_message("std_msgs/msg/String")
 
-HUMBLE = """
-create table topics(id integer primary key, name text not null, type text not null,
-  serialization_format text not null, offered_qos_profiles text not null);
-create table messages(id integer primary key, topic_id integer not null, timestamp integer not null,
-  data blob not null);
-"""
 EVERYTHING = """\
 uint8 LIMIT=7
 string NAME="it's"
@@ -244,13 +238,8 @@ def test_two_definitions_of_a_topic_are_one_table_where_their_columns_are_alike(
 
 
 def test_a_bag_without_definitions_is_read_by_name_and_measured(tmp_path: Path) -> None:
-    file = tmp_path / "a.db3"
-    with sqlite3.connect(file) as base:
-        base.executescript(HUMBLE)
-        base.execute("insert into topics values (1, '/imu', 'sensor_msgs/msg/Imu', 'cdr', '')")
-        samples = enumerate(one.encode() for one in imus(20))
-        base.executemany("insert into messages(topic_id, timestamp, data) values (1, ?, ?)", samples)
-    base.close()
+    samples = enumerate(one.encode() for one in imus(20))
+    file = write_humble(tmp_path / "a.db3", ("/imu", "sensor_msgs/msg/Imu", samples))
     with BagReader(file) as bag, pytest.warns(BagWarning, match="contains neither definition"):
         table = bag.table("/imu")
         assert rows(table) == [of_message(one) for one in imus(20)]
@@ -264,15 +253,7 @@ def test_a_bag_without_definitions_is_read_by_name_and_measured(tmp_path: Path) 
 
 
 def test_a_time_beyond_those_of_arrow_is_an_error(tmp_path: Path) -> None:
-    from mcap.writer import Writer
-
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
-        channel = writer.register_channel("/s", "cdr", schema)
-        writer.add_message(channel, 2**63, String(data="x").encode(), 0)
-        writer.finish()
+    write_foreign(tmp_path / "a.mcap", ("/s", *STRING, [(2**63, String(data="x").encode())]))
     with BagReader(tmp_path / "a.mcap") as bag, pytest.raises(BagError, match=f"/s at {2**63} ns: expected a time"):
         bag.table("/s")
 

@@ -1,4 +1,4 @@
-"""Readers that request samples from before the first heartbeat; real peers: `interop_rclpy/test_early_requests.py`."""
+"""Readers that request samples from before the first heartbeat; real peers: `interop_rclpy/test_services.py`."""
 
 from __future__ import annotations
 

@@ -10,8 +10,6 @@ import asyncio
 import ctypes as ct
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -21,7 +19,7 @@ import pytest
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 from support import raw_endpoints
-from support.node_fixtures import ROOT
+from support.node_fixtures import python_process
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
 from rosidl_py_gen.runtime import IncompatibleServiceError
@@ -109,17 +107,6 @@ if len(sys.argv) > 1:  # leave without closing anything
 """
 
 
-@contextmanager
-def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command, environment = [sys.executable, "-c", text, *arguments], {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
 @pytest.fixture
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Make clients consider every server one on Fast DDS, and activate the receive hook."""
@@ -201,7 +188,7 @@ def test_a_new_participant_is_noticed_at_once_whatever_the_loop_does(dds: World)
     participant: Any = node._scope.participant
     participant.report_discovery()
     plain = receive_function(node)
-    with program(SERVER):  # no loop runs here
+    with python_process(SERVER):  # no loop runs here
         deadline = time.monotonic() + 20
         while receive_function(node) == plain:
             assert time.monotonic() < deadline
@@ -229,7 +216,7 @@ async def test_calls_in_the_way_of_fast_dds_between_processes(
     # A participant whose first announcements are lost is discovered by the next ones, by default after 3 s.
     discovery = "<Discovery><SPDPInterval>500ms</SPDPInterval></Discovery>"
     monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{discovery}{test}</Domain></CycloneDDS>")
-    with program(SERVER):
+    with python_process(SERVER):
         types = dds.node("ours").create_client(GetParameterTypes, "types")
         for count in (0, 1, 7, 500, 20_000, 200_000):
             request = GetParameterTypes.Request(names=["x" * (index % 5) for index in range(count)])
@@ -268,7 +255,7 @@ async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: 
                 endpoint.close()
 
     threads = [threading.Thread(target=come_and_go, args=(number,)) for number in range(3)]
-    with program(CALLER) as first, program(CALLER) as second:
+    with python_process(CALLER) as first, python_process(CALLER) as second:
         for thread in threads:
             thread.start()
         for _ in range(30):
@@ -284,7 +271,7 @@ async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: 
 @pytest.mark.timeout(3000)
 def test_processes_start_stop_and_fork() -> None:
     for number in range(int(os.environ.get("HOOK_ROUNDS", "4"))):
-        with program(SHORT_LIFE, *(["leave"] if number % 2 else [])) as process:
+        with python_process(SHORT_LIFE, *(["leave"] if number % 2 else [])) as process:
             assert process.wait(60) == 0
 
 
@@ -458,7 +445,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
     fast_dds: Any = cyclone._fast_dds
     await client.call(SetBool.Request(), timeout_s=10)
-    with program(SERVER):
+    with python_process(SERVER):
         types = dds.node("other").create_client(GetParameterTypes, "types")
         assert await types.wait_for_service(timeout_s=20)
         with interrupted(*fast_dds._tables.values()) as calls:

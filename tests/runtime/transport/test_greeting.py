@@ -1,4 +1,4 @@
-"""ACKNACK packets for Fast DDS participants; replies of real ones: `interop_rclpy/test_first_seconds.py`."""
+"""ACKNACK packets for Fast DDS participants; replies of real ones: `interop_rclpy/test_graph.py`."""
 
 from __future__ import annotations
 
