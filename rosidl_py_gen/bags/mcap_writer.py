@@ -16,12 +16,11 @@ from rosidl_py_gen.errors import EncodeError
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
 
     from rosidl_py_gen.bags.common import RawMessage
     from rosidl_py_gen.bags.splitting_writer import CompressionMode
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.runtime import QoSProfile
 
 _COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
 MAX_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
@@ -104,25 +103,8 @@ class BagWriter(SplittingWriter):
             self.path.mkdir(parents=True)
         self._open()
 
-    def add_topic(
-        self,
-        topic: str,
-        msg_type: type[Message] | BagTopic,
-        *,
-        qos: Sequence[QoSProfile] = (),
-    ) -> None:
-        """Register a topic, which is needed before serialized messages are written.
-
-        Args:
-            msg_type: the class, or a `BagTopic` of a reader, whose name and QoS may be others.
-            qos: profiles of the publishers, which rosbag2 plays with.
-
-        Raises:
-            BagError: the topic has another type already, its name has control characters, or the bag is closed.
-            TypeNotFoundError: `msg_type` is not a message class.
-        """
-        self._require_open()
-        known = topic_of(topic, msg_type, qos)
+    def _register_topic(self, known: BagTopic) -> None:
+        topic = known.name
         before = self._topics.get(topic)
         if before is not None and (before.type_name, before.type_hash) != (known.type_name, known.type_hash):
             raise BagError(f"{topic} has the type {before.type_name} {before.type_hash}, not {known.type_name}")
@@ -137,23 +119,6 @@ class BagWriter(SplittingWriter):
             self._topics[known.name] = known
             self._numbers[known.name] = number
         return number
-
-    def write(
-        self, topic: str, message: Message | bytes, log_time_ns: int | None = None, publish_time_ns: int | None = None
-    ) -> None:
-        """Write a message; bytes are CDR of the type that was registered with `add_topic`.
-
-        Args:
-            log_time_ns: None means now.
-            publish_time_ns: None means `log_time_ns`.
-
-        Raises:
-            BagError: bytes for an unknown topic, a message of another type, a time below 0, or the bag is closed.
-            EncodeError: a value of the message is out of range.
-            OSError: the disk is full.
-        """
-        data = self._encoded(topic, message)
-        self._write(topic, self._numbers[topic], data, log_time_ns, publish_time_ns)
 
     def write_table(self, table: Any, topic: str | None = None, msg_type: type[Message] | None = None) -> int:
         """Write each row as a message: the reverse of `BagReader.table`. Needs the extra ``tables``.
@@ -184,14 +149,13 @@ class BagWriter(SplittingWriter):
         else:
             known = topic_of(topic, msg_type)
         self.add_topic(known.name, known if known.definition else topic_of(known.name, msg_type))
-        number = self._numbers[known.name]
         count = 0
         for message, log_time, publish_time in messages_of(stream, msg_type, known.name):
             try:
                 data = encode(message)
             except EncodeError as error:
                 raise located(error, known.name, log_time) from None
-            self._write(known.name, number, data, log_time, publish_time)
+            self._write(known.name, data, log_time, publish_time)
             count += 1
         return count
 
@@ -215,22 +179,28 @@ class BagWriter(SplittingWriter):
         """
         known, data, log_time_ns, publish_time_ns = message
         self.add_raw_topic(known)
-        self._write(known.name, self._channels[known.key], data, log_time_ns, publish_time_ns)
+        self._write(known.name, data, log_time_ns, publish_time_ns, self._channels[known.key])
 
     def _write(
-        self, topic: str, channel: int, data: bytes, log_time_ns: int | None, publish_time_ns: int | None
+        self,
+        topic: str,
+        data: bytes,
+        log_time_ns: int | None,
+        publish_time_ns: int | None,
+        channel: int | None = None,
     ) -> None:
-        published = None if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
-        log_time = self._begin_message(topic, log_time_ns)
-        published = log_time if published is None else published
+        log_time = self._log_time(topic, log_time_ns)
+        published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
+        self._split_if_full(log_time)
+        number = self._numbers[topic] if channel is None else channel
         self._add_message(topic, log_time, len(data))
         data = self._compress_message(data)
         if len(data) <= MAX_COMPRESSED_BYTES:
-            self._writer.add_message(channel, log_time, data, published)
+            self._writer.add_message(number, log_time, data, published)
             return
         self.flush()
         with self._compression.off():
-            self._writer.add_message(channel, log_time, data, published)
+            self._writer.add_message(number, log_time, data, published)
             self.flush()
 
     def flush(self) -> None:

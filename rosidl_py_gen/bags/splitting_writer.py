@@ -66,8 +66,8 @@ def topic_of(topic: str, msg_type: type[Message] | BagTopic, qos: Sequence[QoSPr
 class SplittingWriter:
     """Base of `BagWriter` and `SqliteWriter`: starts files, counts their messages and writes the metadata.
 
-    Subclasses implement `add_topic`, `_open` and `_close_file`; for each message they call `_encoded`,
-    `_begin_message` and `_add_message`.
+    Subclasses implement `_open`, `_close_file`, `_register_topic`, and `_write`, which calls `_split_if_full` and
+    `_add_message`.
 
     Raises:
         BagError: a bag of one file must not be split, have a `compression_mode` or `custom_data`; a limit is not a
@@ -110,11 +110,13 @@ class SplittingWriter:
         self._file_bytes = 0
         self._closed = False
 
-    def add_topic(self, topic: str, msg_type: type[Message] | BagTopic, *, qos: Sequence[QoSProfile] = ()) -> None:
-        """Register a topic."""
+    def _open(self) -> None:
         raise NotImplementedError
 
-    def _open(self) -> None:
+    def _register_topic(self, known: BagTopic) -> None:
+        raise NotImplementedError
+
+    def _write(self, topic: str, data: bytes, log_time_ns: int | None, publish_time_ns: int | None) -> None:
         raise NotImplementedError
 
     def _close_file(self, metadata: str) -> None:
@@ -138,27 +140,14 @@ class SplittingWriter:
         self._file_bytes = 0
         return self.path / name if self._is_folder else self.path
 
-    def _encoded(self, topic: str, message: Message | bytes) -> bytes:
-        """Return the bytes of a message; the topic of a message object is registered if it is new."""
-        self._require_open()
-        if isinstance(message, bytes | bytearray | memoryview):
-            if topic not in self._topics:
-                raise BagError(f"{topic} has no type yet: call add_topic before bytes are written")
-            return message
-        data = message.encode()
-        known = self._topics.get(topic)
-        if known is None or known.type_hash != type_hash(message):
-            self.add_topic(topic, type(message))
-        return data
+    def _log_time(self, topic: str, log_time_ns: int | None) -> int:
+        return time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
 
-    def _begin_message(self, topic: str, log_time_ns: int | None) -> int:
-        """Return the log time of a message, after a new file was started for it if the current one is full."""
-        log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
+    def _split_if_full(self, log_time: int) -> None:
         first = self._statistics[-1].first
         is_long = self._split_ns is not None and first is not None and log_time - first >= self._split_ns
         if is_long or (self._split_bytes is not None and self._file_bytes >= self._split_bytes):
             self._next_file()
-        return log_time
 
     def _add_message(self, topic: str, log_time_ns: int, size: int) -> None:
         self._statistics[-1].add(topic, log_time_ns)
@@ -166,6 +155,48 @@ class SplittingWriter:
 
     def _compress_message(self, data: bytes) -> bytes:
         return self._zstd.compress(data) if self._zstd is not None and self._compression_mode == "message" else data
+
+    def add_topic(self, topic: str, msg_type: type[Message] | BagTopic, *, qos: Sequence[QoSProfile] = ()) -> None:
+        """Register a topic, which is needed before serialized messages are written.
+
+        Args:
+            msg_type: the class, or a `BagTopic` of a reader, whose name and QoS may be others.
+            qos: profiles of the publishers, which rosbag2 plays with.
+
+        Raises:
+            BagError: the topic has another type already, its name has control characters, the bag is closed or cannot
+                be written, or a bag of SQLite files has another definition of the type.
+            TypeNotFoundError: `msg_type` is not a message class.
+        """
+        self._require_open()
+        self._register_topic(topic_of(topic, msg_type, qos))
+
+    def write(
+        self, topic: str, message: Message | bytes, log_time_ns: int | None = None, publish_time_ns: int | None = None
+    ) -> None:
+        """Write a message; bytes are CDR of the type that was registered with `add_topic`.
+
+        Args:
+            log_time_ns: None means now.
+            publish_time_ns: None means `log_time_ns`; bags of SQLite files have no publish times.
+
+        Raises:
+            BagError: bytes for an unknown topic, a message of another type, a time below 0, or the bag is closed or
+                cannot be written.
+            EncodeError: a value of the message is out of range.
+            OSError: the disk is full.
+        """
+        self._require_open()
+        if isinstance(message, bytes | bytearray | memoryview):
+            data = message
+            if topic not in self._topics:
+                raise BagError(f"{topic} has no type yet: call add_topic before bytes are written")
+        else:
+            data = message.encode()
+            known = self._topics.get(topic)
+            if known is None or known.type_hash != type_hash(message):
+                self.add_topic(topic, type(message))
+        self._write(topic, data, log_time_ns, publish_time_ns)
 
     def split(self) -> None:
         """Continue in a new file, unless the current one is empty; for folders.

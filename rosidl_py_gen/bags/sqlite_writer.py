@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.common import BagError, require_printable
 from rosidl_py_gen.bags.definition_lookup import same_definition
-from rosidl_py_gen.bags.splitting_writer import SplittingWriter, topic_of
+from rosidl_py_gen.bags.splitting_writer import SplittingWriter
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
 
     from rosidl_py_gen.bags.common import BagTopic, RawMessage
     from rosidl_py_gen.bags.splitting_writer import CompressionMode
-    from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.runtime import QoSProfile
 
 # Version 4 of rosbag2's own tables.
 _TABLES = """
@@ -86,18 +84,8 @@ class SqliteWriter(SplittingWriter):
         except (sqlite3.Error, UnicodeEncodeError) as error:
             raise BagError(f"{self.path}: {error}") from None
 
-    def add_topic(self, topic: str, msg_type: type[Message] | BagTopic, *, qos: Sequence[QoSProfile] = ()) -> None:
-        """Register a topic, which is needed before serialized messages are written.
-
-        Args:
-            msg_type: the class, or a `BagTopic` of a reader, whose name and QoS may be others.
-            qos: profiles of the publishers, which rosbag2 plays with.
-
-        Raises:
-            BagError: the topic or its type has another definition already, or it cannot be written.
-            TypeNotFoundError: `msg_type` is not a message class.
-        """
-        known = topic_of(topic, msg_type, qos)
+    def _register_topic(self, known: BagTopic) -> None:
+        topic = known.name
         previous = self._topics.get(topic)
         if previous is not None and previous.key != known.key:
             raise BagError(
@@ -143,24 +131,11 @@ class SqliteWriter(SplittingWriter):
             self.add_topic(known.name, known)
         self.write(known.name, data, log_time_ns, publish_time_ns)
 
-    def write(
-        self, topic: str, message: Message | bytes, log_time_ns: int | None = None, publish_time_ns: int | None = None
-    ) -> None:
-        """Write a message; bytes are CDR of the type that was registered with `add_topic`.
-
-        Args:
-            log_time_ns: None means now.
-            publish_time_ns: ignored, because these bags have no publish times.
-
-        Raises:
-            BagError: bytes for an unknown topic, a message of another type, the bag is closed, the time is below 0, or
-                the message cannot be written.
-            EncodeError: a value of the message is out of range.
-        """
-        data = bytes(self._encoded(topic, message))
-        log_time = self._begin_message(topic, log_time_ns)
+    def _write(self, topic: str, data: bytes, log_time_ns: int | None, publish_time_ns: int | None) -> None:
+        log_time = self._log_time(topic, log_time_ns)
+        self._split_if_full(log_time)
         with self._as_bag_error():
-            row = self._ids[topic], log_time, self._compress_message(data)
+            row = self._ids[topic], log_time, self._compress_message(bytes(data))
             self._database.execute("insert into messages(topic_id, timestamp, data) values (?, ?, ?)", row)
         self._add_message(topic, log_time, len(data))
 

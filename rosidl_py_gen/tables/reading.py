@@ -245,7 +245,11 @@ class _MessageBlocks:
 
     def raw(self) -> Sequence[RawTuple]:
         """Return each message."""
-        return [message for block in self._blocks for message in _raw_messages(block)]
+        return [
+            (block.channel, *row)
+            for block in self._blocks
+            for row in zip(_slices(block), block.log_times.tolist(), block.publish_times.tolist(), strict=True)
+        ]
 
     def cursor(self) -> BatchCursor:
         """Return a cursor after the header of each; raises `BatchUnsupportedError`."""
@@ -282,11 +286,6 @@ def _slices(block: MessageBlock) -> list[bytes | memoryview]:
     view = memoryview(block.data)
     ends = (block.begin + block.size).tolist()
     return [view[at:end] for at, end in zip(block.begin.tolist(), ends, strict=True)]
-
-
-def _raw_messages(block: MessageBlock) -> list[RawTuple]:
-    columns = _slices(block), block.log_times.tolist(), block.publish_times.tolist()
-    return [(block.channel, *row) for row in zip(*columns, strict=True)]
 
 
 def _split_block(block: MessageBlock, max_bytes: int, max_rows: int) -> list[MessageBlock]:

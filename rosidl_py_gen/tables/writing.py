@@ -160,7 +160,8 @@ def _values(node: ColumnNode, column: Any, path: str, count: int) -> Sequence[An
     if node.length is None:
         return _elements(node, column, path)
     _require_values(column, path)
-    if node.is_binary and _is_octets(column.type):
+    kind, types = column.type, pa.types
+    if node.is_binary and (types.is_binary(kind) or types.is_large_binary(kind) or types.is_fixed_size_binary(kind)):
         return column.to_pylist()  # type: ignore[no-any-return]
     sizes, inside = _lists(column, path, node.field.type)
     ends = sizes.cumsum().tolist()
@@ -290,12 +291,6 @@ def _texts(column: Any, path: str) -> list[str]:
     if not (types.is_string(kind) or types.is_large_string(kind) or _is_empty_null(column)):
         raise BagError(f"{path}: expected text, found {_short_text(kind)}")
     return column.to_pylist()  # type: ignore[no-any-return]
-
-
-def _is_octets(kind: Any) -> bool:
-    """Return True if the values of an Arrow type are bytes."""
-    types = pa.types
-    return bool(types.is_binary(kind) or types.is_large_binary(kind) or types.is_fixed_size_binary(kind))
 
 
 def _numbers(column: Any, code: str, path: str) -> NDArray[Any]:

@@ -235,14 +235,13 @@ class _CompressedMessages:
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         messages = self._storage.messages(topics, start, end)
-        for first in messages:
-            rest = chain(iter([first]), messages)
-            return self._decompress_all(rest) if bytes(first[1][:4]) == _MAGIC else rest  # all messages, or none
-        return iter(())
-
-    def _decompress_all(self, messages: Iterator[RawTuple]) -> Iterator[RawTuple]:
-        for channel, data, log_time, publish_time in messages:
-            yield channel, self._decompress_message(bytes(data), channel.topic, log_time), log_time, publish_time
+        first = next(messages, None)
+        if first is None or bytes(first[1][:4]) != _MAGIC:  # all messages are compressed, or none
+            return messages if first is None else chain([first], messages)
+        return (
+            (channel, self._decompress_message(bytes(data), channel.topic, log_time), log_time, publish_time)
+            for channel, data, log_time, publish_time in chain([first], messages)
+        )
 
     def _decompress_message(self, data: bytes, topic: str, log_time: int) -> bytes:
         if not data.startswith(_MAGIC):
