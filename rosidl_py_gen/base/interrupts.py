@@ -17,16 +17,11 @@ import threading
 import time
 from collections.abc import Iterator
 from types import FrameType
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from sys import UnraisableHookArgs
+from typing import Any
 
 REPEAT_S = 0.4
 """Time after a signal in which SIGINT is the same request. A larger value ignores a user who insists; with a smaller
 one, a second signal that a busy machine delivers late interrupts the shutdown."""
-_REPEAT_IGNORED_DELAY_S = 0.01
-"""Time after which an ignored signal is sent again: the hook has returned by then, so that it is not interrupted."""
 
 
 class CommandInterrupts:
@@ -64,13 +59,13 @@ class CommandInterrupts:
         """Record that another handler received the first signal."""
         self._first_s = time.monotonic()
 
-    def repeat_ignored(self, unraisable: UnraisableHookArgs) -> None:
-        """Send SIGINT again if the exception, which Python ignores, is its KeyboardInterrupt; `sys.unraisablehook`."""
+    def repeat_ignored(self, unraisable: Any) -> None:
+        """Send SIGINT again, after this `sys.unraisablehook` has returned, if Python ignores its KeyboardInterrupt."""
         if unraisable.exc_type is not KeyboardInterrupt or os.name == "nt":  # there, `os.kill` ends the process
             sys.__unraisablehook__(unraisable)
             return
         self._first_s = None
-        threading.Timer(_REPEAT_IGNORED_DELAY_S, os.kill, (os.getpid(), signal.SIGINT)).start()
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal; raises KeyboardInterrupt for the first one."""

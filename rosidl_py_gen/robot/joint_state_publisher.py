@@ -7,18 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
-from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Mimic, parse_urdf, read_description, resolve_mimics
-from rosidl_py_gen.runtime import Node
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.robot.urdf import Joint
-    from rosidl_py_gen.runtime import Context
+from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, Mimic, parse_urdf, read_description, resolve_mimics
+from rosidl_py_gen.runtime import Context, Node
 
 NAME = "joint_state_publisher"
 _KINDS = {"position": "positions", "velocity": "velocities", "effort": "efforts"}
@@ -60,8 +56,9 @@ class JointStatePublisher:
         if not 0 < rate <= _MAX_RATE_HZ:
             raise ProgramError(f"parameter rate: got {rate:g}; expected more than 0 and at most {_MAX_RATE_HZ} Hz")
         sources = self._parameter("source_list", list[str], [""])
-        zeros = node.get_parameters_by_prefix("zeros")
-        self._zeros = {name: self._parameter(f"zeros.{name}", float, 0.0) for name in zeros}
+        self._zeros = {
+            one: self._parameter(f"zeros.{one}", float, 0.0) for one in node.get_parameters_by_prefix("zeros")
+        }
         self._dependent: dict[str, Mimic] = {}
         for name in node.get_parameters_by_prefix("dependent_joints"):
             joint, _, key = name.rpartition(".")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -15,14 +15,10 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
-from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, parse_urdf, read_description, resolve_mimics
-from rosidl_py_gen.runtime import Node, Range
+from rosidl_py_gen.robot.urdf import MOVABLE_TYPES, Joint, parse_urdf, read_description, resolve_mimics
+from rosidl_py_gen.runtime import Context, Node, Parameter, Range
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.robot.urdf import Joint
-    from rosidl_py_gen.runtime import Context, Parameter
 
 NAME = "robot_state_publisher"
 

@@ -7,20 +7,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
 from rosidl_py_gen.errors import DefinitionError, display_path
 from rosidl_py_gen.runtime import get_logger
-from rosidl_py_gen.tf.quaternion_math import ORIGIN, add, normalized, product, rotate
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from rosidl_py_gen.tf.quaternion_math import Quaternion, Vector
+from rosidl_py_gen.tf.quaternion_math import ORIGIN, Quaternion, Vector, add, normalized, product, rotate
 
 MAX_BYTES = 8 * MAX_FILE_BYTES  # those of humanoids with all their meshes have some 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")

@@ -54,7 +54,7 @@ COMMANDS = {
     "run": ("program_runner.command", "Run a program written for rclpy without changes."),
     "security": ("security", "Keystores for secured networks (SROS2): keys, certificates, permissions, policies."),
     "service": ("service", "Services: list, type, call, info, echo."),
-    "test": ("program_runner.package_tests", "Run the pytest tests of a package."),
+    "test": ("program_runner.command", "Run the pytest tests of a package."),
     "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
     "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find."),
     "zenoh-router": ("zenoh_router", "Run a Zenoh router for nodes on rmw_zenoh."),
@@ -88,10 +88,10 @@ def root() -> click.Group:
 
     settings = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
     group = LazyGroup(package=__name__, verbs=COMMANDS, context_settings=settings, help=_HELP)
-    return _click().version_option(__version__, prog_name="rosidl-py")(group)  # type: ignore[no-any-return]
+    return click_module().version_option(__version__, prog_name="rosidl-py")(group)  # type: ignore[no-any-return]
 
 
-def _click() -> Any:
+def click_module() -> Any:
     """Import click, which takes 10 ms; a program that `run` starts does not need it."""
     import click
 
@@ -132,7 +132,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = _BROKEN_PIPE
         if code:
-            raise _click().exceptions.Exit(code)
+            raise click_module().exceptions.Exit(code)
 
     return run
 
@@ -205,12 +205,12 @@ def exit_on_error() -> Iterator[None]:
     """Print errors on standard error, and exit with the codes that the module docstring lists."""
     try:
         yield
-    except _click().ClickException as error:
+    except click_module().ClickException as error:
         text = io.StringIO()
         error.show(text)
-        _click().echo(printable_lines(text.getvalue()), err=True, nl=False)
+        click_module().echo(printable_lines(text.getvalue()), err=True, nl=False)
         sys.exit(error.exit_code)
-    except (_click().Abort, KeyboardInterrupt):
+    except (click_module().Abort, KeyboardInterrupt):
         sys.exit(130)
     except DefinitionError as error:
         for diagnostic in error.diagnostics:
@@ -232,7 +232,7 @@ def exit_on_error() -> Iterator[None]:
 
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
     """Print a warning without its location in the code."""
-    _click().echo(f"warning: {printable(str(message))}", err=True)
+    click_module().echo(f"warning: {printable(str(message))}", err=True)
 
 
 def report(text: str) -> None:
@@ -243,4 +243,4 @@ def report(text: str) -> None:
     head, *rest = text.split("\n    ")
     has_caret = len(rest) == 2 and rest[1].strip() == "^"
     lines = "\n    ".join(map(printable, (head, *rest))) if has_caret else printable_line(text)
-    _click().secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)
+    click_module().secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)

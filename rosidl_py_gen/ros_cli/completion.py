@@ -118,7 +118,7 @@ def _names(what: str, context: click.Context) -> list[str]:
         folders = {name: folder for one in reversed(workspaces(paths)) for name, folder in one.packages.items()}
         if what == "workspace packages":
             return [*folders]
-        from rosidl_py_gen.ros_cli.launch.service import files_below
+        from rosidl_py_gen.compiler.frontend.package_files import files_below
 
         names = (PurePath(one).name for one in files_below(folders[context.params["words"][0]]))
         return sorted({name for name in names if "launch" in name})

@@ -21,7 +21,7 @@ from support.program_processes import started
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import build, executables, package_plan
 from rosidl_py_gen.ros_cli.prefix.build import build_prefix
-from rosidl_py_gen.ros_cli.prefix.package_plan import SITE_PACKAGES
+from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 
 MANIFEST = "<package><name>{}</name><version>1.0.0</version></package>"
 COMMAND = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "prefix"]
@@ -72,7 +72,7 @@ def test_a_prefix_is_that_of_colcon(made: build.Prefix) -> None:
 
 def test_ament_index_python_gives_the_same_answers(made: build.Prefix) -> None:
     recorded = json.loads(RECORDED.read_text())["ament_index_python"]
-    assert answers(sys.executable, made.folder, {**os.environ, **made.environment()}) == recorded
+    assert answers(sys.executable, made.folder, {**os.environ, **variables(made.folder)}) == recorded
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_ament_index_python_gives_the_same_answers(made: build.Prefix) -> None:
     ],
 )
 def test_executables_run(command: str, output: str, made: build.Prefix) -> None:
-    done = started(made.folder / command, "--ros-args", "-r", "a:=b", **made.environment())
+    done = started(made.folder / command, "--ros-args", "-r", "a:=b", **variables(made.folder))
     assert (done.stdout.strip(), done.stderr, done.returncode) == (output, "", 0)
 
 
@@ -189,7 +189,7 @@ def test_bundled_packages_complete_the_workspace(
 ) -> None:
     monkeypatch.setitem(executables.BUNDLED, "py_plain", {"talk": "json:loads", "more": "platform:main"})
     made = build_prefix([workspace], tmp_path / "out")
-    assert started(made.folder / "lib/py_plain/talk", **made.environment()).stdout == "talk\n"
+    assert started(made.folder / "lib/py_plain/talk", **variables(made.folder)).stdout == "talk\n"
     assert (made.folder / "lib/py_plain/more").is_file()
     for package, names in executables.BUNDLED.items():
         assert all((made.folder / "lib" / package / name).is_file() for name in names)
@@ -210,7 +210,7 @@ def test_a_bundled_executable_of_a_package_with_code_is_not_missing(tmp_path: Pa
 
 def test_another_sitecustomize_runs_and_nothing_is_imported_early(made: build.Prefix, tmp_path: Path) -> None:
     write(tmp_path, {"more/sitecustomize.py": "print('next')"})
-    environment = made.environment()
+    environment = variables(made.folder)
     environment["PYTHONPATH"] += f"{os.pathsep}{tmp_path / 'more'}"
     code = "import sys; print([name for name in sys.modules if name.startswith('rosidl_py_gen')])"
     assert started(sys.executable, "-c", code, **environment).stdout == "next\n[]\n"
@@ -218,7 +218,7 @@ def test_another_sitecustomize_runs_and_nothing_is_imported_early(made: build.Pr
 
 def test_a_python_without_this_package_says_so(made: build.Prefix) -> None:
     code = "import sys\nsys.modules['rosidl_py_gen'] = None\nimport rclpy"
-    done = started(sys.executable, "-c", code, **made.environment())
+    done = started(sys.executable, "-c", code, **variables(made.folder))
     text = "has no rosidl-py-gen, which provides rclpy; use the Python that has it"
     assert done.stderr.splitlines()[-1] == f"ModuleNotFoundError: {sys.executable} {text}"
 
@@ -226,14 +226,14 @@ def test_a_python_without_this_package_says_so(made: build.Prefix) -> None:
 def test_run_uses_its_own_settings_in_a_sourced_shell(made: build.Prefix, tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text("from some_msgs.msg import Plain\nimport rclpy\nprint(Plain(value=1))\n")
     command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "program.py"]
-    done = started(*command, cwd=tmp_path, **made.environment())
+    done = started(*command, cwd=tmp_path, **variables(made.folder))
     assert (done.stdout, done.stderr) == ("some_msgs.msg.Plain(value=1)\n", "")
 
 
 def test_the_assumed_distribution_does_not_end_the_detection_of_humble(made: build.Prefix) -> None:
     code = "from rosidl_py_gen.base.distributions import command_distribution as c; print(repr(c()))"
-    assert started(sys.executable, "-c", code, **made.environment()).stdout == "''\n"
-    chosen = {**made.environment(), "ROS_DISTRO": "humble"}
+    assert started(sys.executable, "-c", code, **variables(made.folder)).stdout == "''\n"
+    chosen = {**variables(made.folder), "ROS_DISTRO": "humble"}
     assert started(sys.executable, "-c", code, **chosen).stdout == "None\n"
 
 
@@ -394,7 +394,7 @@ def test_a_prefix_with_an_odd_path(tmp_path: Path) -> None:
             script = f'. "$OUT/setup.{shell}"; "{sys.executable}" -c "import rclpy, some_msgs.msg, py_plain"; talk'
             done = started(shell, "-c", script.replace("; talk", ""), OUT=str(out))
             assert (done.stderr, done.returncode) == ("", 0)
-    assert started(out / "lib/py_plain/talk", **made.environment()).stdout == "talk\n"
+    assert started(out / "lib/py_plain/talk", **variables(made.folder)).stdout == "talk\n"
 
 
 def test_large_packages_are_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, run, started
 
 from rosidl_py_gen.ros_cli.prefix.build import build_prefix
+from rosidl_py_gen.ros_cli.prefix.variables import variables
 
 pytestmark = [
     pytest.mark.real_time("programs are processes"),
@@ -97,7 +98,7 @@ def test_a_python_with_another_rclpy_uses_that_one(tmp_path: Path) -> None:
     python = tmp_path / "other/bin/python"
     folder = started(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip()
     write(Path(folder), {"rclpy/__init__.py": "WHICH = 'other'", "rclpy/node.py": ""})
-    environment = build_prefix([], tmp_path / "out").environment()
+    environment = variables(build_prefix([], tmp_path / "out").folder)
     assert "sitecustomize" in started(sys.executable, "-c", "import sitecustomize as s; print(s)", **environment).stdout
     found = started(python, "-c", "import rclpy.node; print(rclpy.WHICH)", cwd=tmp_path, **environment)
     assert found.stdout == "other\n", found.stderr

@@ -11,7 +11,7 @@ import pytest
 from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, run
 
-from rosidl_py_gen.ros_cli.program_runner.error_display import refused_arguments
+from rosidl_py_gen.ros_cli.program_runner.program import refused_arguments
 from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree.ElementTree import ParseError
 
 from rosidl_py_gen.base.distributions import selected
@@ -24,9 +24,8 @@ from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import COMMANDS, report, terminal_output
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.prefix.build import Prefix
+from rosidl_py_gen.ros_cli.prefix import executables
+from rosidl_py_gen.ros_cli.prefix.build import Prefix
 
 _ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
 _NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")
@@ -152,8 +151,7 @@ class MissingParts:
         prefixes = import_module("ament_index_python.packages").get_packages_with_prefixes()
         if package not in prefixes:
             return f"{text}: no such package{did_you_mean(package, prefixes)}"
-        folder = os.path.join(prefixes[package], "lib", package)
-        known = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
+        known = sorted(executables.of_prefixes(package))
         return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
 
 

@@ -20,13 +20,13 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import install_command, require_modules
-from rosidl_py_gen.compiler.frontend.workspace import Workspace, workspace_around
+from rosidl_py_gen.compiler.frontend.package_files import files_below
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
 from rosidl_py_gen.ros_cli.launch.missing import MissingParts
 from rosidl_py_gen.ros_cli.prefix.build import Prefix, build_prefix
-from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
-from rosidl_py_gen.ros_cli.program_runner.run import make_importable
+from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
+from rosidl_py_gen.ros_cli.program_runner.run import make_importable, roots, workspaces
 
 _ORIGINS = dict.fromkeys(("launch", "launch_xml", "launch_yaml"), "launch@3.4.3") | {"launch_ros": "launch_ros@0.26.6"}
 """Repositories of ros2 and versions of Jazzy. The package index has another `launch`: docs/internals/protocol.md 15."""
@@ -52,13 +52,11 @@ def start(
     if wrong := ["".join(pair) for pair in pairs if not (pair[0] and pair[1])]:
         raise click.UsageError(f'expected NAME:=VALUE, found "{wrong[0]}"')
     place = Path(words[0]).resolve() if is_file else Path.cwd()
-    around = workspace_around(place) or workspace_around(Path.cwd())
-    sources = [folder.resolve() for folder in (*(around.roots if around else ()), *map(Path, (*paths, *checkouts)))]
-    prefix = build_prefix(folder for folder in sources if Workspace(folder).packages)
+    prefix = build_prefix(roots(workspaces([*paths, *checkouts], place)))
     if prefix.problems:
         more = f" ({len(prefix.problems)} such problems; rosidl-py prefix prints all)" if prefix.problems[1:] else ""
         terminal_output.note(f"warning: {prefix.problems[0]}{more}")
-    os.environ.update(prefix.environment())
+    os.environ.update(variables(prefix.folder))
     for name, folder in (*_PIP_FOLDERS, ("PATH", os.path.dirname(sys.executable))):
         os.environ[name] += f"{os.pathsep}{folder}" if folder else ""
     sys.path.append(str(prefix.folder / SITE_PACKAGES))
@@ -94,7 +92,8 @@ def _file_of_package(package: str, name: str) -> str:
         text = f'no file and no package "{package}"{did_you_mean(package, known)}; searched the workspace'
         raise CommandError(f"{text}, --path and AMENT_PREFIX_PATH")
     share: str = packages.get_package_share_directory(package, print_warning=False)
-    files = files_below(share)
+    found = {os.path.realpath(os.path.join(share, one)): one for one in reversed(files_below(Path(share)))}
+    files = sorted(found.values())  # of links to one file, the first
     is_path = os.path.isfile(os.path.join(share, name))
     matching = [name] if is_path else [one for one in files if os.path.basename(one) == name]
     if len(matching) == 1:
@@ -106,19 +105,6 @@ def _file_of_package(package: str, name: str) -> str:
     text = f'{package} ({display_path(share)}) has no file "{name}"' if name else f"expected a launch file of {package}"
     hint = did_you_mean(name, map(os.path.basename, files))
     raise CommandError(f"{text}{hint}; its launch files: {', '.join(files) or 'none'}")
-
-
-def files_below(folder: str | Path) -> list[str]:
-    """Return the relative paths of all files below a folder; of links to one file, the first."""
-    found: dict[str, str] = {}
-    visited: set[str] = set()
-    for inside, folders, files in os.walk(folder, followlinks=True):
-        real = os.path.realpath(inside)
-        folders[:] = sorted(one for one in folders if real not in visited and not one.startswith("."))
-        visited.add(real)  # links may form loops
-        for path in (os.path.join(inside, name) for name in sorted(files)):
-            found.setdefault(os.path.realpath(path), os.path.relpath(path, folder))
-    return sorted(found.values())
 
 
 @exit_on_error()

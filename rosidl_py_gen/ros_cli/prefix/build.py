@@ -1,9 +1,10 @@
-"""An ament prefix of source packages: planned from their install rules, which are read but not run, and written."""
+"""An ament prefix of source packages, with setup scripts: planned from install rules, which are not run; written."""
 
 from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
@@ -11,13 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
+from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
+from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
 from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.prefix import executables, setup_scripts
-from rosidl_py_gen.ros_cli.prefix.package_plan import INDEX, PROGRAM, PackagePlan, PrefixFile
-from rosidl_py_gen.ros_cli.prefix.variables import variables
+from rosidl_py_gen.ros_cli.prefix import executables
+from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
+from rosidl_py_gen.ros_cli.prefix.variables import FIXED, SITE_PACKAGES, folders, of_distribution
 from rosidl_py_gen.type_loading.share_folder import cached_folder
 
 STATE = ".rosidl-py-prefix"
@@ -32,12 +35,10 @@ class Prefix:
     """An ament prefix.
 
     Attributes:
-        folder: the prefix.
         packages: source folders of its packages by name.
         skipped: plans of the packages with C++ code, which is not built: `missing` executables, and `text`.
         problems: texts about files that could not be read or installed.
-        created: number of files that this call created or changed.
-        removed: number of files that this call removed.
+        created: number of files that this call created or changed; it has `removed` others.
     """
 
     folder: Path
@@ -46,10 +47,6 @@ class Prefix:
     problems: tuple[str, ...]
     created: int
     removed: int
-
-    def environment(self) -> dict[str, str]:
-        """Return the environment variables of a process that uses the prefix; lists end with the current values."""
-        return variables(self.folder)
 
 
 def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Prefix:
@@ -69,12 +66,12 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Pre
         if around is None or not around.packages:
             raise CommandError("there is no package in or around the current folder; give the folder of a workspace")
         sources = around.roots
-    folders = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
+    searched = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
     problems: list[str] = []
-    packages = _find_packages(folders, problems)
-    prefix = cached_folder("prefix", (sys.executable, *folders)) if out is None else Path(os.path.abspath(out))
+    packages = _find_packages(searched, problems)
+    prefix = cached_folder("prefix", (sys.executable, *searched)) if out is None else Path(os.path.abspath(out))
     plans = [PackagePlan(name, folder) for name, folder in packages.items()]
-    files = setup_scripts.files(prefix, plans)
+    files = _own_files(prefix, plans)
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
         problems += plan.problems
@@ -93,9 +90,9 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Pre
     return Prefix(prefix, packages, skipped, tuple(problems), created, removed)
 
 
-def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
+def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]:
     packages: dict[str, Path] = {}
-    for folder in folders:
+    for folder in searched:
         if not folder.is_dir():
             raise CommandError(f"{display_path(folder)}: expected a folder of packages, found none")
         top = folder if (folder / MANIFEST).exists() or not (folder / "src").is_dir() else folder / "src"
@@ -109,6 +106,44 @@ def _find_packages(folders: list[Path], problems: list[str]) -> dict[str, Path]:
                 text = f"two packages are called {name}: {display_path(used)} is used, {display_path(place)} is not"
                 problems.append(f"{text}; put an empty file COLCON_IGNORE into one of them")
     return packages
+
+
+def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFile]:
+    """Return the files at the top of a prefix, and the module ``sitecustomize``, by their paths."""
+    if os.pathsep in str(prefix):
+        raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
+    names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
+    names |= {plan.name for plan in plans if f"{INDEX}/rosidl_interfaces/{plan.name}" in plan.files}
+    names |= {*COMPANIONS, "rosidl_parser"}
+    template = Path(__file__).with_name("sitecustomize_template.py").read_text(encoding="utf-8")
+    texts = {
+        "COLCON_IGNORE": "",
+        **dict.fromkeys(("setup.sh", "setup.bash", "setup.zsh"), _posix_script(prefix)),
+        "setup.fish": _fish_script(prefix),
+        f"{SITE_PACKAGES}/sitecustomize.py": template.replace("frozenset(())", f"frozenset({sorted(names)})"),
+    }
+    return {place: PrefixFile(content=os.fsencode(text)) for place, text in texts.items()}
+
+
+def _posix_script(prefix: Path) -> str:
+    lines = [f"export {name}={value}" for name, value in FIXED.items()]
+    for name, value in of_distribution().items():
+        lines.append(f'[ -n "${{{ENVIRONMENT_VARIABLE}:-}}" ] || export {name}={value}')
+    for name, folder in folders(prefix).items():
+        quoted, old = shlex.quote(str(folder)), f"${{{name}:+:${{{name}}}}}"
+        lines.append(f'case "{old}:" in *:{quoted}:*) ;; *) export {name}={quoted}"{old}" ;; esac')
+    return "\n".join(lines) + "\n"
+
+
+def _fish_script(prefix: Path) -> str:
+    lines = [f"set -gx {name} {value}" for name, value in FIXED.items()]
+    for name, value in of_distribution().items():
+        lines.append(f'test -n "${ENVIRONMENT_VARIABLE}"; or set -gx {name} {value}')
+    for name, folder in folders(prefix).items():
+        quoted = "'" + str(folder).replace("\\", "\\\\").replace("'", "\\'") + "'"
+        value = f"{quoted} $PATH" if name == "PATH" else f"(string join : -- {quoted} ${name})"
+        lines.append(f'contains -- {quoted} (string split : -- "${name}"); or set -gx {name} {value}')
+    return "\n".join(lines) + "\n"
 
 
 def _bundled_files() -> dict[str, PrefixFile]:

@@ -1,8 +1,7 @@
 """Executables of a package, read from its sources, which are not run.
 
-They are the console scripts of setup.py (read as syntax tree), setup.cfg and pyproject.toml, the files that
-CMakeLists.txt installs as PROGRAMS, and Python files that it installs into ``lib/<package>``. An installed package has
-the console scripts of its distribution, and the executable files in ``lib/<package>`` of its prefix.
+They are console scripts, the files that CMakeLists.txt installs as PROGRAMS, and Python files that it installs into
+``lib/<package>``. An installed package has those of its distribution, and the executable files of its prefix.
 """
 
 from __future__ import annotations
@@ -53,17 +52,12 @@ class Executable:
     """Script, or function of a module.
 
     Attributes:
-        name: name for `ros2 run`.
         folder: first folder of `sys.path`.
-        source: file that declares the executable.
-        file: the script, or None.
-        module: the module of the function, or None.
         function: name of the function, with dots for attributes, or None.
     """
 
     name: str
     folder: Path
-    source: Path
     file: Path | None = None
     module: str | None = None
     function: str | None = None
@@ -84,38 +78,34 @@ class Executable:
 
 def of_sources(folder: Path) -> dict[str, Executable]:
     """Return the executables of a source package by name. Raises `CommandError` if a file cannot be read."""
-    found: list[Executable] = []
-    for points in entry_points(folder):
-        found += console_scripts(*points, lambda text: terminal_output.note(f"warning: {text}"))
+    _, found = entry_points(folder, lambda text: terminal_output.note(f"warning: {text}"))
     if (folder / "CMakeLists.txt").is_file():
         found += _programs(folder)
     return {one.name: one for one in reversed(found)}
 
 
-def entry_points(folder: Path) -> Iterator[tuple[Path, dict[str, list[str]], str]]:
-    """Yield the entry points of a source package.
+def entry_points(folder: Path, problem: Callable[[str], None]) -> tuple[dict[str, list[str]], list[Executable]]:
+    """Return the entry points of a source package, as lines ``name = module:function`` by group, and console scripts.
 
-    For each of its setup.py, setup.cfg and pyproject.toml, yield the file, the lines ``name = module:function`` by
-    group, and the folder of the modules relative to `folder`. Raises `CommandError` if a file cannot be read.
+    Calls `problem` with an error text for each malformed script. Raises `CommandError` if a file cannot be read.
     """
+    groups: dict[str, list[str]] = {}
+    scripts: list[Executable] = []
     for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
-        if (source := folder / name).is_file():
-            try:
-                groups, root = reader(read_text(folder, name), folder)
-            except (UnreadableError, SetupSyntaxError, configparser.Error) as error:
-                raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
-            yield source, groups, root
-
-
-def console_scripts(
-    source: Path, groups: dict[str, list[str]], root: str, problem: Callable[[str], None]
-) -> Iterator[Executable]:
-    """Yield the console scripts of `entry_points`; calls `problem` with an error text for each other line."""
-    for text in groups.get(_GROUP, ()):
-        if match := _ENTRY.fullmatch(text):
-            yield Executable(match[1], source.parent / root, source, module=match[2], function=match[3])
-        elif text.strip():
-            problem(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"; it is skipped')
+        if not (source := folder / name).is_file():
+            continue
+        try:
+            found, root = reader(read_text(folder, name), folder)
+        except (UnreadableError, SetupSyntaxError, configparser.Error) as error:
+            raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
+        for group, lines in found.items():
+            groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
+        for text in filter(str.strip, found.get(_GROUP, ())):
+            if match := _ENTRY.fullmatch(text):
+                scripts.append(Executable(match[1], folder / root, None, match[2], match[3]))
+            else:
+                problem(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"; it is skipped')
+    return groups, scripts
 
 
 def is_python_program(file: Path) -> bool:
@@ -146,22 +136,16 @@ def of_bundled(package: str) -> dict[str, Executable]:
 
 def _functions(values: Mapping[str, str], folder: Path) -> dict[str, Executable]:
     found = {name: _ENTRY.fullmatch(f"{name} = {value}") for name, value in values.items()}
-    return {name: Executable(name, folder, folder, None, one[2], one[3]) for name, one in found.items() if one}
+    return {name: Executable(name, folder, None, one[2], one[3]) for name, one in found.items() if one}
 
 
 def of_prefixes(package: str) -> dict[str, Executable]:
     """Return the executable files in ``lib/<package>`` of the prefixes in AMENT_PREFIX_PATH."""
     executables: dict[str, Executable] = {}
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-        folder = Path(prefix, "lib", package)
-        try:
-            names = sorted(os.listdir(folder))
-        except OSError:
-            continue
-        for name in names:
-            path = folder / name
+        for path in sorted(Path(prefix, "lib", package).glob("*")):
             if path.is_file() and os.access(path, os.X_OK):
-                executables.setdefault(name, Executable(name, folder, folder, file=path))
+                executables.setdefault(path.name, Executable(path.name, path.parent, path))
     return executables
 
 
@@ -213,15 +197,13 @@ def _sections(text: str) -> dict[str, list[str]]:
 
 def _programs(folder: Path) -> Iterator[Executable]:
     """Yield files that are installed as PROGRAMS, and Python files that are installed into ``lib/<package>``."""
-    source = folder / "CMakeLists.txt"
     try:
         installs = cmake_installs(folder)
     except UnreadableError as error:
-        raise CommandError(f"{source}: {error.reason}") from error
+        raise CommandError(f"{folder / 'CMakeLists.txt'}: {error.reason}") from error
     for one in installs:
         is_program = one.kind == "PROGRAMS"
-        if is_program or (one.kind in ("FILES", "DIRECTORY") and one.destination.startswith("lib/")):
+        if is_program or one.destination.startswith("lib/"):
             for name, path in one.files():
-                file = folder / path
-                if is_program or (file.suffix == ".py" and "/" not in name):
-                    yield Executable(name, folder, source, file=file)
+                if is_program or (path.endswith(".py") and "/" not in name):
+                    yield Executable(name, folder, folder / path)

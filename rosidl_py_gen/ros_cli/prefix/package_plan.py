@@ -59,7 +59,6 @@ class PackagePlan:
     """Files that a package installs.
 
     Attributes:
-        name: name of the package.
         files: files by their paths below the prefix.
         problems: texts about what could not be read or installed.
         missing: names of the executables that need a build.
@@ -172,8 +171,7 @@ class PackagePlan:
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
         is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
         if is_named or (is_below_lib and executables.is_python_program(source)):
-            script = executables.Executable(source.name, source.parent, source, file=source)
-            file = PrefixFile(source, script.program(), PROGRAM)
+            file = PrefixFile(source, executables.Executable(source.name, source.parent, source).program(), PROGRAM)
         elif is_program and not is_executable:
             if source.stat().st_size > _MAX_COPY_BYTES:
                 return self._problem(f"{display_path(source)} is too large for a copy, and is not executable: chmod +x")
@@ -182,12 +180,9 @@ class PackagePlan:
 
     def _add_entry_points(self, scripts_folder: str) -> dict[str, list[str]]:
         """Add programs of console scripts; returns the entry points by group."""
-        groups: dict[str, list[str]] = {}
-        for points in executables.entry_points(self._folder):
-            for group, lines in points[1].items():
-                groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
-            for one in executables.console_scripts(*points, self._problem):
-                self._add(f"{scripts_folder}/{one.name}", PrefixFile(None, one.program(), PROGRAM))
+        groups, scripts = executables.entry_points(self._folder, self._problem)
+        for one in scripts:
+            self._add(f"{scripts_folder}/{one.name}", PrefixFile(None, one.program(), PROGRAM))
         return groups
 
     def _add_metadata(self, name: object, version: object, groups: dict[str, list[str]]) -> None:

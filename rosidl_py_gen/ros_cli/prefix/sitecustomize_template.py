@@ -40,7 +40,7 @@ def _print_error(kind, error, traceback):  # type: ignore[no-untyped-def]
     if issubclass(kind, KeyboardInterrupt):
         from importlib import import_module
 
-        import_module("rosidl_py_gen.ros_cli.program_runner.error_display").filter_traceback(error)
+        import_module("rosidl_py_gen.ros_cli.program_runner.program").filter_traceback(error)
     sys.__excepthook__(kind, error, error.__traceback__)
 
 

@@ -12,12 +12,12 @@ import ast
 import importlib
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rosidl_py_gen import RosidlError, found_packages
 from rosidl_py_gen.base.distributions import selected
@@ -26,11 +26,7 @@ from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.program_runner.program import Program
-
-_MAX_BYTES = 4 << 20
+from rosidl_py_gen.ros_cli.program_runner.program import Program
 
 
 @dataclass
@@ -38,7 +34,6 @@ class _Import:
     """Imported module or name.
 
     Attributes:
-        name: name that is imported from the module, or None.
         alias: name in the importing file.
         is_required: False if the program handles its absence.
         alternatives: imports of a `try`; this one is required if one of them is missing.
@@ -53,14 +48,6 @@ class _Import:
     alternatives: tuple[_Import, ...] = ()
 
 
-@dataclass
-class _Findings:
-    """Findings without duplicates, and the checked files."""
-
-    lines: dict[tuple[str, int, str], None] = field(default_factory=dict)
-    files: set[Path] = field(default_factory=set)
-
-
 def check(program: Program, as_json: bool) -> int:
     """Print what the program lacks; returns 1 if anything is missing."""
     sys.path[:1] = [program.folder]
@@ -69,29 +56,32 @@ def check(program: Program, as_json: bool) -> int:
         assert program.module is not None
         start = _own_file(program.module) or _own_file(f"{program.module}.__main__")
         if start is None:
-            raise CommandError(_no_source_text(program.module))
-    findings = _Findings()
+            parent, _, name = program.module.rpartition(".")
+            package = _own_file(parent) if parent else None
+            names = [] if package is None else sorted(file.stem for file in package.parent.glob("*.py"))
+            raise CommandError(f'no source of the module "{program.module}" was found{did_you_mean(name, names)}')
+    findings: set[tuple[str, int, str]] = set()
+    files: set[Path] = set()
     queue = [(start, program.module or "")]
-    while queue:
-        file, module = queue.pop(0)
-        if file not in findings.files:
-            findings.files.add(file)
+    for file, module in queue:  # grows inside the loop
+        if file not in files:
+            files.add(file)
             queue += _FileChecker(file, module, findings).run(program.function if file == start else None)
-    missing = sorted(findings.lines)
+    missing = sorted(findings)
     if as_json:
         rows = [{"file": place, "line": line, "text": text} for place, line, text in missing]
-        terminal_output.document({"files": len(findings.files), "missing": rows})
+        terminal_output.document({"files": len(files), "missing": rows})
     else:
         terminal_output.lines(f"{place}:{line}: {text}" for place, line, text in missing)
-        count = len(findings.files)
-        terminal_output.line(f"{len(missing) or 'nothing'} missing in {count} file{'s' if count != 1 else ''}")
+        plural = "s" if len(files) > 1 else ""
+        terminal_output.line(f"{len(missing) or 'nothing'} missing in {len(files)} file{plural}")
     return 1 if missing else 0
 
 
 class _FileChecker:
     """Checks one file of a program."""
 
-    def __init__(self, file: Path, module: str, findings: _Findings) -> None:
+    def __init__(self, file: Path, module: str, findings: set[tuple[str, int, str]]) -> None:
         self._file, self._module, self._findings = file, module, findings
         self._known: dict[str, Any] = {}
         self._own_imports: list[tuple[Path, str]] = []
@@ -99,10 +89,7 @@ class _FileChecker:
     def run(self, function: str | None) -> list[tuple[Path, str]]:
         """Check the file, and that it defines a function; returns the imported files of the program."""
         try:
-            data = self._file.read_bytes()
-            if len(data) > _MAX_BYTES:
-                raise CommandError(f"{self._file} is longer than {_MAX_BYTES} bytes")
-            tree = ast.parse(data)
+            tree = ast.parse(self._file.read_bytes())
         except (SyntaxError, ValueError) as error:
             self._add(getattr(error, "lineno", 0) or 0, f"cannot be read as Python: {error}")
             return []
@@ -110,13 +97,11 @@ class _FileChecker:
             raise CommandError(f"{self._file}: expressions are nested too deeply") from error
         package = self._module if self._file.name == "__init__.py" else self._module.rpartition(".")[0]
         imports = [*_imports(tree, package)]
-        for one in imports:
-            value = self._resolve_import(one)
-            if value is not None:
-                self._known[one.alias] = value
+        self._known = {one.alias: value for one in imports if (value := self._resolve_import(one)) is not None}
         assigned = _assigned_names(tree)
-        if function is not None:
-            self._check_function(function.partition(".")[0], assigned | {one.alias for one in imports})
+        names = assigned | {one.alias for one in imports}
+        if function is not None and not names & {name := function.partition(".")[0], "*", "__getattr__"}:
+            self._add(1, f"{self._module} has no {name}{did_you_mean(name, sorted(names))}; the executable calls it")
         for node in ast.walk(tree):
             if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
                 self._check_attribute(node)
@@ -125,7 +110,7 @@ class _FileChecker:
         return self._own_imports
 
     def _add(self, line: int, text: str) -> None:
-        self._findings.lines.setdefault((display_path(self._file), line, text))
+        self._findings.add((display_path(self._file), line, text))
 
     def _resolve_import(self, one: _Import) -> Any:
         """Return the module or object if it is one of ours; a missing required import is added to the findings."""
@@ -137,28 +122,24 @@ class _FileChecker:
         if not _is_ours(one.module):
             self._check_foreign_import(one, top)
             return None
+        problem = ""
         try:
             module = _import_module(one.module)
         except ModuleNotFoundError as error:
-            if one.is_required:
-                needed = missing_extra_message(error)
-                self._add(one.line, f"{one.module}: {needed or error}")
-            return None
+            module, problem = None, f"{one.module}: {missing_extra_message(error) or error}"
         if module is None:
-            if one.is_required:
-                parent, _, name = one.module.rpartition(".")
-                hint = did_you_mean(name, dir(sys.modules[parent])) if parent in sys.modules else ""
-                self._add(one.line, f"{one.module} is not here{hint}")
-            return None
-        if one.name is None:
+            parent, _, name = one.module.rpartition(".")
+            hint = did_you_mean(name, dir(sys.modules[parent])) if parent in sys.modules else ""
+            problem = problem or f"{one.module} is not here{hint}"
+        elif one.name is None:
             return module if one.is_renamed else sys.modules[top]
-        if one.name == "*":
-            return None
-        if not _has(module, one.name) and _import_module(f"{one.module}.{one.name}") is None:
-            if one.is_required:
-                self._add(one.line, _no_name_text(one.module, one.name, module))
-            return None
-        return getattr(module, one.name, None) or sys.modules.get(f"{one.module}.{one.name}")
+        elif one.name != "*":
+            if _has(module, one.name) or _import_module(f"{one.module}.{one.name}") is not None:
+                return getattr(module, one.name, None) or sys.modules.get(f"{one.module}.{one.name}")
+            problem = _no_name_text(one.module, one.name, module)
+        if problem and one.is_required:
+            self._add(one.line, problem)
+        return None
 
     def _check_foreign_import(self, one: _Import, top: str) -> None:
         if (own := _own_file(one.module)) is not None:
@@ -173,9 +154,9 @@ class _FileChecker:
             self._add(one.line, f"no package {top}. {note}" if note else f"no package {top}{hint}; {advice}")
 
     def _is_missing(self, one: _Import) -> bool:
-        findings = _Findings()
+        findings: set[tuple[str, int, str]] = set()
         _FileChecker(self._file, self._module, findings)._resolve_import(replace(one, is_required=True))
-        return bool(findings.lines)
+        return bool(findings)
 
     def _check_attribute(self, node: ast.Attribute) -> None:
         """Check ``rclpy.x.y`` where `rclpy` is imported: attributes of modules, classes and enumerations."""
@@ -210,12 +191,6 @@ class _FileChecker:
                 continue
             if one.attr not in assigned and not any(_has(base, one.attr) for base in bases):
                 self._add(one.lineno, _no_name_text(ast.unparse(node.bases[0]), one.attr, bases[0]))
-
-    def _check_function(self, function: str, names: set[str]) -> None:
-        """Check that a module may define the function that a console script calls."""
-        if not names & {function, "*", "__getattr__"}:
-            hint = did_you_mean(function, sorted(names))
-            self._add(1, f"{self._module} has no {function}{hint}; the executable calls it")
 
 
 def _imports(tree: ast.AST, package: str, is_required: bool = True) -> Iterator[_Import]:
@@ -306,13 +281,6 @@ def _own_file(module: str) -> Path | None:
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return None
     return Path(spec.origin)
-
-
-def _no_source_text(module: str) -> str:
-    parent, _, name = module.rpartition(".")
-    package = _own_file(parent) if parent else None
-    files = [] if package is None or package.name != "__init__.py" else sorted(package.parent.glob("*.py"))
-    return f'no source of the module "{module}" was found{did_you_mean(name, [file.stem for file in files])}'
 
 
 def _no_name_text(module: str, name: str, owner: Any) -> str:

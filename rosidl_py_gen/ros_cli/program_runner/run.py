@@ -18,7 +18,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
-from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, click_module, terminal_output
 from rosidl_py_gen.ros_cli.prefix.variables import RUN_PREFIX, variables
 from rosidl_py_gen.ros_cli.program_runner.program import Program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
@@ -35,7 +35,7 @@ def start(
     if listed:
         return _list(words, paths, as_json)
     if as_json and not check:
-        raise _usage_error("--json requires --check or --list; options of the program follow the program")
+        raise click_module().UsageError("--json requires --check or --list; options of the program follow the program")
     program = _program(words, paths)
     make_importable(program.place, paths)
     if check:
@@ -49,12 +49,10 @@ def start(
 
 def _set_environment(place: Path, paths: Sequence[str]) -> None:
     """Set the environment variables of ROS, with a prefix in which programs that this one starts find all packages."""
-    around = workspace_around(_workspace_folder(place))
-    used = [*([around] if around else []), *(Workspace(Path(path).resolve()) for path in paths)]
     prefix = None
     if os.name != "nt":  # it cannot have links
         try:
-            prefix = _cached_prefix(used)
+            prefix = _cached_prefix(workspaces(paths, place))
         except CommandError as error:
             terminal_output.note(f"warning: programs that this one starts will not find rclpy: {error}")
     os.environ.update(variables(prefix) | {RUN_PREFIX: str(prefix or "")})
@@ -69,7 +67,7 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
         for place in sys.path:
             note(place)
         copies = [replace(one) for one in workspaces]  # a workspace that was read before notes no paths
-        prefix = build_prefix(root for one in copies if one.packages for root in one.roots)
+        prefix = build_prefix(roots(copies))
         for folder in prefix.packages.values():
             with suppress(UnreadableError):
                 files_below(folder)
@@ -77,12 +75,6 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
         return str(prefix.folder)
 
     return Path(cached(("prefix", sys.executable, sys.path, workspaces), build))
-
-
-def _usage_error(text: str) -> Exception:
-    import click
-
-    return click.UsageError(text)
 
 
 def _note_misplaced_option(program: Program) -> None:
@@ -125,13 +117,13 @@ def _workspace_folder(place: Path) -> Path:
 
 def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
     if not words:
-        raise _usage_error("expected a file, -m and a module, or a package and an executable")
+        raise click_module().UsageError("expected a file, -m and a module, or a package and an executable")
     first, *rest = words
     here = Path.cwd()
     if first == "-m":
         if not rest:
-            raise _usage_error("expected a module after -m")
-        return Program("-m", tuple(rest[1:]), str(here), here, module=rest[0])
+            raise click_module().UsageError("expected a module after -m")
+        return Program("-m", tuple(rest[1:]), str(here), module=rest[0])
     path = Path(first)
     if path.is_file():
         return _file_program(path, tuple(rest))
@@ -148,8 +140,8 @@ def _file_program(path: Path, arguments: tuple[str, ...]) -> Program:
     if inside and _has_relative_imports(real):
         names = [*(folder.name for folder in reversed(inside)), real.stem]
         if all(name.isidentifier() for name in names):
-            return Program(str(path), arguments, str(inside[-1].parent), real, module=".".join(names))
-    return Program(str(path), arguments, str(real.parent), real, file=path)
+            return Program(str(path), arguments, str(inside[-1].parent), real, ".".join(names))
+    return Program(str(path), arguments, str(real.parent), path)
 
 
 def _has_relative_imports(file: Path) -> bool:
@@ -160,10 +152,15 @@ def _has_relative_imports(file: Path) -> bool:
     return any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree))
 
 
-def workspaces(paths: Sequence[str]) -> list[Workspace]:
-    """Return the workspaces of ``--path``, then that of the current folder."""
-    around = workspace_around(Path.cwd())
+def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspace]:
+    """Return the workspaces of ``--path``, then that of a program, or of the current folder."""
+    around = workspace_around(Path.cwd() if place is None else _workspace_folder(place))
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
+
+
+def roots(found: Sequence[Workspace]) -> list[Path]:
+    """Return the folders that contain all packages of some workspaces."""
+    return [root for one in found if one.packages for root in one.roots]
 
 
 def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executable], list[str]]:
@@ -178,7 +175,7 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
                 return by_name, places
     for find in (executables.of_distribution, executables.of_bundled, executables.of_prefixes):
         if by_name := find(package):
-            return by_name, [str(next(iter(by_name.values())).source)]
+            return by_name, [str(next(iter(by_name.values())).folder)]
     return {}, places
 
 
@@ -200,19 +197,18 @@ def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]
             f'{package} ({places[0]}) has no executable "{name}"{did_you_mean(name, by_name)}; it has: {names}'
         )
     one = by_name[name]
-    place = one.folder if one.file is None else one.file
-    if one.file is not None:
-        if one.file.suffix != ".py" and not is_python_program(one.file):
-            raise CommandError(f"{one.file} is not a Python program")
-        return Program(str(one.file), tuple(arguments), str(one.file.resolve().parent), place, file=one.file)
-    argv0 = str(one.folder / one.name)
-    return Program(argv0, tuple(arguments), str(one.folder), place, module=one.module, function=one.function)
+    if one.file is None:
+        argv0 = str(one.folder / name)
+        return Program(argv0, tuple(arguments), str(one.folder), None, one.module, one.function)
+    if one.file.suffix != ".py" and not is_python_program(one.file):
+        raise CommandError(f"{one.file} is not a Python program")
+    return Program(str(one.file), tuple(arguments), str(one.file.resolve().parent), one.file)
 
 
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     """Print lines as `ros2 pkg executables` does."""
     if len(words) > 1:
-        raise _usage_error("expected at most a package")
+        raise click_module().UsageError("expected at most a package")
     packages = words or sorted({name for workspace in workspaces(paths) for name in workspace_packages(workspace)})
     rows = []
     for package in packages:
