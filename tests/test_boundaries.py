@@ -40,6 +40,7 @@ SHARED_IN_RUNTIME = {
     "_deliver",
     "_push",
     "_has_news",
+    "_of_node",
     "_set_definition",
     "_schedule",
     "_why_missing",

@@ -1,4 +1,4 @@
-"""Fields of rclpy's messages: names, slots, defaults, and conversion of assigned values."""
+"""Fields of rclpy's messages: names, IDL types, slots, defaults, and conversion of assigned values."""
 
 from __future__ import annotations
 
@@ -11,13 +11,48 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError, short_repr
 from rosidl_py_gen.cdr.rclpy_messages.arrays import BYTES, as_list, joined_bytes, to_array
 from rosidl_py_gen.cdr.rclpy_messages.checks import check
-from rosidl_py_gen.cdr.rclpy_messages.names import slot as slot_name
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.cdr.message import Field
 
 CHECK = os.environ.get("ROS_PYTHON_CHECK_FIELDS") == "1"
 _ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
+_RESERVED = {"encode", "decode", "write", "read", "native", "assign", "check_fields", "fields_and_field_types"}
+"""Fields whose attribute with an underscore would hide a method of ours."""
+
+IDL_NAMES = {
+    "bool": "boolean",
+    "byte": "octet",
+    "char": "uint8",
+    "float32": "float",
+    "float64": "double",
+    "idl_char": "char",
+}
+"""Names of primitives in IDL that differ from those in .msg files."""
+
+
+def slot_name(name: str) -> str:
+    """Return the attribute that stores a field, by the field's Python name."""
+    return f"_{name}_" if name in _RESERVED else f"_{name}"
+
+
+def idl_text(kind: FieldType) -> str:
+    """Return the type of a field as `get_fields_and_field_types` has it, such as ``sequence<std_msgs/Header, 3>``."""
+    if kind.is_message:
+        package, _, name = kind.base.split("/")
+        text = f"{package}/{name}"
+    else:
+        text = IDL_NAMES.get(kind.base, kind.base) + (f"<{kind.string_bound}>" if kind.string_bound else "")
+    match kind.arity:
+        case Arity.ARRAY:
+            return f"{text}[{kind.capacity}]"
+        case Arity.BOUNDED:
+            return f"sequence<{text}, {kind.capacity}>"
+        case Arity.UNBOUNDED:
+            return f"sequence<{text}>"
+        case _:
+            return text
 
 
 class FieldSlot(NamedTuple):

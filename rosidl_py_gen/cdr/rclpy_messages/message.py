@@ -13,8 +13,17 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service
 from rosidl_py_gen.cdr.rclpy_messages import slot_types
-from rosidl_py_gen.cdr.rclpy_messages.fields import CHECK, FieldSlot, field_slot, from_plain, property_of, to_plain
-from rosidl_py_gen.cdr.rclpy_messages.names import IDL_NAMES, idl_text, slot
+from rosidl_py_gen.cdr.rclpy_messages.fields import (
+    CHECK,
+    IDL_NAMES,
+    FieldSlot,
+    field_slot,
+    from_plain,
+    idl_text,
+    property_of,
+    slot_name,
+    to_plain,
+)
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
@@ -64,7 +73,7 @@ def add_rclpy_table_members(cls: Any) -> Any:
     """Return the class with the slots and constants of the class's table; `cls` must not be used afterwards."""
     info = cls._TYPE
     namespace = {key: value for key, value in vars(cls).items() if key not in ("__dict__", "__weakref__")}
-    namespace["__slots__"] = tuple(slot(field.py_name) for field in info.fields)
+    namespace["__slots__"] = tuple(slot_name(field.py_name) for field in info.fields)
     namespace["_DEFAULTS"] = {
         field.ros_name: _rclpy_value(field.type.base, info.values[field.ros_name])
         for field in info.fields

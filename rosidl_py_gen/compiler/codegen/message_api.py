@@ -9,7 +9,7 @@ from __future__ import annotations
 from struct import calcsize
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.cdr.rclpy_messages.names import slot
+from rosidl_py_gen.cdr.rclpy_messages.fields import slot_name
 from rosidl_py_gen.compiler.codegen.statements import NUMPY_DTYPE, NUMPY_FIXED, plus
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class RclpyMessageApi(MessageApi):
         return self.support(name, "rosidl_py_gen.cdr.rclpy_messages.arrays")
 
     def attribute(self, name: str) -> str:
-        return slot(name)
+        return slot_name(name)
 
     def fixed(self, code: str) -> str:
         return self.array_function("fixed_bytes") if code == "c" else super().fixed(code)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.validate_full_topic_name import validate_full_topic_name
+from rosidl_py_gen.runtime._rclpy_support import wire_topics_of_node
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
     from rclpy.handles import Handle
     from rosidl_py_gen import runtime
 
@@ -23,8 +22,6 @@ class NodeGraph:
 
     if TYPE_CHECKING:
 
-        @property
-        def context(self) -> Context: ...
         @property
         def handle(self) -> Handle[runtime.Node]: ...
         def get_name(self) -> str: ...
@@ -51,13 +48,17 @@ class NodeGraph:
         with self.handle as handle:
             return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), timeout)
 
-    def _rosidl_names_of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
+    def _rosidl_names_of_node(
+        self, kind: str, node_name: str, node_namespace: str, no_demangle: bool = False
+    ) -> NamesAndTypes:
         with self.handle.in_use_if_ok() as node:
             namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
             if not any((info.name, info.namespace) == (node_name, namespace) for info in node.get_nodes()):
                 raise NodeNameNonExistentError(
                     f"cannot get {kind} names and types for nonexistent node: {node_name}, in namespace {namespace}"
                 )
+            if no_demangle and self.handle.context.runtime.middleware == "DDS":
+                return wire_topics_of_node(node, node_name, namespace, writers=kind == "publisher")
             names: NamesAndTypes = getattr(node, f"get_{kind}_names_and_types_by_node")(node_name, namespace)
             return names
 
@@ -69,7 +70,7 @@ class NodeGraph:
         Raises:
             NodeNameNonExistentError: the node is not in the graph.
         """
-        return self._rosidl_topics_of_node("publisher", "Request", "Reply", node_name, node_namespace, no_demangle)
+        return self._rosidl_names_of_node("publisher", node_name, node_namespace, no_demangle)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
@@ -79,29 +80,7 @@ class NodeGraph:
         Raises:
             NodeNameNonExistentError: the node is not in the graph.
         """
-        return self._rosidl_topics_of_node("subscriber", "Reply", "Request", node_name, node_namespace, no_demangle)
-
-    def _rosidl_topics_of_node(
-        self,
-        kind: str,
-        client_direction: str,
-        service_direction: str,
-        node_name: str,
-        node_namespace: str,
-        no_demangle: bool,
-    ) -> NamesAndTypes:
-        topics = self._rosidl_names_of_node(kind, node_name, node_namespace)
-        handle = self.context.handle
-        if not no_demangle or handle is None or handle.runtime.middleware != "DDS":
-            return topics
-        dds_topics = [(f"rt{name}", [_mangle_type(ros_type) for ros_type in types]) for name, types in topics]
-        for entity, direction in (("client", client_direction), ("service", service_direction)):
-            prefix, suffix = ("rq", "Request_") if direction == "Request" else ("rr", "Response_")
-            dds_topics += [
-                (f"{prefix}{name}{direction}", [f"{_mangle_type(ros_type)}{suffix}" for ros_type in types])
-                for name, types in self._rosidl_names_of_node(entity, node_name, node_namespace)
-            ]
-        return sorted(dds_topics)
+        return self._rosidl_names_of_node("subscriber", node_name, node_namespace, no_demangle)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return the services of a node; raise NodeNameNonExistentError if it is not in the graph."""
@@ -156,8 +135,3 @@ class NodeGraph:
     def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return the subscriptions of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
         return self._rosidl_endpoint_infos("subscriptions", topic_name, no_mangle)
-
-
-def _mangle_type(ros_type: str) -> str:
-    """Return ``std_msgs::msg::dds_::String_`` for ``std_msgs/msg/String``."""
-    return re.sub(r"^(\w+)/(\w+)/(\w+)$", r"\1::\2::dds_::\3_", ros_type)

@@ -131,21 +131,21 @@ class _RuntimeProfile(runtime.QoSProfile):
 
     def to_dict(self) -> dict[str, Any]:
         profile = QoSProfile._rosidl_from_runtime(self)
-        return {name: getattr(profile, name) for name in _FIELDS}
+        return {name: getattr(profile, name) for name in _DEFAULTS}
 
 
-_FIELDS = (
-    "history",  # before depth, whose setter reads it
-    "depth",
-    "reliability",
-    "durability",
-    "lifespan",
-    "deadline",
-    "liveliness",
-    "liveliness_lease_duration",
-    "avoid_ros_namespace_conventions",
-)
-"""Fields in the order in which rclpy displays them."""
+_DEFAULTS: dict[str, Any] = {
+    "history": HistoryPolicy.KEEP_LAST,
+    "depth": 10,
+    "reliability": ReliabilityPolicy.RELIABLE,
+    "durability": DurabilityPolicy.VOLATILE,
+    "lifespan": Duration(),
+    "deadline": Duration(),
+    "liveliness": LivelinessPolicy.SYSTEM_DEFAULT,
+    "liveliness_lease_duration": Duration(),
+    "avoid_ros_namespace_conventions": False,
+}
+"""Field of a profile -> default of rmw; `history` stands before `depth`, whose setter reads it."""
 
 
 class QoSProfile:
@@ -156,7 +156,7 @@ class QoSProfile:
         AssertionError: a field is unknown, or a value has the wrong type.
     """
 
-    __slots__ = tuple(f"_{name}" for name in _FIELDS)
+    __slots__ = tuple(f"_{name}" for name in _DEFAULTS)
 
     history = Checked[HistoryPolicy](int, convert=HistoryPolicy)
     reliability = Checked[ReliabilityPolicy](int, convert=ReliabilityPolicy)
@@ -232,24 +232,11 @@ class QoSProfile:
         return converted
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, QoSProfile) and all(getattr(self, name) == getattr(other, name) for name in _FIELDS)
+        return isinstance(other, QoSProfile) and all(getattr(self, name) == getattr(other, name) for name in _DEFAULTS)
 
     def __str__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!s}' for name in _FIELDS)})"
+        return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!s}' for name in _DEFAULTS)})"
 
-
-_DEFAULTS: dict[str, Any] = {
-    "history": HistoryPolicy.KEEP_LAST,
-    "depth": 10,
-    "reliability": ReliabilityPolicy.RELIABLE,
-    "durability": DurabilityPolicy.VOLATILE,
-    "lifespan": Duration(),
-    "deadline": Duration(),
-    "liveliness": LivelinessPolicy.SYSTEM_DEFAULT,
-    "liveliness_lease_duration": Duration(),
-    "avoid_ros_namespace_conventions": False,
-}
-"""Field of a profile -> default of rmw."""
 
 DeadlineBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)
 LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=RMW_QOS_DEADLINE_BEST_AVAILABLE)  # spelled as in rclpy

@@ -314,19 +314,18 @@ class Graph:
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:
         """Return topics and their types; without `demangle`, all names as in the middleware."""
-        endpoints = list(self.endpoints.values())
-        if demangle:
-            return _topics(endpoints)
-        return _grouped((endpoint.wire_name, endpoint.wire_type) for endpoint in endpoints)
+        return _topics(list(self.endpoints.values()), demangle)
 
     def services(self) -> NamesAndTypes:
         """Return services and their types."""
         return _services(list(self.endpoints.values()), "request", "reply")
 
-    def of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
+    def of_node(
+        self, name: str, namespace: str, *, writers: bool, services: str = "", demangle: bool = True
+    ) -> NamesAndTypes:
         """Return the topics that a node writes or reads; with `services`, the services whose requests or replies."""
         endpoints = self._endpoints_of(name, namespace, writers)
-        return _services(endpoints, services) if services else _topics(endpoints)
+        return _services(endpoints, services) if services else _topics(endpoints, demangle)
 
     def announced_hashes(self, name: str, namespace: str, type_name: str) -> dict[str, set[str]]:
         """Return hash -> topics and services, for one type and the endpoints of a node; "" for no hash."""
@@ -347,7 +346,9 @@ class Graph:
                     yield endpoint
 
 
-def _topics(endpoints: Iterable[DiscoveredEndpoint]) -> NamesAndTypes:
+def _topics(endpoints: Iterable[DiscoveredEndpoint], demangle: bool) -> NamesAndTypes:
+    if not demangle:
+        return _grouped((endpoint.wire_name, endpoint.wire_type) for endpoint in endpoints)
     return _grouped(
         (endpoint.topic_key.name, endpoint.type) for endpoint in endpoints if endpoint.topic_key.kind == "topic"
     )

@@ -153,11 +153,13 @@ class GraphMethods(NodeBase):
         """Return the services that a node has clients of; empty if there is no such node."""
         return self._of_node(name, namespace, writers=False, services="reply")
 
-    def _of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
+    def _of_node(
+        self, name: str, namespace: str, *, writers: bool, services: str = "", demangle: bool = True
+    ) -> NamesAndTypes:
         graph = self._refreshed_graph()
         if not graph.has_node(name, namespace):  # an existing node may have a namespace that ROS refuses
             namespace = normalize_namespace(namespace)
-        return graph.of_node(name, namespace, writers=writers, services=services)
+        return graph.of_node(name, namespace, writers=writers, services=services, demangle=demangle)
 
     async def wait_for_node(self, name: str, timeout_s: float | None = None) -> Literal[True]:
         """Wait until a node is discovered: ``"name"`` in this node's namespace, or ``"/ns/name"``.

@@ -115,17 +115,14 @@ class ActionClient(ActionWaitable):
         self._rosidl_ended_goal_ids: list[bytes] = []
         impl = action_type.Impl
         with self._rosidl_endpoints.closing_on_error() as endpoints:
+            create = endpoints.create
             clients = {
-                "goal": endpoints.create_client(impl.SendGoalService, "send_goal", goal_service_qos_profile),
-                "result": endpoints.create_client(impl.GetResultService, "get_result", result_service_qos_profile),
-                "cancel": endpoints.create_client(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
+                "goal": create("client", impl.SendGoalService, "send_goal", goal_service_qos_profile),
+                "result": create("client", impl.GetResultService, "get_result", result_service_qos_profile),
+                "cancel": create("client", impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
             }
-            self._rosidl_feedback = endpoints.create_subscription(
-                impl.FeedbackMessage, "feedback", feedback_sub_qos_profile
-            )
-            self._rosidl_status = endpoints.create_subscription(
-                impl.GoalStatusMessage, "status", status_sub_qos_profile
-            )
+            self._rosidl_feedback = create("subscription", impl.FeedbackMessage, "feedback", feedback_sub_qos_profile)
+            self._rosidl_status = create("subscription", impl.GoalStatusMessage, "status", status_sub_qos_profile)
         self._rosidl_requests = {
             kind: PendingRequests(client, endpoints.context.notify) for kind, client in clients.items()
         }

@@ -191,15 +191,14 @@ class ActionServer(ActionWaitable):
         self._rosidl_end_times_ns: dict[bytes, int] = {}
         impl = action_type.Impl
         with self._rosidl_endpoints.closing_on_error() as endpoints:
+            create = endpoints.create
             self._rosidl_services = {
-                "goal": endpoints.create_service(impl.SendGoalService, "send_goal", goal_service_qos_profile),
-                "cancel": endpoints.create_service(impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
-                "result": endpoints.create_service(impl.GetResultService, "get_result", result_service_qos_profile),
+                "goal": create("service", impl.SendGoalService, "send_goal", goal_service_qos_profile),
+                "cancel": create("service", impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
+                "result": create("service", impl.GetResultService, "get_result", result_service_qos_profile),
             }
-            self._rosidl_feedback = endpoints.create_publisher(
-                impl.FeedbackMessage, "feedback", feedback_pub_qos_profile
-            )
-            self._rosidl_status = endpoints.create_publisher(impl.GoalStatusMessage, "status", status_pub_qos_profile)
+            self._rosidl_feedback = create("publisher", impl.FeedbackMessage, "feedback", feedback_pub_qos_profile)
+            self._rosidl_status = create("publisher", impl.GoalStatusMessage, "status", status_pub_qos_profile)
         node.add_waitable(self)
 
     @property

@@ -11,7 +11,7 @@ from rclpy.waitable import Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.handles import Handle
@@ -32,30 +32,17 @@ class ActionEndpoints(Destroyable):
         self._name = name
         self._endpoints: list[Any] = []
 
-    def create_client(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._create(self._node.create_client, srv_type, name, qos.get_c_qos_profile())
+    def create(self, kind: str, type_: Any, name: str, qos: QoSProfile) -> Any:
+        """Create a ``client``, ``publisher``, ``service`` or ``subscription``.
 
-    def create_publisher(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._create(self._node.create_publisher, msg_type, name, qos.get_c_qos_profile())
-
-    def create_service(self, srv_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._create_with_arrival_hook(self._node.create_service, srv_type, name, qos.get_c_qos_profile())
-
-    def create_subscription(self, msg_type: Any, name: str, qos: QoSProfile) -> Any:
-        return self._create_with_arrival_hook(self._node.create_subscription, msg_type, name, qos.get_c_qos_profile())
-
-    def _create(self, create: Callable[..., Any], *args: Any) -> Any:
-        type_, name, *other_args = args
-        endpoint = create(type_, f"{self._name}/_action/{name}", *other_args)
+        The last two queue what they receive, and wake up executors.
+        """
+        callback = (None,) if kind in ("service", "subscription") else ()
+        create = getattr(self._node, f"create_{kind}")
+        endpoint = create(type_, f"{self._name}/_action/{name}", *callback, qos.get_c_qos_profile())
+        if callback:
+            endpoint.on_ready(self.context.notify)
         self._endpoints.append(endpoint)
-        return endpoint
-
-    def _create_with_arrival_hook(
-        self, create: Callable[..., Any], type_: Any, name: str, qos: runtime.QoSProfile
-    ) -> Any:
-        """Create an endpoint that queues what it receives, and wakes up executors."""
-        endpoint = self._create(create, type_, name, None, qos)
-        endpoint.on_ready(self.context.notify)
         return endpoint
 
     @contextlib.contextmanager
