@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 import textwrap
 from pathlib import Path
 
 import pytest
-from support.environments import environment
+from support.environments import rclpy_python
 from support.interface_packages import write
 from support.program_processes import PACKAGE_XML, output_lines, run, started
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "interop_rclpy"))
-
-from rclpy_peer import REQUIREMENTS
 
 pytestmark = pytest.mark.real_time("programs are processes")
 
@@ -71,7 +66,7 @@ def _without_run_prefix(output: str) -> list[str]:
 
 
 def test_ament_index_python_answers_as_the_real_one(tmp_path: Path) -> None:
-    real = environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
+    real = rclpy_python()
     files = {
         f"first/{INDEX}/packages/robot": "",
         f"first/{INDEX}/packages/hollow": "",

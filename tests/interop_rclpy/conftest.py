@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from support.environments import environment
+from support.environments import rclpy_python
 from support.node_fixtures import SHORT_LEASE, dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 sys.path.insert(0, str(Path(__file__).parent))
 
 from private_network import PrivateNetwork
-from rclpy_peer import ANSWER_S, REQUIREMENTS, Peer
+from rclpy_peer import ANSWER_S, Peer
 
 __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
@@ -77,16 +77,11 @@ def _distribution_of_ours(request: pytest.FixtureRequest, monkeypatch: pytest.Mo
 @pytest.fixture(scope="session")
 def _pythons() -> dict[str, Path]:
     """Create the environments before a test enters the private network, from which no index can be reached."""
-    pythons = {}
-    for name, requirements in [*REQUIREMENTS.items(), *((name, ()) for name in HUMBLE)]:
-        made = os.environ.get(f"ROSIDL_PEER_{name.upper()}")
-        pythons[name] = Path(made, "bin", "python") if made else environment(f"rclpy-{name}", requirements)
-    return pythons
+    return {name: rclpy_python(name) for name in ("jazzy", "kilted", *HUMBLE)}
 
 
 @pytest.fixture(scope="session")
 def peer_python(distro: str, _pythons: dict[str, Path]) -> Path:
-    """Return a Python that has rclpy; $ROSIDL_PEER_JAZZY, ..._KILTED and ..._HUMBLE name existing ones."""
     return _pythons[distro]
 
 

@@ -22,20 +22,6 @@ ANSWER_S = 25
 """Default timeout for a result."""
 
 
-REQUIREMENTS = {
-    "jazzy": (
-        *("ros-jazzy-rclpy==7.1.6", "ros-jazzy-rmw-fastrtps-cpp==8.4.3", "ros-jazzy-std-msgs==5.3.6"),
-        *("ros-jazzy-std-srvs==5.3.6", "ros-jazzy-test-msgs==2.0.3", "ros-jazzy-sensor-msgs==5.3.6"),
-        "ros-jazzy-nav-msgs==5.3.6",
-    ),
-    "kilted": (
-        *("ros-kilted-rclpy==9.1.2", "ros-kilted-rmw-fastrtps-cpp==9.3.3", "ros-kilted-test-msgs==2.3.0"),
-        *("ros-std-msgs==5.5.1", "ros-std-srvs==5.5.1"),
-    ),
-}
-"""Packages of an environment with rclpy."""
-
-
 class PeerError(Exception):
     """Traceback of the peer, or its end."""
 

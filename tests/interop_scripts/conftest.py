@@ -9,14 +9,12 @@ from pathlib import Path
 
 import pytest
 from support.concurrent_programs import at_once
-from support.environments import environment
+from support.environments import rclpy_python
 from support.node_fixtures import DOMAINS, dds, only_loopback, pytest_pyfunc_call
 
 sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(1, str(Path(__file__).parents[1] / "interop_rclpy"))
 
 from observed_programs import PROGRAMS, Both, Case, Observed, Observer
-from rclpy_peer import REQUIREMENTS
 
 __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 _observations: dict[Path, dict[int, Both | BaseException]] = {}
@@ -26,7 +24,7 @@ _observations: dict[Path, dict[int, Both | BaseException]] = {}
 def observed(request: pytest.FixtureRequest, only_loopback: None, tmp_path_factory: pytest.TempPathFactory) -> Observed:
     """Return a function for the observations of a case. The first use in a file runs all of its selected cases."""
     if request.path not in _observations:
-        python, cache = environment("rclpy-jazzy", REQUIREMENTS["jazzy"]), tmp_path_factory.mktemp("cache")
+        python, cache = rclpy_python(), tmp_path_factory.mktemp("cache")
         items = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
         given = [item.callspec.params.get("case") for item in items]
         cases = [case for case in given if isinstance(case, Case)]

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.environments import environment
+from support.environments import rclpy_python
 
 sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parents[1] / "interop_rclpy"))
 
-from rclpy_peer import REQUIREMENTS
 from statements import PROGRAMS
 
 PROGRAM = Path(__file__).with_name("describe_messages.py")
@@ -29,8 +27,7 @@ PACKAGES = [
 
 @pytest.fixture(scope="module")
 def real() -> Path:
-    made = os.environ.get("ROSIDL_PEER_JAZZY")
-    return Path(made, "bin", "python") if made else environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
+    return rclpy_python()
 
 
 def ask(python: Path | str, what: str, given: object, *arguments: str, checked: bool = False) -> Any:

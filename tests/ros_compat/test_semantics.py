@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from support.concurrent_programs import AT_ONCE, at_once
-from support.environments import SHARED_MEMORY_LOST, environment
+from support.environments import SHARED_MEMORY_LOST, rclpy_python
 from support.node_fixtures import DOMAINS
 from support.program_processes import run_in_domain
 
@@ -24,9 +24,7 @@ CASES = [
 SIGNALS = (
     "int_spin",
     "term_spin",
-    "int_sleep",
     "int_thread",
-    "multi_term",
     "reinit",
     "options",
     "chained",
@@ -50,37 +48,28 @@ Outcome = tuple[str, int, str]
 Outcomes = dict[str, "tuple[Outcome, Outcome] | BaseException"]
 
 
-def run_program(command: list[str], middleware: str, domain: int) -> Outcome:
+def run_program(command: list[str | Path], middleware: str, domain: int) -> Outcome:
     done = run_in_domain(command, domain, middleware)
     return SHARED_MEMORY_LOST.sub("", done.stdout), done.returncode, done.stderr
 
 
-async def run_both(real: list[str], program: list[str], domain: int) -> tuple[Outcome, Outcome]:
+async def run_both(real: Path, program: list[str], domain: int) -> tuple[Outcome, Outcome]:
     """Run a program under real rclpy and under ours, in separate domains."""
     ours = [sys.executable, "-c", OURS, str(FOLDER.parent)]
     return await asyncio.gather(
-        asyncio.to_thread(run_program, [*real, *program], "rmw_fastrtps_cpp", domain),
+        asyncio.to_thread(run_program, [real, *program], "rmw_fastrtps_cpp", domain),
         asyncio.to_thread(run_program, [*ours, *program], "rmw_cyclonedds_cpp", domain + DOMAINS),
     )
 
 
 @pytest.fixture(scope="module")
-def real() -> list[str]:
-    """Return the command of real rclpy."""
-    sys.path.insert(0, str(FOLDER.parents[1] / "interop_rclpy"))
-    from rclpy_peer import REQUIREMENTS
-
-    return [str(environment("rclpy-jazzy", REQUIREMENTS["jazzy"]))]
-
-
-@pytest.fixture(scope="module")
-def outcomes(request: pytest.FixtureRequest, real: list[str]) -> Outcomes:
+def outcomes(request: pytest.FixtureRequest) -> Outcomes:
     """Return the output of all selected cases under both; those of `spinning` share a few processes."""
     chosen = [item.callspec.params["case"] for item in request.session.items if item.path == request.path]
     spinning, signals = ([case for case in chosen if case in all_of_them] for all_of_them in (CASES, SIGNALS))
     together = [part for number in range(AT_ONCE) if (part := spinning[number::AT_ONCE])]
     programs = [["spinning.py", *part] for part in together] + [["signals.py", case] for case in signals]
-    jobs = [partial(run_both, real, [str(FOLDER / name), *cases]) for name, *cases in programs]
+    jobs = [partial(run_both, rclpy_python(), [str(FOLDER / name), *cases]) for name, *cases in programs]
     found = asyncio.run(at_once(jobs))
     return {case: one for (_, *cases), one in zip(programs, found, strict=True) for case in cases}
 

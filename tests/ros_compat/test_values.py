@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import sys
 from functools import partial
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 
 import pytest
 from support.concurrent_programs import at_once
-from support.environments import environment
+from support.environments import rclpy_python
 from support.node_fixtures import DOMAINS
 from support.program_processes import run_in_domain
 
@@ -43,11 +42,7 @@ async def results_of_both(python: Path, program: Path, domain: int) -> Both:
 @pytest.fixture(scope="module")
 def all_results(request: pytest.FixtureRequest) -> dict[Path, Both | BaseException]:
     """Return the results of the selected programs, in a Python with rclpy of Jazzy and in ours."""
-    sys.path.insert(0, str(HERE.parent / "interop_rclpy"))
-    from rclpy_peer import REQUIREMENTS
-
-    made = os.environ.get("ROSIDL_PEER_JAZZY")
-    python = Path(made, "bin", "python") if made else environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
+    python = rclpy_python()
     programs = [item.callspec.params["program"] for item in request.session.items if item.path == request.path]
     found = asyncio.run(at_once(partial(results_of_both, python, program) for program in programs))
     return dict(zip(programs, found, strict=True))

@@ -31,6 +31,19 @@ from support.machine_locks import lock
 SHARED_MEMORY_LOST = re.compile(r"\S+ [^\n]*RTPS_TRANSPORT_SHM[^\n]* Error\] [^\n]*open_and_lock_file failed[^\n]*\n")
 """Output of Fast DDS if another program on this machine has taken its shared memory; it continues with UDP."""
 
+_RCLPY = {
+    "jazzy": (
+        *("ros-jazzy-rclpy==7.1.6", "ros-jazzy-rmw-fastrtps-cpp==8.4.3", "ros-jazzy-std-msgs==5.3.6"),
+        *("ros-jazzy-std-srvs==5.3.6", "ros-jazzy-test-msgs==2.0.3", "ros-jazzy-sensor-msgs==5.3.6"),
+        "ros-jazzy-nav-msgs==5.3.6",
+    ),
+    "kilted": (
+        *("ros-kilted-rclpy==9.1.2", "ros-kilted-rmw-fastrtps-cpp==9.3.3", "ros-kilted-test-msgs==2.3.0"),
+        *("ros-std-msgs==5.5.1", "ros-std-srvs==5.5.1"),
+    ),
+}
+"""Distribution -> packages of an environment with rclpy."""
+
 _PYTHON = Path("Scripts", "python.exe") if os.name == "nt" else Path("bin", "python")
 _MARKER = "requirements.txt"  # written last: who has it is whole
 
@@ -68,6 +81,12 @@ def environment(name: str, requirements: Sequence[str]) -> Path:
             if held is not None:
                 os.close(held)
     return folder / _PYTHON
+
+
+def rclpy_python(distro: str = "jazzy") -> Path:
+    """A Python that has rclpy: the one in $ROSIDL_PEER_JAZZY, ..._KILTED or ..._HUMBLE, or that of an `environment`."""
+    made = os.environ.get(f"ROSIDL_PEER_{distro.upper()}")
+    return Path(made, "bin", "python") if made else environment(f"rclpy-{distro}", _RCLPY.get(distro, ()))
 
 
 def kept(name: str, sources: Sequence[Path], make: Callable[[Path], None]) -> Path:

@@ -142,10 +142,8 @@ def record(python: Path) -> str:
 
 
 if __name__ == "__main__":
-    sys.path[:0] = [str(RECORD.parents[1]), str(RECORD.parents[1] / "interop_rclpy")]
-    from rclpy_peer import REQUIREMENTS
+    sys.path.insert(0, str(RECORD.parents[1]))
+    from support.environments import rclpy_python
 
-    from support.environments import environment
-
-    RECORD.write_text(record(environment("rclpy-jazzy", REQUIREMENTS["jazzy"])), encoding="utf-8")
+    RECORD.write_text(record(rclpy_python()), encoding="utf-8")
     print(f"wrote {RECORD}")

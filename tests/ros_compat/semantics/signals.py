@@ -73,10 +73,6 @@ if mode == "term_spin":
     later(signal.SIGTERM)
     show(lambda: rclpy.spin(node))
     show(rclpy.try_shutdown)
-if mode == "int_sleep":
-    later(signal.SIGINT)
-    show(sleep_until_the_signal)
-    show(rclpy.shutdown)
 if mode == "int_thread":
     out = []
 
@@ -95,11 +91,6 @@ if mode == "int_thread":
     show(sleep_until_the_signal)
     t.join(5)
     print(out, t.is_alive())
-if mode == "multi_term":
-    e = MultiThreadedExecutor(2)
-    e.add_node(node)
-    later(signal.SIGTERM)
-    show(e.spin)
 if mode == "reinit":
     rclpy.shutdown()
     rclpy.init()
