@@ -53,7 +53,7 @@ class PollableEntity(Entity):
     _callback: UserCallback | None
     """Takes everything, if there is one."""
     _contents = "messages"
-    """What the callback takes, for errors."""
+    """Noun for the data that the callback takes, for errors."""
     _listeners: RegistrationSet[UserCallback] | None = None
     _on_arrival: Callable[[], None] | None = None
     """Calls the listeners; None until the first one is added."""

@@ -41,7 +41,7 @@ class PeerConverters(Generic[C]):
     """Conversions for peers' definitions of a type; nothing is loaded before it is needed."""
 
     _contents = "messages"
-    """What is converted, for log records."""
+    """Noun for the converted data, for log records."""
 
     def __init__(self, scope: EntityScope, type_: MessageType[Any] | ServiceType[Any, Any]) -> None:
         self._scope = scope
