@@ -306,29 +306,23 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         take, accepted = self._transport_client.take, self._accepted_writers
         while (reply := take()) is not None:
             number, response, server = reply
-            if isinstance(response, NoReply):
-                if (pending := self._by_sequence_number.get(number)) is not None:
-                    self._fail(pending, self._lost_reason(response))
-                continue
             pending = self._by_sequence_number.get(number)
-            if isinstance(response, DecodeError):
+            try:
+                if isinstance(response, NoReply):
+                    raise self._lost_reason(response)
+                if isinstance(response, DecodeError):
+                    raise response
+                data = response if server in accepted else self._type_hash_filter.payload(server, response)
+            except (ServerLostError, DecodeError) as error:
                 if pending is not None:
-                    self._fail(pending, response)
+                    self._fail(pending, error)
                 continue
-            if server not in accepted:
-                try:
-                    converted = self._type_hash_filter.payload(server, response)
-                except DecodeError as error:
-                    if pending is not None:
-                        self._fail(pending, error)
-                    continue
-                if converted is None:
-                    continue
-                response = converted
+            if data is None:
+                continue
             if self._introspection is not None:
-                self._introspection.on_received(self._transport_client.gid, number, response)
+                self._introspection.on_received(self._transport_client.gid, number, data)
             if pending is not None:
-                self._handle_reply(pending, response, server)
+                self._handle_reply(pending, data, server)
 
     def _on_endpoint_lost(self) -> None:
         if self._pending:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -19,6 +23,22 @@ Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 class Drive:
     speed: Annotated[float, Range(0.0, 2.0)] = 1.0
     tags: tuple[str, ...] = ("a",)
+
+
+@contextmanager
+def server_process(environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run this file in another process."""
+    from support.node_fixtures import ROOT, domain_id
+
+    env = {**os.environ, **environment, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, __file__, str(domain_id())]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)
+    try:
+        assert process.stdout is not None and process.stdout.readline() == b"ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def open_context(domain_id: int) -> Context:

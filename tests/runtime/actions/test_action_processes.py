@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-from peer_process import Fibonacci, open_context
-from support.node_fixtures import ROOT, SHORT_LEASE, domain_id, run
+from peer_process import Fibonacci, open_context, server_process
+from support.node_fixtures import SHORT_LEASE, domain_id, run
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node, SetResult
@@ -22,17 +19,8 @@ from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEv
 def peer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[bytes]]:
     for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
-    script = Path(__file__).with_name("peer_process.py")
-    root = str(ROOT)
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]), **request.param}
-    command = [sys.executable, str(script), str(domain_id())]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)
-    try:
-        assert process.stdout is not None and process.stdout.readline() == b"ready\n"
+    with server_process(request.param) as process:
         yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_an_action_with_feedback_and_cancel(peer: subprocess.Popen[bytes]) -> None:

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import os
-import subprocess
-import sys
-from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from fibonacci_action import Fibonacci, fibonacci, goal, pair, until_canceled
-from peer_process import open_context
-from support.node_fixtures import ROOT, domain_id, until
+from peer_process import open_context, server_process
+from support.node_fixtures import domain_id, until
 
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime import GoalStatus, Node, UnknownGoalError
 from rosidl_py_gen.runtime.actions.server import ActionServer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from support.node_fixtures import World
 
 S = GoalStatus
@@ -158,20 +151,6 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
 
 
 # --------------------------------------------------------------------------------------------------- started again
-
-
-@contextmanager
-def server_process(environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
-    script = Path(__file__).with_name("peer_process.py")
-    env = {**os.environ, **environment, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-    command = [sys.executable, str(script), str(domain_id())]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)
-    try:
-        assert process.stdout is not None and process.stdout.readline() == b"ready\n"
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 async def test_a_goal_ends_when_its_killed_server_was_started_again(monkeypatch: pytest.MonkeyPatch) -> None:

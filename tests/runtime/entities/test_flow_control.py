@@ -169,25 +169,11 @@ async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
     clients = [node.create_client(AddTwoInts, "add") for node in (*nodes, nodes[0])]
     for client in clients:
         assert await client.wait_for_service(timeout_s=5)
-    await until(
-        lambda: (
-            [
-                client.service_is_available() and client._transport_client.servers().request_queue_depth
-                for client in clients
-            ]
-            == [3] * 4
-        )
-    )
+    depths = lambda: [c.service_is_available() and c._transport_client.servers().request_queue_depth for c in clients]  # noqa: E731
+    await until(lambda: depths() == [3] * 4)
     nodes[2].close()
-    await until(
-        lambda: (
-            [
-                client.service_is_available() and client._transport_client.servers().request_queue_depth
-                for client in clients[:2]
-            ]
-            == [5] * 2
-        )
-    )
+    del clients[2:]
+    await until(lambda: depths() == [5] * 2)
     server.close()
 
 

@@ -119,7 +119,8 @@ def test_plain_code_waits_for_a_message(memory: World) -> None:
         near.wait_for_message_sync(String, "u", 0.05)
 
 
-async def test_raw_messages_of_a_previous_subscription_get_the_definition_that_is_set_later(memory: World) -> None:
+@pytest.mark.parametrize("left", [False, True], ids=["of a previous subscription", "of a publisher that has left"])
+async def test_raw_messages_get_the_definition_that_is_set_later(memory: World, left: bool) -> None:
     ours: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")
     theirs: Any = get_message("sensor_msgs/msg/Range", distro="humble")
     alice, bob = memory.pair()
@@ -130,24 +131,11 @@ async def test_raw_messages_of_a_previous_subscription_get_the_definition_that_i
         for number in range(3):
             publisher.publish(theirs(range=number))
         await until(lambda: len(messages._subscription._items) == 3)
-        messages.resubscribe()
+        if left:
+            alice.context.close()
+            await until(lambda: bob.count_publishers("range") == 0)
+        else:
+            messages.resubscribe()
         messages.set_definition(opaque_message_class("sensor_msgs/msg/Range", type_hash(ours)))
         received = [(await messages.receive_with_info(5))[0] for _ in range(3)]
     assert [ours.decode(data) for data in received] == [ours(range=number) for number in range(3)]
-
-
-async def test_raw_messages_of_a_publisher_that_has_left_get_the_definition_that_is_set_later(memory: World) -> None:
-    ours: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")
-    theirs: Any = get_message("sensor_msgs/msg/Range", distro="humble")
-    alice, bob = memory.pair()
-    publisher = alice.create_publisher(theirs, "range")
-    unknown = opaque_message_class("sensor_msgs/msg/Range", "")
-    async with AdaptiveSubscription[bytes](bob, "range", unknown, raw=True) as messages:
-        await publisher.wait_for_subscribers(5)
-        publisher.publish(theirs(range=1))
-        await until(lambda: len(messages._subscription._items) == 1)
-        alice.context.close()
-        await until(lambda: bob.count_publishers("range") == 0)
-        messages.set_definition(opaque_message_class("sensor_msgs/msg/Range", type_hash(ours)))
-        data, _ = await messages.receive_with_info(5)
-    assert ours.decode(data) == ours(range=1)
