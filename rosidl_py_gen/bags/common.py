@@ -74,9 +74,6 @@ def written_durably(target: Path) -> Iterator[Path]:
     """Yield the path of a partial file, which becomes `target` when it is written, or is removed after a failure.
 
     A power cut leaves the old or the new file, never an incomplete one.
-
-    Raises:
-        OSError: the disk is full.
     """
     partial = target.with_name(f".{target.name}")
     try:

@@ -116,12 +116,7 @@ class Definitions:
         self._has_warned = False
 
     def find(self, topic: BagTopic) -> TopicDefinition:
-        """Return the definition of a topic.
-
-        Raises:
-            BagError: no definition is known, none has the recorded hash, or messages are not CDR.
-            DefinitionError: the definition in the bag is invalid.
-        """
+        """Return the definition of a topic; errors as in `BagReader.definition`."""
         definition = self._cache.get(topic.key)
         if definition is None:
             definition = self._cache[topic.key] = self._find(topic)

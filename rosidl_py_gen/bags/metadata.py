@@ -47,11 +47,7 @@ class BagMetadata:
 
 
 def read_metadata(folder: Path) -> BagMetadata:
-    """Read ``metadata.yaml`` of a folder.
-
-    Raises:
-        BagError: the file is missing, is not YAML, or a value is missing in it.
-    """
+    """Read ``metadata.yaml`` of a folder; raises `BagError` if it is missing, not YAML, or a value is missing in it."""
     path = folder / FILE
     try:
         with path.open("rb") as stream:
@@ -111,9 +107,7 @@ def _parse_metadata(value: Any) -> BagMetadata:
 def distro_of_metadata_text(text: str) -> str:
     """Return the distribution in metadata that are stored inside a file; empty if they do not have it.
 
-    Raises:
-        YamlError: the text is not YAML.
-        TypeError: the distribution is neither a text nor a number.
+    Raises `YamlError` or `TypeError` if the text has another format.
     """
     value = load_yaml(text)
     if isinstance(value, dict) and isinstance(value.get("rosbag2_bagfile_information"), dict):
@@ -197,11 +191,7 @@ def metadata_text(
 
 
 def write_metadata(folder: Path, text: str) -> None:
-    """Write ``metadata.yaml`` atomically.
-
-    Raises:
-        OSError: the disk is full; an older file is unchanged.
-    """
+    """Write ``metadata.yaml``; an older file is unchanged if the disk is full."""
     with written_durably(folder / FILE) as partial:
         partial.write_text(text, encoding="utf-8")
 

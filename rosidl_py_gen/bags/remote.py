@@ -46,12 +46,7 @@ def has_colons_in_names(url: str) -> bool:
 
 
 def bag_path(path: str | os.PathLike[str]) -> Path:
-    """Return a local path, or the path-like object for a URL.
-
-    Raises:
-        BagError: the protocol of the URL is unknown.
-        ExtraMissingError: universal_pathlib is not installed.
-    """
+    """Return a local path, or the path-like object for a URL; raises `BagError` if its protocol is unknown."""
     if isinstance(path, os.PathLike) or not is_url(path):
         return Path(path)
     if path.startswith("file://") and has_colons_in_names(path):  # which universal_pathlib cannot take
@@ -114,12 +109,7 @@ class _RangeFile:
 
 
 def local_copy(path: Path, folder: Path) -> Path:
-    """Copy a remote file, and SQLite's journals of it, into a local folder; return a local file unchanged.
-
-    Raises:
-        BagError: the copy does not fit there.
-        OSError: the file cannot be read.
-    """
+    """Copy a remote file, and SQLite's journals of it, into a local folder; return a local file unchanged."""
     if isinstance(path, Path):
         return path
     with unreachable_as_error(path):

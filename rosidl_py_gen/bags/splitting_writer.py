@@ -37,10 +37,7 @@ _BLOCK_BYTES = 1 << 20
 def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
     """Replace a file by its compressed form, as rosbag2 does in mode ``file``, and return the new path.
 
-    At any moment one of the two files is complete, also after a power cut; readers open that one.
-
-    Raises:
-        OSError: the disk is full; the file stays as it was.
+    At any moment one of the two files is complete, also after a power cut or on a full disk; readers open that one.
     """
     target = source.with_name(source.name + SUFFIX)
     with written_durably(target) as partial, source.open("rb") as plain, partial.open("wb") as compressed:
@@ -51,11 +48,7 @@ def compress_file(source: Path, zstd: ZstdCompressor | None = None) -> Path:
 
 
 def topic_of(topic: str, msg_type: type[Message] | BagTopic, qos: Sequence[QoSProfile] = ()) -> BagTopic:
-    """Return the topic that a bag stores for a class or for the topic of another bag.
-
-    Raises:
-        TypeNotFoundError: `msg_type` is not a message class.
-    """
+    """Return the topic that a bag stores for a class or for the topic of another bag; raises `TypeNotFoundError`."""
     if isinstance(msg_type, BagTopic):
         renamed = msg_type if msg_type.name == topic else replace(msg_type, name=topic)
         return replace(renamed, offered_qos=qos_text(qos)) if qos else renamed

@@ -28,9 +28,7 @@ _BLOCK_BYTES = 1 << 23
 def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
     """Return the file system of fsspec for a place, and its path there; `fresh` makes an instance that is not shared.
 
-    Raises:
-        BagError: the URL is not supported, or the place does not respond.
-        ExtraMissingError: fsspec is not installed.
+    Raises `BagError` if the URL is not supported, or the place does not respond.
     """
     try:
         import fsspec  # type: ignore[import-untyped]

@@ -73,11 +73,7 @@ def topics_in(query: str, topics: Sequence[str]) -> list[str]:
 class Database:
     """Topics of bags and datasets as tables of DuckDB; a context manager.
 
-    Args:
-        memory_limit: size such as ``1GB``; larger sorts, joins and groups use the temporary folder.
-
-    Raises:
-        BagError: `memory_limit` is not a size.
+    Sorts, joins and groups that exceed `memory_limit`, such as ``1GB``, use the temporary folder.
     """
 
     def __init__(self, memory_limit: str = MEMORY_LIMIT) -> None:

@@ -113,14 +113,10 @@ def compression_of(file: Path) -> str | None:
     """
     if file.suffix == SUFFIX:
         return "file"
-    storage: Storage = SqliteFile(file) if file.suffix == ".db3" else McapFile(file, False)
-    try:
-        first = next(storage.messages(None, 0, MAX_TIME), None)
-    finally:
-        storage.close()
-    if first is None:
-        return None
-    return "message" if bytes(first[1][:4]) == _MAGIC else ""
+    with closing(SqliteFile(file) if file.suffix == ".db3" else McapFile(file, False)) as storage:
+        for _, data, _, _ in storage.messages(None, 0, MAX_TIME):
+            return "message" if bytes(data[:4]) == _MAGIC else ""
+    return None
 
 
 def _find_file(folder: Path, name: str) -> Path:

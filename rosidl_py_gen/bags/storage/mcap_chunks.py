@@ -141,11 +141,7 @@ class ChunkDecompressor:
     def messages(
         self, data: bytes | bytearray, requested: Mapping[int, BagChannel], known: Container[int], size: int = -1
     ) -> list[RawTuple]:
-        """Return the messages of the channels in `requested`; `known` are all channels.
-
-        Args:
-            size: of the records, if they are not all of `data`.
-        """
+        """Return the messages of the channels in `requested`; `known` are all channels, `size` that of the records."""
         view = memoryview(data)
         size, messages, at = (len(data) if size < 0 else size), [], 0
         while at < size:
@@ -233,8 +229,7 @@ def read_chunk_header(read: Read, body: int, end: int, where: str) -> ChunkHeade
 def iter_chunk_blocks(read: Read, head: ChunkHeader, validate_crcs: bool) -> Iterator[tuple[bytes | bytearray, int]]:
     """Yield the records of a chunk in blocks, each with the size of its whole records.
 
-    Raises:
-        BagError: the chunk is damaged; a wrong checksum is found at the end. Also exceptions of the libraries.
+    Raises `BagError`, for a wrong checksum at the end, and exceptions of the libraries.
     """
     unpack = _block_reader(_Stored(read, head), head)
     left, crc, need = head.size, 0, 0

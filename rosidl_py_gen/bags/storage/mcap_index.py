@@ -177,11 +177,7 @@ def _index_of(stated: Summary, summary_start: int) -> Index:
 
 
 def recorded_distro(stream: IO[bytes], size: int) -> str:
-    """Return the name of the distribution; empty if no metadata record of the file has it, or they are damaged.
-
-    Raises:
-        BagUnreachableError: the file cannot be reached.
-    """
+    """Return the name of the distribution; empty if no metadata record of the file has it, or they are damaged."""
     try:
         for body in _metadata_records(stream, size):
             record = Metadata.read(ReadDataStream(BytesIO(body)))
