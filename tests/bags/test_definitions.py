@@ -91,10 +91,7 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (
-            NOW,
-            "4 of 12 bytes of a message are after its last field; typestore, used because the bag has no definition",
-        ),
+        (NOW, "4 of 12 bytes of a message are after its last field; typestore, used because the bag has no definition"),
         (LATER, "a message of 12 bytes: old_msgs/msg/Reading.unit: at byte 12: expected 4 bytes.*; typestore, used"),
     ],
 )

@@ -231,10 +231,7 @@ def test_an_empty_definition_is_that_of_an_empty_message(tmp_path: Path) -> None
         writer.write("/go", b"\0\1\0\0\0", 0)
         writer.write("/empty", b"\0\1\0\0\0\0\0\0", 1)
         writer.write("/full", b"\0\1\0\0\1\0\0\0", 2)
-    with (
-        BagReader(path) as reader,
-        pytest.warns(BagWarning, match="/full: no definition of my_msgs/msg/Full"),
-    ):
+    with BagReader(path) as reader, pytest.warns(BagWarning, match="/full: no definition of my_msgs/msg/Full"):
         assert [item.topic for item in reader] == ["/go", "/empty"]
 
 

@@ -21,14 +21,7 @@ if TYPE_CHECKING:
 
 WITH_CODE = [page for page in PAGES if blocks(page)]
 OF_NETWORKS = {
-    "README.md",
-    "diagnose.md",
-    "from-rclpy.md",
-    "launch.md",
-    "network.md",
-    "no-messages.md",
-    "scripts-notebooks-guis.md",
-    "zenoh.md",
+    *("README", "diagnose", "from-rclpy", "launch", "network", "no-messages", "scripts-notebooks-guis", "zenoh"),
 }
 
 
@@ -39,7 +32,7 @@ def transport_of(page: Path) -> str:
     starts_others = any(re.match(r"python |rosidl-py-gen|.*# until Ctrl-C", line) for line in lines)
     is_test = any(Path(block.title).name.startswith("test_") for block in blocks(page))
     are_programs = any(block.tab in ("Blocking", "rclpy") for block in found)
-    return "" if starts_others or is_test or are_programs or page.name in OF_NETWORKS else "memory"
+    return "" if starts_others or is_test or are_programs or page.stem in OF_NETWORKS else "memory"
 
 
 @contextlib.contextmanager

@@ -42,15 +42,7 @@ PAGE_OF = {
     "zenoh-router": "howto/zenoh.md",
 }
 SHARED = {
-    "--help",
-    "--version",
-    "--json",
-    "--domain",
-    "--discovery",
-    "--spin-time",
-    "--no-daemon",
-    "--path",
-    "--distro",
+    *("--help", "--version", "--json", "--domain", "--discovery", "--spin-time", "--no-daemon", "--path", "--distro"),
 }
 """Options that many commands have; commands/index.md describes them."""
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")

@@ -1,4 +1,4 @@
-"""The cells of the compatibility table are what recorded tests have shown."""
+"""Tables of the compatibility page are what recorded tests have shown, and what the command for differences finds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 from functools import cache
 
 import pytest
+from support import record_distribution_changes
 from support.compatibility_matrix import CELLS, DISTROS, FEATURES, PAGE, RESULTS, ROOT, named_tests, page
 
 COMMAND = "python tests/support/compatibility_matrix.py"
@@ -25,6 +26,11 @@ def functions(path: str) -> dict[str, list[str]]:
 def test_the_table_is_current() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert page(text) == text, f"run: {COMMAND} --table"
+
+
+def test_the_table_of_definitions_is_current() -> None:
+    text = record_distribution_changes.PAGE.read_text(encoding="utf-8")
+    assert record_distribution_changes.page(text) == text, "run: python tests/support/record_distribution_changes.py"
 
 
 def test_cells_are_known_distributions_and_features() -> None:

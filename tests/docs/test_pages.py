@@ -29,23 +29,25 @@ API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")
 PARTS = ("runtime", "numpy", "message_filters", "tf", "bags")
 SUBMODULES = ("runtime.qos", "runtime.pytest_plugin")
 NAME = re.compile(r"`(?:await |async for |async with )?([A-Za-z_][\w.]*)")
-# Names of Python and asyncio, and placeholders.
 OTHERS = {
-    "async",
-    "asyncio",
-    "loop",
-    "with",
-    "f",
-    "def",
-    "T",
-    "m",
-    "Lock",
-    "Event",
-    "argv",
-    "Future",
-    "create_task",
-    "not",
+    *(
+        "async",
+        "asyncio",
+        "loop",
+        "with",
+        "f",
+        "def",
+        "T",
+        "m",
+        "Lock",
+        "Event",
+        "argv",
+        "Future",
+        "create_task",
+        "not",
+    ),
 }
+"""Names of Python and asyncio, and placeholders."""
 
 
 def test_links_lead_somewhere() -> None:

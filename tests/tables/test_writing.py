@@ -255,11 +255,7 @@ def test_numbers_and_times_fit_exactly_or_are_errors(tmp_path: Path) -> None:
         ("none", array([1]), "none: expected nulls for std_msgs/msg/Empty, which has no fields, found int64"),
         ("stamp", array([2**62], pa.timestamp("us")), "stamp: 4611686018427387904 us in row 0 does not fit"),
         ("stamp", array([1], pa.duration("s")), "stamp: expected a time, or nanoseconds as integers, found duration"),
-        (
-            "length",
-            array([1], pa.timestamp("s")),
-            "length: expected a duration, or nanoseconds as integers",
-        ),
+        ("length", array([1], pa.timestamp("s")), "length: expected a duration, or nanoseconds as integers"),
         ("log_time.x", array([1]), "two columns log_time|another one that contains it"),
         ("inner", view([1], [5], array([1]), pa.int32()), "inner: expected a struct"),
         ("list", view([3], [0], array([1]), pa.int32()), "list: a list refers to elements beyond the 1 stored"),

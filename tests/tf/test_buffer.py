@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.node_fixtures import World, run, until
+from support.node_fixtures import World, until
 from support.transform_frames import LEVEL, QUARTER, S, filled, moved
 
 from rosidl_py_gen import EncodeError, get_message
@@ -172,7 +172,7 @@ def test_what_is_no_transform_is_refused_and_changes_nothing(transform: Transfor
     assert buffer.frames() == {}
 
 
-def test_a_message_that_is_none_of_a_transform_is_refused(memory: World) -> None:
+async def test_a_message_that_is_none_of_a_transform_is_refused(memory: World) -> None:
     half: Any = get_message("geometry_msgs/msg/TransformStamped")()
     half.header.stamp = "now"
     for wrong, text in ((get_message("sensor_msgs/msg/Imu")(), "got Imu"), (half, "'now'"), (None, "got NoneType")):
@@ -181,13 +181,10 @@ def test_a_message_that_is_none_of_a_transform_is_refused(memory: World) -> None
             buffer.set_transform(wrong)
         assert buffer.frames() == {}
 
-    async def main() -> None:
-        async with memory.node("robot") as robot:
-            for broadcaster in (TransformBroadcaster(robot), StaticTransformBroadcaster(robot)):
-                with pytest.raises(EncodeError, match=r"transforms\[1\]: expected geometry_msgs/msg/TransformStamped"):
-                    broadcaster.send([moved("base", "lidar"), get_message("sensor_msgs/msg/Imu")()])
-
-    run(main)
+    robot = memory.node("robot")
+    for broadcaster in (TransformBroadcaster(robot), StaticTransformBroadcaster(robot)):
+        with pytest.raises(EncodeError, match=r"transforms\[1\]: expected geometry_msgs/msg/TransformStamped"):
+            broadcaster.send([moved("base", "lidar"), get_message("sensor_msgs/msg/Imu")()])
 
 
 def test_a_slash_before_a_frame_makes_no_other_frame() -> None:
@@ -267,65 +264,53 @@ def test_messages_are_taken_and_given() -> None:
 
 
 @pytest.mark.every_transport
-def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> None:
-    async def main() -> None:
-        async with world.node("robot") as robot, world.node("viewer") as viewer:
-            statics = StaticTransformBroadcaster(robot)
-            statics.send(moved("base_link", "lidar", 0, 1))
-            statics.send([moved("base_link", "camera", 0, 2)])
-            moving = TransformBroadcaster(robot)
-            buffer = TransformBuffer(viewer)
-            waiting = asyncio.ensure_future(buffer.wait_for_transform("odom", "camera", timeout_s=20))
-            await until(lambda: robot.count_subscribers("/tf") == 1)
-            while not waiting.done():
-                moving.send([moved("odom", "base_link", 4, 10)])
-                await asyncio.sleep(0.02)
-            found = await waiting
-            assert found.translation.tolist() == [12, 0, 0] and found.stamp == 4 * S
-            assert buffer.can_transform("odom", "lidar")  # sent before there was a buffer
-
-    run(main)
+async def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> None:
+    robot, viewer = world.node("robot"), world.node("viewer")
+    statics = StaticTransformBroadcaster(robot)
+    statics.send(moved("base_link", "lidar", 0, 1))
+    statics.send([moved("base_link", "camera", 0, 2)])
+    moving = TransformBroadcaster(robot)
+    buffer = TransformBuffer(viewer)
+    waiting = asyncio.ensure_future(buffer.wait_for_transform("odom", "camera", timeout_s=20))
+    await until(lambda: robot.count_subscribers("/tf") == 1)
+    while not waiting.done():
+        moving.send([moved("odom", "base_link", 4, 10)])
+        await asyncio.sleep(0.02)
+    found = await waiting
+    assert found.translation.tolist() == [12, 0, 0] and found.stamp == 4 * S
+    assert buffer.can_transform("odom", "lidar")  # sent before there was a buffer
 
 
-def test_a_static_transform_sent_again_with_a_slash_takes_the_place_of_the_first(memory: World) -> None:
-    async def main() -> None:
-        async with memory.node("robot") as robot, memory.node("viewer") as viewer:
-            statics = StaticTransformBroadcaster(robot)
-            statics.send(moved("base", "/lidar", 0, 1))
-            statics.send(moved("base", "lidar", 0, 2))
-            heard = viewer.create_subscription(TFMessage, "/tf_static", qos=QoSProfile().transient_local())
-            message = await heard.receive(timeout_s=10)
-            assert [one.transform.translation.x for one in message.transforms] == [2]
-
-    run(main)
+async def test_a_static_transform_sent_again_with_a_slash_takes_the_place_of_the_first(memory: World) -> None:
+    robot, viewer = memory.node("robot"), memory.node("viewer")
+    statics = StaticTransformBroadcaster(robot)
+    statics.send(moved("base", "/lidar", 0, 1))
+    statics.send(moved("base", "lidar", 0, 2))
+    heard = viewer.create_subscription(TFMessage, "/tf_static", qos=QoSProfile().transient_local())
+    message = await heard.receive(timeout_s=10)
+    assert [one.transform.translation.x for one in message.transforms] == [2]
 
 
-def test_waiting_ends_with_what_is_missing(memory: World) -> None:
-    async def main() -> None:
-        async with memory.node("viewer") as viewer:
-            buffer = TransformBuffer(viewer)
-            with pytest.raises(TransformTimeoutError, match=r'after 0\.05 s: the target frame "map" is not known'):
-                await buffer.wait_for_transform("map", "odom", timeout_s=0.05)
-            with pytest.raises(InvalidTransformError, match="empty"):
-                await buffer.wait_for_transform("", "odom", timeout_s=5)
-
-    run(main)
+async def test_waiting_ends_with_what_is_missing(memory: World) -> None:
+    viewer = memory.node("viewer")
+    buffer = TransformBuffer(viewer)
+    with pytest.raises(TransformTimeoutError, match=r'after 0\.05 s: the target frame "map" is not known'):
+        await buffer.wait_for_transform("map", "odom", timeout_s=0.05)
+    with pytest.raises(InvalidTransformError, match="empty"):
+        await buffer.wait_for_transform("", "odom", timeout_s=5)
 
 
-def test_a_bad_transform_of_a_peer_is_logged_and_the_others_count(
+async def test_a_bad_transform_of_a_peer_is_logged_and_the_others_count(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def main() -> None:
-        async with memory.node("robot") as robot, memory.node("viewer") as viewer:
-            buffer = TransformBuffer(viewer)
-            moving = TransformBroadcaster(robot)
-            await until(lambda: robot.count_subscribers("/tf") == 1)
-            moving.send([moved("a", "a"), moved("a", "b", x=math.nan), moved("a", "c", 1, 5)])
-            assert (await buffer.wait_for_transform("a", "c", timeout_s=10)).translation.tolist() == [5, 0, 0]
-            assert list(buffer.frames()) == ["a", "c"]
-        assert 'ignored a transform: "a": frame_id and child_frame_id are the same' in caplog.text
-
-    run(main)
+    robot, viewer = memory.node("robot"), memory.node("viewer")
+    buffer = TransformBuffer(viewer)
+    moving = TransformBroadcaster(robot)
+    await until(lambda: robot.count_subscribers("/tf") == 1)
+    moving.send([moved("a", "a"), moved("a", "b", x=math.nan), moved("a", "c", 1, 5)])
+    assert (await buffer.wait_for_transform("a", "c", timeout_s=10)).translation.tolist() == [5, 0, 0]
+    assert list(buffer.frames()) == ["a", "c"]
+    assert 'ignored a transform: "a": frame_id and child_frame_id are the same' in caplog.text
 
 
 def test_times_before_1970_are_told_as_they_are() -> None:
