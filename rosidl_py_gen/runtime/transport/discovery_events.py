@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
-if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 GUID_PREFIX_BYTES = 12
 """Length of the part of a GUID that all endpoints of a DDS participant share."""

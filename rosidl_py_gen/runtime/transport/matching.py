@@ -190,16 +190,10 @@ def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]
 
 
 def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]) -> QoSProfile:
-    """Replace BEST_AVAILABLE policies of a new endpoint by values that match its discovered peers.
+    """Replace BEST_AVAILABLE policies of a new publisher or subscription by values that match its discovered `peers`.
 
-    Done once, at creation. Without peers a subscription becomes BEST_EFFORT, VOLATILE and AUTOMATIC, which match any
-    publisher that appears later.
-
-    Args:
-        publisher: the new endpoint is a publisher.
-        peers: profiles of the discovered endpoints of the other side.
-
-    Source: docs/internals/protocol.md 7.5.
+    Without peers a subscription becomes BEST_EFFORT, VOLATILE and AUTOMATIC, which match any publisher that appears
+    later. Source: docs/internals/protocol.md 7.5.
     """
     manual = [peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers]
     is_reliable = publisher or _all_of_some([peer.reliability is Reliability.RELIABLE for peer in peers])
@@ -220,10 +214,7 @@ def _all_of_some(values: list[bool]) -> bool:
 
 
 def without_best_available(profile: QoSProfile) -> QoSProfile:
-    """Replace BEST_AVAILABLE policies by those of `SERVICES_DEFAULT`, as services and clients do.
-
-    Source: docs/internals/protocol.md 7.5.
-    """
+    """Replace BEST_AVAILABLE policies by those of `SERVICES_DEFAULT`, as services and clients do."""
     return _replace_best_available(profile, presets.SERVICES_DEFAULT)
 
 

@@ -11,18 +11,22 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import (
     SYSTEM_CLOCKS,
     ClockFunctions,
+    DomainSettings,
+    EndpointSpec,
     Payload,
     ReceiveQueue,
     Sample,
     Sink,
+    Writer,
     pad_to_4_bytes,
 )
 from rosidl_py_gen.runtime.transport.discovery_events import (
@@ -43,11 +47,6 @@ from rosidl_py_gen.runtime.transport.service_endpoints import (
     ServicePeers,
     fair_queue_share,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from rosidl_py_gen.runtime.transport.api import DomainSettings, EndpointSpec, Writer
 
 _VENDOR = b"\x01\x10"
 """Vendor id of Cyclone DDS: other code must not apply the rules for other vendors to these endpoints."""

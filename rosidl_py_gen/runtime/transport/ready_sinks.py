@@ -18,13 +18,10 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+from collections.abc import Callable
 from io import FileIO
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rosidl_py_gen.runtime.transport.api import Sink
+from rosidl_py_gen.runtime.transport.api import Sink
 
 _MAX_BYTES = 64
 

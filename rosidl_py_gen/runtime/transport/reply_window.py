@@ -14,15 +14,11 @@ before it has sent everything, and gets `MAX_REPLIES` at a time.
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Hashable, Iterable
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable
-
 
 MAX_REPLIES = 8
 """Maximum number of replies that may be in flight. A client of ROS keeps 10."""

@@ -6,18 +6,14 @@ transport. Thread: loop, except for `send`, which may be called from any thread.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Sink
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rosidl_py_gen.errors import DecodeError
-    from rosidl_py_gen.runtime.transport.api import Payload, Sink
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 
 class ServiceConversion(NamedTuple):

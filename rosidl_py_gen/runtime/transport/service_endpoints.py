@@ -7,16 +7,13 @@ servers of which none is left.
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from collections.abc import Callable, Hashable, Iterable
+from typing import Generic, Protocol, TypeVar
 
+from rosidl_py_gen.runtime.transport.api import Reader, Writer
 from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, EntityLost, TopicKey
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 from rosidl_py_gen.runtime.transport.service_api import NoReply, Reply, ServerAvailability, ServiceSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable
-
-    from rosidl_py_gen.runtime.transport.api import Reader, Writer
 
 ResultT = TypeVar("ResultT")
 
@@ -55,14 +52,10 @@ class MatchCache(Generic[ResultT]):
 
 
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
-    """Return the number of requests that this participant may have in the servers' queues; 0 if unlimited.
+    """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.
 
-    All clients share the queue of a server, in whatever process they are. So the smallest keep-last depth is divided
-    by the number of participants that have clients; each of them gets at least 1.
-
-    Args:
-        servers: profiles of the servers' request readers.
-        clients: request writers of all clients, own ones included.
+    `clients` are the request writers of all clients, own ones included. They share the queue of a server, so the
+    smallest keep-last depth is divided by the number of their participants; each of these gets at least 1.
     """
     depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
     return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))

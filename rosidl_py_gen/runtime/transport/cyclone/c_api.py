@@ -13,14 +13,12 @@ import signal
 import struct
 import sys
 import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.runtime.transport.api import TransportError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 _set_handler = import_module("_signal").signal
 """`signal.signal` without its Python wrapper, which costs 7 us for each reply."""

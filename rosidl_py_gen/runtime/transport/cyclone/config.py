@@ -4,12 +4,9 @@ Elements that the loaded library does not know are omitted, because one such ele
 
 Localhost mode binds to the loopback interface, which rmw_cyclonedds (Jazzy) does not do. Without multicast, discovery
 does not leave the host, but data may still go to an address that a discovered peer announces. A socket that is bound to
-127.0.0.1 cannot send through another interface. It remains compatible with ROS peers in LOCALHOST range, although they
-bind to the first real interface:
-
-- Their discovery packets go to `localhost` and arrive over loopback. Cyclone 11 replies through the interface of a
-  packet, and a packet from 127.0.0.1 to the host's own address is delivered over loopback.
-- We announce only 127.0.0.1, and Cyclone accepts loopback locators of a peer that announces no others.
+127.0.0.1 cannot send through another interface. ROS peers in LOCALHOST range bind to the first real interface, but
+their discovery packets go to `localhost`, Cyclone 11 replies through the interface of a packet, and Cyclone accepts
+loopback locators of a peer that announces no others.
 
 There is no binding with a static peer on another host, with interfaces in CYCLONEDDS_URI, or with Cyclone before 11,
 which does not reply through the same interface and would not discover Fast DDS peers (docs/internals/dds.md 8).
@@ -20,12 +17,9 @@ Source: docs/internals/protocol.md 10.6, 11.6.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Collection
 
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
 
 MAX_PARTICIPANT_INDEX = 32
 IGNORE_TYPE_INFORMATION = "IgnoreTypeInformation"
@@ -61,13 +55,9 @@ def cyclone_xml(
 ) -> str:
     """Return the configuration: ours, then CYCLONEDDS_URI, whose elements override it. May be empty.
 
-    In localhost and off mode multicast is disabled again at the end, so that a CYCLONEDDS_URI that was written for
-    another mode cannot enable it.
-
-    Args:
-        extra: XML below ``<Domain>`` before that of the user.
-        last: XML below ``<Domain>`` after that of the user.
-        unsupported: members of `OPTIONAL_ELEMENTS` that the library does not know.
+    `extra` and `last` are XML below ``<Domain>`` before and after that of the user, `unsupported` members of
+    `OPTIONAL_ELEMENTS`. In localhost and off mode multicast is disabled again at the end, so that a CYCLONEDDS_URI that
+    was written for another mode cannot enable it.
     """
     fragments = []
     body = _domain_elements(settings, process_id, IGNORE_TYPE_INFORMATION not in unsupported) + extra

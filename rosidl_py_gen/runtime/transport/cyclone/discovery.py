@@ -12,7 +12,7 @@ import ctypes as ct
 import struct
 import threading
 from collections import deque
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.cyclone import c_api
@@ -22,6 +22,7 @@ from rosidl_py_gen.runtime.transport.cyclone.c_api import (
     BuiltinParticipant,
     cast_loan,
 )
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import putw
 from rosidl_py_gen.runtime.transport.dds.correlation import (
@@ -38,11 +39,6 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     EntityLost,
     ParticipantDiscovered,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 _BATCH = 64
 """Length of all arrays for a builtin reader, because 0.10 writes as many pointers as it has ever lent."""
@@ -66,8 +62,7 @@ class BuiltinTopicReaders:
     """Readers of the three builtin topics of a participant.
 
     Args:
-        listener: listener that writes the handles of endpoint readers into the pipe.
-        stream: writing end of that pipe.
+        listener: writes the handles of endpoint readers into the pipe whose writing end is `stream`.
         on_new_participant: called with GUID and addresses of each discovered Fast DDS participant.
         new_warnings: returns texts to log, each once.
     """

@@ -16,18 +16,15 @@ import os
 import socket
 import threading
 import time
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.api import SecurityError, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi, TopicDescriptor
 from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 _MAX_TYPE_CHARS = 255
 """Maximum length of a type name: a limit of earlier versions and maybe of peers."""
@@ -36,14 +33,11 @@ _OPS = (ct.c_uint32 * 3)(0x01010000, 0, 0)
 
 
 class Sertype(NamedTuple):
-    """Type object of a domain.
-
-    Attributes:
-        payload_offset: offset of the payload in a sample; None if payloads must be copied by Cyclone.
-    """
+    """Type object of a domain."""
 
     address: int
     payload_offset: int | None
+    """Offset of the payload in a sample; None if payloads must be copied by Cyclone."""
 
 
 class Sertypes:
@@ -158,9 +152,6 @@ class Domain:
     ) -> Domain:
         """Return the domain with that configuration. Every `join` needs a `leave`.
 
-        Args:
-            enclave_folder: folder of the enclave of a secured participant, else empty.
-
         Raises:
             SecurityError: the domain is open with another enclave, or is secured and must not be, or the opposite.
             TransportError: the domain is open with another configuration or cannot be configured, or this process was
@@ -250,10 +241,8 @@ def _diagnose_failure(domain_id: int, xml: str) -> str:
 
 
 def _has_free_index(domain_id: int) -> bool:
-    """Return True if one of the UDP ports that participants of this machine share can be bound.
-
-    Source: docs/internals/protocol.md 10.6.
-    """
+    """Return True if one of the UDP ports that participants of this machine share can be bound."""
+    # Source: docs/internals/protocol.md 10.6.
     first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
     return any(_is_free(first + _PORTS_PER_INDEX * index) for index in range(MAX_PARTICIPANT_INDEX))
 

@@ -26,14 +26,13 @@ from rosidl_py_gen.runtime.transport.api import Payload, ReceiveQueue, Sink, Tra
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_NOT_CONSUMED, SAMPLE_WITH_DATA, address_of, pack_iov
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import bytes_at, payload_array
-from rosidl_py_gen.runtime.transport.qos import Reliability
+from rosidl_py_gen.runtime.transport.qos import QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
     from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 LARGE_BYTES = 500_000
 """Size from which a message needs large buffers."""

@@ -14,20 +14,17 @@ import os
 import platform
 import re
 import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.transport.api import BackendMissingError
 from rosidl_py_gen.runtime.transport.cyclone.c_api import MIN_VERSION, REQUIRED_SYMBOLS
 from rosidl_py_gen.runtime.transport.cyclone.config import OPTIONAL_ELEMENTS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
 
 VARIABLE = "ROSIDL_LIBDDSC"
 _PATTERN = {"win32": "ddsc*.dll", "darwin": "libddsc*.dylib"}.get(sys.platform, "libddsc*.so*")
@@ -40,8 +37,6 @@ _WHEELS = {
     "cyclonedds": (".dylibs", "../cyclonedds.libs", "../cyclonedds_nightly.libs"),
 }
 """Packages that contain the library, and the folders. cyclonedds has another copy elsewhere, for compilers."""
-
-
 _SECURITY_SYMBOL = "DDS_Security_Exception_set"
 """Function that exists only in builds with DDS Security."""
 

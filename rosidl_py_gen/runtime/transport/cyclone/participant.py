@@ -16,10 +16,10 @@ from __future__ import annotations
 import os
 import threading
 from collections import defaultdict
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
@@ -28,13 +28,16 @@ from rosidl_py_gen.runtime.transport.api import (
     SYSTEM_CLOCKS,
     DiscoveryRange,
     DomainSettings,
+    EndpointSpec,
+    SecurityEnclave,
     SecurityError,
+    Sink,
     TransportError,
 )
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
-from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
+from rosidl_py_gen.runtime.transport.cyclone.domain import Domain, Sertype
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
     EarlySampleReaders,
@@ -64,13 +67,7 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     ParticipantDiscovered,
 )
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from rosidl_py_gen.runtime.transport.api import EndpointSpec, SecurityEnclave, Sink
-    from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
-    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
+from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002

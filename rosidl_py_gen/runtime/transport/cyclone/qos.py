@@ -6,17 +6,14 @@ All other policies have the default of DDS. Source: docs/internals/protocol.md 7
 from __future__ import annotations
 
 import ctypes as ct
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
+from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History, Liveliness, QoSProfile, Reliability
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from rosidl_py_gen.runtime.transport.api import EndpointSpec
-    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
 
 _Policy = TypeVar("_Policy", History, Durability, Reliability, Liveliness)
 _HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}

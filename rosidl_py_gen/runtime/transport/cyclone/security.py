@@ -19,23 +19,19 @@ import re
 import sys
 import threading
 from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.transport.api import SecurityError
+from rosidl_py_gen.runtime.transport.api import SecurityEnclave, SecurityError
 from rosidl_py_gen.runtime.transport.cyclone import library
+from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
+from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary
 from rosidl_py_gen.runtime.transport.dds.names import topic_key_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from rosidl_py_gen.runtime.transport.api import SecurityEnclave
-    from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
-    from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary
 
 CAPABILITY = "DDS Security (SROS 2)"
 """Name in `Context.library_capabilities`."""

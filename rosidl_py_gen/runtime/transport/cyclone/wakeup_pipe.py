@@ -4,11 +4,9 @@ The writer is the C library's `putw`: it can be used as a listener of Cyclone, s
 without Python and its lock. The reader is the loop that watches `fileno`, or a thread where loops cannot watch pipes
 (Windows).
 
-Rules, each with a test:
-
-- A wake-up may be spurious: a writer of this process takes the samples that it delivers, and a loop may be late.
-- The pipe never blocks Cyclone. A handle that does not fit is not written, and the next `drain` names every reader.
-- Cyclone deletes an entity only after its listener has returned, so the pipe is closed after the participant.
+A wake-up may be spurious: a writer of this process takes the samples that it delivers, and a loop may be late. The
+pipe never blocks Cyclone: a handle that does not fit is not written, and the next `drain` names every reader. Cyclone
+deletes an entity only after its listener has returned, so the pipe is closed after the participant.
 """
 
 from __future__ import annotations
@@ -18,10 +16,7 @@ import os
 import struct
 import sys
 import threading
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable
 
 _LOOPS_CAN_WATCH = os.name == "posix"
 """Event loops can watch pipes. Elsewhere a thread reads, which keeps the pipe empty, so it may be a blocking one."""

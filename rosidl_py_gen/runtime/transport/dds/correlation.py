@@ -14,19 +14,16 @@ from __future__ import annotations
 
 import struct
 import threading
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Callable, Collection, Iterable
+from typing import TypeAlias
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
 from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.runtime.transport.api import Payload
 from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, DiscoveredEndpoint
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable
-
-    from rosidl_py_gen.runtime.transport.api import Payload
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
 """GUID of a client and number of its request; sent with the request and with its reply."""
@@ -114,11 +111,7 @@ def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
 
 
 def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
-    """Return the client, the number of the request and the offset of the message.
-
-    Raises:
-        DecodeError: there are too few bytes for a header.
-    """
+    """Return the client, the number of the request and the offset of the message; raise `DecodeError`."""
     identity = extract_identity(data)
     if identity is not None:
         return *identity, HEADER_BYTES + IDENTITY_BYTES
@@ -234,11 +227,7 @@ class ClientCorrelation:
         return message, (self._reader, number) if is_needed else None
 
     def reply(self, data: Payload, server: bytes | None) -> tuple[int, bytes] | None:
-        """Return the number of the request and the message of a reply; None if it is for another client.
-
-        Raises:
-            DecodeError: there are too few bytes for a header.
-        """
+        """Return the number of the request and the message of a reply, None for another client; raise `DecodeError`."""
         client, number, begin = parse_request_header(data)
         if client not in self._own_ids:  # all clients of a service receive all replies
             return None

@@ -18,7 +18,7 @@ from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES, NETWORK_
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, Reader
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Reader
 from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
 from rosidl_py_gen.runtime.transport.discovery_events import (
     GUID_PREFIX_BYTES,
@@ -34,7 +34,6 @@ from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from rosidl_py_gen.runtime.transport.api import Payload
     from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"

@@ -9,12 +9,10 @@ Source: docs/internals/protocol.md 4, 5.2, 6.1.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
+from typing import Literal
 
 from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, TopicKey
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 def wire_type(ros_name: str) -> str:
@@ -64,10 +62,7 @@ def participant_user_data(enclave: str = "/") -> bytes:
 
 
 def endpoint_user_data(type_hash: str, *, client_id: str = "", service_id: str = "", service_hash: str = "") -> bytes:
-    """Return the USER_DATA of an endpoint. An empty hash is omitted, because peers warn about malformed ones.
-
-    Source: docs/internals/protocol.md 6.1.
-    """
+    """Return the USER_DATA of an endpoint. An empty hash is omitted, because peers warn about malformed ones."""
     pairs = {"clientid": client_id, "serviceid": service_id, "typehash": type_hash, "sertypehash": service_hash}
     return "".join(f"{key}={value};" for key, value in pairs.items() if value).encode()
 
@@ -94,8 +89,7 @@ def entity_gid(text: str) -> bytes:
 def entity_id(guid: bytes, counter: int) -> str:
     """Return the value of ``clientid`` and ``serviceid``: 16 bytes in hex, joined by dots.
 
-    There are no leading zeros, but the first byte is padded to two columns by a space
-    (docs/internals/protocol.md 5.2).
+    There are no leading zeros, but the first byte is padded to two columns by a space.
     """
     first, *rest = guid[:GUID_PREFIX_BYTES] + counter.to_bytes(4, "big")
     return ".".join([f"{first:2x}", *(f"{byte:x}" for byte in rest)])

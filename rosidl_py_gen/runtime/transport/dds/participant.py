@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import Reader, Writer
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Reader, Writer
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
     ClientId,
@@ -32,7 +32,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
 from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id
 from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
-from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT, QoSProfile
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
     IncompatiblePeer,
@@ -51,11 +51,8 @@ from rosidl_py_gen.runtime.transport.service_endpoints import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Reader, Writer
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, NodeEntities
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before

@@ -11,16 +11,14 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import zenoh
 
 from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.runtime.transport.matching import FORMAT_VARIABLE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
 
 ROUTER_PORT = 7447
 _MAX_QUOTED_CHARS = 200
@@ -73,10 +71,7 @@ class ZenohConfigError(RosidlError, ValueError):
 
 
 def session_config(environ: Mapping[str, str], warn: Callable[[str], None]) -> zenoh.Config:
-    """Return the configuration of a context's session.
-
-    Args:
-        warn: called for each pair in ZENOH_CONFIG_OVERRIDE that was skipped.
+    """Return the configuration of the session of a context; `warn` is called for each skipped pair of an override.
 
     Raises:
         ZenohConfigError: a variable or file is not usable.

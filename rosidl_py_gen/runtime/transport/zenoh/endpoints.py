@@ -144,21 +144,28 @@ def declare_subscriber(
     )
 
 
-class ZenohWriter:
+class _ZenohEndpoint:
+    """Common part of writers and readers; `infos` are its endpoints in the graph."""
+
+    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...]) -> None:
+        self._owner = owner
+        self.infos = infos
+        self.info = infos[0]
+        self.guid = self.info.guid
+        self.token: Any = None
+        """Liveliness token; None without a node."""
+        self._closed = False
+
+
+class ZenohWriter(_ZenohEndpoint):
     """Writer of the Zenoh transport."""
 
     def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
-        self._owner = owner
-        self.infos = infos
-        self.info = info = infos[0]
-        self.token: Any = None
-        """Liveliness token; None without a node."""
-        self.guid = info.guid
-        self.handle = int.from_bytes(info.guid, "little")
+        super().__init__(owner, infos)
+        self.handle = int.from_bytes(self.guid, "little")
         self._numbers = itertools.count(1)
-        self._publisher = declare_publisher(owner.session, key, info.qos)
+        self._publisher = declare_publisher(owner.session, key, self.info.qos)
         self._put = self._publisher.put
-        self._closed = False
 
     def write(self, data: Payload) -> bool:
         if self._closed:
@@ -199,7 +206,7 @@ class ZenohWriter:
         leak_after_fork(self._publisher, self._put)
 
 
-class ZenohReader:
+class ZenohReader(_ZenohEndpoint):
     """Reader of the Zenoh transport; with `has_buffer`, each sample arrives on one of two keys."""
 
     def __init__(
@@ -211,18 +218,12 @@ class ZenohReader:
         ignore_local: bool = False,
         has_buffer: bool = False,
     ) -> None:
-        self._owner = owner
-        self.infos = infos
-        self.info = infos[0]
-        self.token: Any = None
-        """Liveliness token; None without a node."""
-        self.guid = self.info.guid
+        super().__init__(owner, infos)
         self.queue = ReceiveQueue(self.info.qos)
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
         self._gaps: SequenceGaps | None = None
         self._bad_attachment = ""
-        self._closed = False
         self._key = key
         self._has_buffer = has_buffer
         self._other_infos: dict[str, DiscoveredEndpoint] = {}

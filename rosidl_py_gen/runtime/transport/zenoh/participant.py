@@ -12,17 +12,20 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
 from rosidl_py_gen.runtime.transport.dds.names import wire_type
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
 from rosidl_py_gen.runtime.transport.qos import Durability, QoSProfile
 from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
+from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import (
     ZenohReader,
     ZenohWriter,
@@ -48,23 +51,11 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     tokens_of,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
-    from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
-
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
+_Description: TypeAlias = tuple[str, str, tuple[DiscoveredEndpoint, ...]]
+"""Key of a new endpoint, its token (empty if it belongs to no node), and its endpoints in the graph."""
 _NO_NODE_NAME = "_"
 """Name of the node of endpoints without one, which have no token."""
-
-
-class _Description(NamedTuple):
-    """New endpoint: its key, token (empty if it belongs to no node), and endpoints in the graph."""
-
-    key: str
-    token: str
-    infos: tuple[DiscoveredEndpoint, ...]
 
 
 class ZenohParticipant:
@@ -125,15 +116,13 @@ class ZenohParticipant:
         return self._describe(kind, name, spec.type, spec.type_hash, spec.qos, spec.node, backends)
 
     def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
-        description = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
+        key, token, infos = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
         # Only our own graph knows the hashes of the messages; tokens do not contain them.
         hashes = [service.request_hash, service.response_hash]
         if kind is EntityKind.CLIENT:
             hashes.reverse()
-        infos = tuple(
-            replace(info, type_hash=type_hash) for info, type_hash in zip(description.infos, hashes, strict=True)
-        )
-        return description._replace(infos=infos)
+        pairs = zip(infos, hashes, strict=True)
+        return key, token, tuple(replace(info, type_hash=type_hash) for info, type_hash in pairs)
 
     def _describe(
         self, kind: EntityKind, name: str, type: str, type_hash: str, qos: QoSProfile, node: int, backends: str = ""
@@ -149,7 +138,7 @@ class ZenohParticipant:
         token = EndpointToken(owner or self._no_node, next(self._ids), kind, name, type, type_hash, profile, backends)
         text = str(token)
         key = data_key(self._domain_id, name, type, type_hash)
-        return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
+        return key, text if owner else "", endpoints_of(token, gid_of(text))
 
     def _create(self, kind: type[_EndpointT], description: _Description, **options: Any) -> _EndpointT:
         """Create an endpoint, then announce it."""

@@ -26,7 +26,13 @@ from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
-from rosidl_py_gen.runtime.transport.service_api import NoReply, ServerAvailability, no_conversion
+from rosidl_py_gen.runtime.transport.service_api import (
+    NoReply,
+    ServerAvailability,
+    ServiceConversion,
+    ServiceSpec,
+    no_conversion,
+)
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, participant_guid
@@ -34,7 +40,6 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
-    from rosidl_py_gen.runtime.transport.service_api import ServiceConversion, ServiceSpec
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.dds.names import ros_type
 from rosidl_py_gen.runtime.transport.discovery_events import (
@@ -35,10 +35,6 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     read_token,
     valid_hash_or_empty,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
 
 _TOPIC_OF_ALL_NODES = TopicKey("topic", "/parameter_events")
 _FLIPPED = (1 << 128) - 1

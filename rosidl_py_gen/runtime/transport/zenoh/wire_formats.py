@@ -45,12 +45,10 @@ _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 
 
 def data_key(domain_id: int, name: str, type_name: str, type_hash: str) -> str:
-    """Return the key of a topic's samples or of a service's requests.
+    """Return the key of the samples of a topic, or of the requests of a service.
 
-    Args:
-        name: resolved name, ``/robot1/chatter``.
-        type_name: ``std_msgs::msg::dds_::String_``; of a service without ``Request_`` and ``Response_``.
-        type_hash: of the message, or of the *service*; empty if unknown.
+    The type is ``std_msgs::msg::dds_::String_``, of a service without ``Request_`` and ``Response_``; the hash is that
+    of the message or *service*, or empty.
     """
     inner = name.removeprefix("/").removesuffix("/")
     return f"{domain_id}/{inner}/{type_name}/{type_hash or HASH_NOT_SUPPORTED}"
@@ -82,13 +80,7 @@ class AttachmentError(RosidlError, ValueError):
 
 
 def pack_attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
-    """Encode an attachment.
-
-    Args:
-        sequence: number of the sample at its publisher or client, from 1.
-        stamp_ns: time since the Unix epoch.
-        gid: 16 bytes, a result of `gid_of`.
-    """
+    """Encode an attachment: number of the sample from 1, time since the epoch, and a result of `gid_of`."""
     return _ATTACHMENT.pack(sequence, stamp_ns, _GID_BYTES, gid)
 
 

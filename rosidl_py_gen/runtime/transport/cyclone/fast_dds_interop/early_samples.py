@@ -22,17 +22,13 @@ import ctypes as ct
 import re
 import socket
 import struct
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 _HEADER = b"RTPS\x02\x01\x01\x10"
 """Version 2.1, vendor Cyclone DDS; the prefix of our GUID follows."""
@@ -55,10 +51,9 @@ _MAX_PACKETS = 8
 
 
 def acknack_packet(own: bytes, peer: bytes, endpoints: Sequence[tuple[bytes, bytes]] = _ENDPOINT_TOPICS) -> bytes:
-    """Build the packet from participant `own` to participant `peer`, each given by a GUID or its prefix.
+    """Build the packet from `own` to `peer`, each a GUID of a participant or its prefix.
 
-    Args:
-        endpoints: reader of ours and writer of the peer, by the last four bytes of their GUIDs.
+    `endpoints` are readers of ours and writers of the peer, by the last four bytes of their GUIDs.
     """
     requests = b"".join(
         _pack_acknack(_ACKNACK_KIND, _LITTLE_ENDIAN, 24, reader, writer, 0, 0, 0, 0) for reader, writer in endpoints
@@ -86,25 +81,12 @@ def parse_locators(text: str) -> list[tuple[socket.AddressFamily, str, int]]:
 
 
 def request_endpoints(own: bytes, peer: bytes, addresses: str, *, is_local: bool) -> None:
-    """Request the endpoints of a new Fast DDS participant.
-
-    Args:
-        own: GUID of our participant.
-        peer: GUID of the new participant.
-        addresses: its addresses, see `parse_locators`.
-        is_local: do not send packets to other machines.
-    """
+    """Request the endpoints of the participant `peer` on Fast DDS; `is_local` sends nothing to other machines."""
     _send(acknack_packet(own, peer), parse_locators(addresses), is_local=is_local)
 
 
 def request_samples(pairs: Sequence[tuple[bytes, bytes]], addresses: str, *, is_local: bool) -> None:
-    """Request the samples of writers of one Fast DDS participant.
-
-    Args:
-        pairs: GUIDs of a reader of ours and of a writer that is matched with it.
-        addresses: addresses of the writers' participant, see `parse_locators`.
-        is_local: do not send packets to other machines.
-    """
+    """Request the samples of writers of one Fast DDS participant; `pairs` are GUIDs of our readers and the writers."""
     locators = [(family, host, port + _ENDPOINT_PORT_OFFSET) for family, host, port in parse_locators(addresses)]
     for begin in range(0, min(len(pairs), _MAX_PACKETS * _MAX_PACKET_WRITERS), _MAX_PACKET_WRITERS):
         batch = pairs[begin : begin + _MAX_PACKET_WRITERS]
@@ -123,11 +105,7 @@ def _send(packet: bytes, locators: Iterable[tuple[socket.AddressFamily, str, int
 
 
 class EarlySampleReaders:
-    """Creates readers that request early samples; plain readers if the layout of readers is unknown.
-
-    Args:
-        listener: listener of the created readers.
-    """
+    """Creates readers with a listener, which request early samples if the layout of readers is known."""
 
     def __init__(self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, listener: int) -> None:
         self._api = api

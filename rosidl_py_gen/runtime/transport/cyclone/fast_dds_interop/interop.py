@@ -14,14 +14,13 @@ from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATI
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleHooks, create_no_sample
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS
 from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
-from rosidl_py_gen.runtime.transport.discovery_events import EntityLost
+from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, EntityLost
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from rosidl_py_gen.runtime.transport.cyclone.c_api import CycloneApi
     from rosidl_py_gen.runtime.transport.cyclone.domain import Sertype
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent
 
 _UNBOUND = "with it, Cyclone DDS before 11 finds no nodes on Fast DDS; data may go to any address that peers announce"
 _CAPABILITIES = (
@@ -52,9 +51,6 @@ class FastDdsInterop:
     `on_participants_pending` then activates the receive hooks. A reader of the builtin topic calls `begin_read`, reads,
     and calls `end_read`, which deactivates them when no Fast DDS participant is known and no reader has unread data. So
     no request can arrive without a hook.
-
-    Args:
-        unsupported: elements of a configuration that the library does not know.
     """
 
     def __init__(self, api: CycloneApi, unsupported: Collection[str] = ()) -> None:

@@ -174,11 +174,7 @@ class SampleHooks:
         self.table[self._slots.from_ser] = self._from_ser_functions[is_enabled]
 
     def write(self, entity: int, writer_id: bytes, type_object: int, data: bytes, identity: SampleIdentity) -> int:
-        """Send a sample with an identity in the hidden prefix; return the code of Cyclone.
-
-        Args:
-            data: message with its encapsulation header; the length is a multiple of 4.
-        """
+        """Send a sample, whose length is a multiple of 4, with an identity; return the code of Cyclone."""
         api, code = self._owner.api, _BAD_PARAMETER
         sample = private_layout.new_sample(
             api, type_object, _IDENTITY_MAGIC + writer_id + encode_inline_qos(identity) + data
@@ -202,11 +198,7 @@ class SampleHooks:
         return c_api.call_with_sigint_deferred(write, entity, sample) if self.sends else write(entity, sample)
 
     def with_embedded_identity(self, sample: int, size: int) -> bytes | None:
-        """Return the payload of a sample of this process with its identity embedded; None if it has no identity.
-
-        Args:
-            size: payload size in Cyclone.
-        """
+        """Return the payload of a sample of this process with its identity embedded; None if it has no identity."""
         if (
             size < len(_IDENTITY_MAGIC)
             or bytes_at(sample + self.payload_offset, len(_IDENTITY_MAGIC)) != _IDENTITY_MAGIC
