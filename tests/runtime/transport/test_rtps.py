@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.api import pad_to_4_bytes
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import (
     INLINE_QOS_BYTES,
     encode_inline_qos,
@@ -21,7 +20,6 @@ from rosidl_py_gen.runtime.transport.cyclone.private_layout import (
     DATA_FRAG_BYTES,
     INLINE_QOS_FLAG,
 )
-from rosidl_py_gen.runtime.transport.dds.correlation import embed_identity, extract_identity
 
 FAST, CYCLONE, RTI, OTHER = b"\x01\x0f", b"\x01\x10", b"\x01\x01", b"\x01\x12"
 READER = bytes(range(12)) + b"\0\0\x13\x04"
@@ -120,12 +118,3 @@ def test_hostile_parameters_end_at_the_payload(vendor: bytes, parameters: bytes,
     data[1] |= INLINE_QOS_FLAG
     identity = read_submessage(packet(vendor), bytes(data), is_reply=is_reply)
     assert identity is None or (len(identity[0]) == 16 and -(2**63) <= identity[1] < 2**63)
-
-
-@given(st.binary(max_size=40), st.binary(min_size=16, max_size=16), st.integers(-(2**63), 2**63 - 1))
-def test_an_identity_comes_back_and_the_message_with_it(message: bytes, guid: bytes, number: int) -> None:
-    sample = embed_identity(b"\0\1\0\0" + message, (guid, number))
-    assert extract_identity(sample) == (guid, number)
-    assert sample[:2] + sample[28:] == b"\0\1" + message
-    assert extract_identity(b"\0\1\0\0" + message) is None
-    assert len(pad_to_4_bytes(sample)) % 4 == 0

@@ -1,7 +1,8 @@
-"""Liveliness tokens, their QoS and GIDs: docs/internals/zenoh.md 3."""
+"""Keys, attachments, and liveliness tokens with their QoS and GIDs: docs/internals/zenoh.md 2 to 4, 7 and 9."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -22,19 +23,117 @@ from rosidl_py_gen.runtime.transport.qos import (
 )
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     CPU_BACKEND,
+    AttachmentError,
     EndpointToken,
     EntityKind,
     NodeToken,
+    cpu_buffer_key,
+    data_key,
     gid_of,
+    pack_attachment,
     qos_text,
     read_qos,
     read_token,
     tokens_of,
+    unpack_attachment,
+    valid_hash_or_empty,
 )
 
-ZID = "8b20917502ee955ac4476e0266340d5c"
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 STRING = "std_msgs::msg::dds_::String_"
+
+
+# --------------------------------------------------------------------------------------------------------------- keys
+
+
+@pytest.mark.parametrize(
+    ("domain_id", "name", "type_name", "type_hash", "key"),
+    [
+        (0, "/chatter", STRING, HASH, f"0/chatter/{STRING}/{HASH}"),
+        (0, "/robot1/chatter", STRING, HASH, f"0/robot1/chatter/{STRING}/{HASH}"),
+        (232, "/chatter/", STRING, HASH, f"232/chatter/{STRING}/{HASH}"),
+        (0, "chatter", STRING, HASH, f"0/chatter/{STRING}/{HASH}"),  # avoid_ros_namespace_conventions
+        (7, "/chatter", STRING, "", f"7/chatter/{STRING}/TypeHashNotSupported"),
+        (
+            0,
+            "/fibonacci/_action/send_goal",
+            "example_interfaces::action::dds_::Fibonacci_SendGoal_",
+            HASH,
+            f"0/fibonacci/_action/send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_/{HASH}",
+        ),
+    ],
+)
+def test_a_key_is_made_of_domain_name_type_and_hash(
+    domain_id: int, name: str, type_name: str, type_hash: str, key: str
+) -> None:
+    assert data_key(domain_id, name, type_name, type_hash) == key
+
+
+@pytest.mark.parametrize(
+    "chunk", ["", "TypeHashNotSupported", HASH[:-1], HASH + "0", HASH.upper(), HASH + "\n", HASH.replace("01_", "02_")]
+)
+def test_only_a_whole_hash_counts_as_one(chunk: str) -> None:
+    assert valid_hash_or_empty(HASH) == HASH
+    assert valid_hash_or_empty(chunk) == ""
+
+
+def test_the_channel_of_buffers_lies_below_the_key() -> None:
+    assert cpu_buffer_key(f"0/chatter/{STRING}/{HASH}") == f"0/chatter/{STRING}/{HASH}/_buf_cpu"
+
+
+# -------------------------------------------------------------------------------------------------------- attachments
+
+GID = bytes.fromhex("eb85fa883b7846dc448a4501890ad062")
+BYTES = bytes.fromhex(
+    "0100000000000000"  # sequence number 1
+    "15cd5b0700000000"  # 123456789 ns
+    "10"  # length of the GID, a varint
+    "eb85fa883b7846dc448a4501890ad062"
+)
+NUMBERS = st.integers(0, 2**63 - 1)
+
+
+def test_an_attachment_has_number_time_and_gid() -> None:
+    assert pack_attachment(1, 123456789, GID) == BYTES
+    assert unpack_attachment(BYTES) == (1, 123456789, GID)
+
+
+def test_zenoh_itself_writes_the_same_bytes() -> None:
+    ext = pytest.importorskip("zenoh.ext")
+    assert bytes(ext.z_serialize((ext.Int64(1), ext.Int64(123456789), GID))) == BYTES
+
+
+@given(NUMBERS, NUMBERS, st.binary(min_size=16, max_size=16))
+def test_what_was_packed_comes_back(sequence: int, stamp_ns: int, gid: bytes) -> None:
+    assert unpack_attachment(pack_attachment(sequence, stamp_ns, gid)) == (sequence, stamp_ns, gid)
+
+
+@given(st.binary(max_size=100))
+def test_no_bytes_raise_anything_but_our_error(data: bytes) -> None:
+    try:
+        sequence, stamp_ns, gid = unpack_attachment(data)
+    except AttachmentError:
+        return
+    assert pack_attachment(sequence, stamp_ns, gid) == data
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "expected an attachment of 33 bytes, found 0 bytes"),
+        (BYTES + b"\0", "expected an attachment of 33 bytes, found 34 bytes"),
+        (bytes(77), "found 77 bytes; that of rmw_zenoh_cpp before Jazzy's 0.2.4"),
+        (BYTES[:16] + b"\x0f" + GID, "byte 16: expected 16, the length of a GID, found 15"),
+        (b"\xff" * 8 + BYTES[8:], "byte 0: expected a sequence number of 0 or more, found -1"),
+        (BYTES[:8] + b"\xff" * 8 + BYTES[16:], "byte 8: expected a time of 0 or more, found -1"),
+    ],
+)
+def test_an_error_names_the_byte(data: bytes, message: str) -> None:
+    with pytest.raises(AttachmentError, match=re.escape(message)):
+        unpack_attachment(data)
+
+
+ZID = "8b20917502ee955ac4476e0266340d5c"
 # The example of rmw_zenoh's docs/design.md.
 TALKER = f"@ros2_lv/0/{ZID}/0/10/MP/%/%/talker/%chatter/{STRING}/{HASH}/::,7:,:,:,,"
 NODE = NodeToken(0, ZID, 0, "talker")
