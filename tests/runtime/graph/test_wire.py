@@ -76,9 +76,9 @@ def test_user_data_texts() -> None:
     assert both == b"typehash=RIHS01_ab;sertypehash=RIHS01_cd;"
     assert ddsnames.parse_user_data(both) == {"typehash": "RIHS01_ab", "sertypehash": "RIHS01_cd"}
     prefix = bytes.fromhex("0110f307000a000100000001")
-    assert ddsnames.entity_id(prefix, 2) == " 1.10.f3.7.0.a.0.1.0.0.0.1.0.0.0.2"
-    assert ddsnames.entity_id(b"\xab" + prefix[1:], 258).startswith("ab.10.")
-    assert ddsnames.entity_id(prefix, 258).endswith(".0.0.1.2")
+    assert ddsnames.entity_id(prefix + b"\0\0\0\2") == " 1.10.f3.7.0.a.0.1.0.0.0.1.0.0.0.2"
+    assert ddsnames.entity_id(b"\xab" + prefix[1:] + b"\0\0\1\2").startswith("ab.10.")
+    assert ddsnames.entity_id(prefix + b"\0\0\1\2").endswith(".0.0.1.2")
 
 
 @pytest.mark.parametrize(

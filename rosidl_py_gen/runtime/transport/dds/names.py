@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping
 from typing import Literal
 
-from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, TopicKey
+from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 
 
 def wire_type(ros_name: str) -> str:
@@ -81,15 +81,10 @@ def parse_user_data(data: bytes) -> dict[str, str]:
     return pairs
 
 
-def entity_gid(text: str) -> bytes:
-    """Return the 16 bytes of an `entity_id`, which rmw_get_gid_for_client returns."""
-    return bytes(int(byte, 16) for byte in text.split("."))
-
-
-def entity_id(guid: bytes, counter: int) -> str:
+def entity_id(gid: bytes) -> str:
     """Return the value of ``clientid`` and ``serviceid``: 16 bytes in hex, joined by dots.
 
     There are no leading zeros, but the first byte is padded to two columns by a space.
     """
-    first, *rest = guid[:GUID_PREFIX_BYTES] + counter.to_bytes(4, "big")
+    first, *rest = gid
     return ".".join([f"{first:2x}", *(f"{byte:x}" for byte in rest)])

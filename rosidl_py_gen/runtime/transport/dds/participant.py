@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     uses_sample_identity,
 )
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
-from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id
+from rosidl_py_gen.runtime.transport.dds.names import entity_id
 from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT, QoSProfile
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, NodeEntities
+    from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, DiscoveryEvent, NodeEntities
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before
@@ -236,21 +236,25 @@ class DdsParticipant:
     def create_reader(self, spec: EndpointSpec) -> Reader:
         raise NotImplementedError
 
+    def _next_gid(self) -> bytes:
+        """Return the 16 bytes that rmw_get_gid_for_client returns."""
+        return self.guid[:GUID_PREFIX_BYTES] + next(self._entity_numbers).to_bytes(4, "big")
+
     def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
-        own_id = entity_id(self.guid, next(self._entity_numbers))
+        gid = self._next_gid()
         request, reply = service.endpoints(qos)
-        reader = self.create_reader(replace(reply, client_id=own_id))
+        reader = self.create_reader(replace(reply, client_id=entity_id(gid)))
         with _closed_on_failure(reader):
-            writer = self.create_writer(replace(request, client_id=own_id))
-        return DdsClient(self, service, reader, writer, entity_gid(own_id))
+            writer = self.create_writer(replace(request, client_id=entity_id(gid)))
+        return DdsClient(self, service, reader, writer, gid)
 
     def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
-        own_id = entity_id(self.guid, next(self._entity_numbers))
+        gid = self._next_gid()
         request, reply = service.endpoints(qos)
-        writer = self.create_writer(replace(reply, service_id=own_id))
+        writer = self.create_writer(replace(reply, service_id=entity_id(gid)))
         with _closed_on_failure(writer):
-            reader = self.create_reader(replace(request, service_id=own_id))
-        return DdsServer(self, service, reader, writer, entity_gid(own_id))
+            reader = self.create_reader(replace(request, service_id=entity_id(gid)))
+        return DdsServer(self, service, reader, writer, gid)
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
         """Return why servers of one service on Fast DDS cannot be used; None if they can."""

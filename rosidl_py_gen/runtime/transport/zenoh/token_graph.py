@@ -59,12 +59,6 @@ class _Node:
     writers: set[bytes] = field(default_factory=set)
 
 
-@dataclass(slots=True)
-class _Session:
-    guid: bytes
-    nodes: dict[int, _Node] = field(default_factory=dict)
-
-
 Key = tuple[TopicKey, str, str, bool]
 """Topic, type and hash of endpoints that match; True for the writers."""
 
@@ -93,7 +87,8 @@ class TokenGraph:
         self._own_zid = own_zid
         self._unread: deque[tuple[bool, str]] = deque()
         self._lock = threading.RLock()
-        self._sessions: dict[str, _Session] = {}
+        self._sessions: dict[str, dict[int, _Node]] = {}
+        """Nodes by session and number."""
         self._tokens: dict[str, tuple[DiscoveredEndpoint, ...]] = {}
         self._endpoints: defaultdict[Key, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
         """Existing endpoints by GUID."""
@@ -139,23 +134,22 @@ class TokenGraph:
             while self._unread:
                 exists, text = self._unread.popleft()
                 token = read_token(text)
-                if token is None:
+                if token is None or token.node.zid == self._own_zid:
                     continue
-                zid = (token if isinstance(token, NodeToken) else token.node).zid
-                if zid != self._own_zid and (self._add if exists else self._remove)(text, token, zid):
-                    changed[zid] = None
+                if (self._add if exists else self._remove)(text, token):
+                    changed[token.node.zid] = None
             for zid in changed:
                 self._report_nodes(zid)
 
-    def _add(self, text: str, token: NodeToken | EndpointToken, zid: str) -> bool:
+    def _add(self, text: str, token: NodeToken | EndpointToken) -> bool:
         if text in self._tokens:
             return False
-        owner = token if isinstance(token, NodeToken) else token.node
-        session = self._sessions.get(zid)
-        if session is None:
-            session = self._sessions[zid] = _Session(participant_guid(zid))
-            self._events.append(ParticipantDiscovered(session.guid, owner.enclave))
-        node = session.nodes.setdefault(owner.node_id, _Node(owner))
+        owner = token.node
+        nodes = self._sessions.get(owner.zid)
+        if nodes is None:
+            nodes = self._sessions[owner.zid] = {}
+            self._events.append(ParticipantDiscovered(participant_guid(owner.zid), owner.enclave))
+        node = nodes.setdefault(owner.node_id, _Node(owner))
         if isinstance(token, NodeToken):
             node.tokens.add(text)
             self._tokens[text] = ()
@@ -167,15 +161,11 @@ class TokenGraph:
             self._events.append(endpoint)
         return True
 
-    def _remove(self, text: str, token: NodeToken | EndpointToken, zid: str) -> bool:
+    def _remove(self, text: str, token: NodeToken | EndpointToken) -> bool:
         endpoints = self._tokens.pop(text, None)
         if endpoints is None:
             return False
-        owner = token if isinstance(token, NodeToken) else token.node
-        session = self._sessions.get(zid)
-        node = None if session is None else session.nodes.get(owner.node_id)
-        if node is None:
-            return False
+        node = self._sessions[token.node.zid][token.node.node_id]
         if isinstance(token, NodeToken):
             node.tokens.discard(text)
         elif token.kind is EntityKind.CLIENT:
@@ -189,19 +179,18 @@ class TokenGraph:
 
     def _report_nodes(self, zid: str) -> None:
         """Report the nodes of a session, or that it has disappeared."""
-        session = self._sessions[zid]
-        nodes = session.nodes = {
-            number: node for number, node in session.nodes.items() if node.tokens or node.readers or node.writers
-        }
+        guid, nodes = participant_guid(zid), self._sessions[zid]
+        for number in [number for number, node in nodes.items() if not (node.tokens or node.readers or node.writers)]:
+            del nodes[number]
         if not nodes:
             del self._sessions[zid]
-            self._events.append(EntityLost(session.guid))
+            self._events.append(EntityLost(guid))
             return
         entities = tuple(
             NodeEntities(node.token.namespace, node.token.name, frozenset(node.readers), frozenset(node.writers))
             for node in nodes.values()
         )
-        self._events.append(NodesAnnounced(session.guid, entities))
+        self._events.append(NodesAnnounced(guid, entities))
 
     def events(self) -> list[DiscoveryEvent]:
         """Return and clear the unreported events."""

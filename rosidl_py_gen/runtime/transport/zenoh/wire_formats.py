@@ -208,6 +208,11 @@ class NodeToken:
     namespace: str = "/"
     enclave: str = "/"
 
+    @property
+    def node(self) -> NodeToken:
+        """The node itself, as `EndpointToken.node`."""
+        return self
+
     def __str__(self) -> str:
         return _chunks(self, self.node_id, EntityKind.NODE)
 
