@@ -102,9 +102,8 @@ class LoopFloor:
 
     def __init__(self, write_to: str, read_from: str) -> None:
         from rosidl_py_gen.runtime.node.environment import read_environment
-        from rosidl_py_gen.runtime.transport.api import EndpointSpec
+        from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
         from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
-        from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
         self._participant = CycloneTransport().open(read_environment(os.environ))
@@ -179,9 +178,8 @@ class ServiceFloor:
 
     def __init__(self, *, is_client: bool) -> None:
         from rosidl_py_gen.runtime.node.environment import read_environment
-        from rosidl_py_gen.runtime.transport.api import EndpointSpec
+        from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
         from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-        from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
         self.fast_dds = cyclone._fast_dds

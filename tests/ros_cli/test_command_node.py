@@ -18,7 +18,7 @@ from rosidl_py_gen.ros_cli import command_node as module
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, context_opened_early
 from rosidl_py_gen.ros_cli.message_text import type_and_values
 from rosidl_py_gen.runtime import EnvironmentSettingError
-from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities, ParticipantDiscovered
+from rosidl_py_gen.runtime.transport.api import NodeEntities, ParticipantDiscovered
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator

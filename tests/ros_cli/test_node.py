@@ -12,8 +12,7 @@ from std_srvs.srv import Trigger
 
 from rosidl_py_gen.base.names import snake_case
 from rosidl_py_gen.runtime.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities, TopicKey
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.dds.names import ros_type, topic_key_of, wire_name
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
 from rosidl_py_gen.runtime.transport.memory import MemoryParticipant
 
 if TYPE_CHECKING:

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReason
     from rosidl_py_gen.runtime.loop.callback_failures import OnError
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
-    from rosidl_py_gen.runtime.transport.api import ClockFunctions, Participant
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
+    from rosidl_py_gen.runtime.transport.api import ClockFunctions, DiscoveredEndpoint, Participant, TopicKey
 
 T = TypeVar("T")
 

@@ -17,8 +17,7 @@ from rosidl_py_gen.runtime.entities.entity_scope import Entity, entity_repr, plu
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.send_queue import RETRY_INTERVAL_S, SendQueue
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 from rosidl_py_gen.runtime.transport.qos import History
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.graph import Graph
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
     from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer
 

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
-    from rosidl_py_gen.runtime.transport.api import Payload
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, Payload
     from rosidl_py_gen.type_loading.peer_definitions import PeerDefinition, SampleConverter
 
 

@@ -25,8 +25,7 @@ from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_concurrency
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
 if TYPE_CHECKING:

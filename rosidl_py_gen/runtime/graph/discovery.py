@@ -18,15 +18,14 @@ from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, type_hashes_d
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost, NodeEntities
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EntityLost, NodeEntities
 from rosidl_py_gen.runtime.transport.matching import Incompatibility, IncompatibilityKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
-    from rosidl_py_gen.runtime.transport.api import Participant
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, TopicKey
+    from rosidl_py_gen.runtime.transport.api import DiscoveryEvent, Participant, TopicKey
 
 _STILL_DELIVERED = "; delivered anyway, because of type_hash_check"
 _ADVICE = (

@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
-from rosidl_py_gen.runtime.transport.discovery_events import (
+from rosidl_py_gen.runtime.transport.api import (
     DiscoveredEndpoint,
     EntityLost,
     NodesAnnounced,
     ParticipantDiscovered,
     TopicKey,
 )
+from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, NodeEntities
+    from rosidl_py_gen.runtime.transport.api import DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
 
 TypeCheck = Literal["convert", "error", "warn", "off"]
 """Treatment of messages whose sender announces another definition.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from rosidl_py_gen.runtime.graph.graph import Graph
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TopicKey
     from rosidl_py_gen.runtime.transport.matching import Incompatibility
 
 _MAX_PEERS = 3

@@ -28,7 +28,7 @@ from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, find_security, middleware, read_environment
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -12,7 +12,7 @@ from rosidl_py_gen.base.names import similar_name
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
 from rosidl_py_gen.runtime.node.node_base import NodeBase
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable

@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.transport.qos import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
 

@@ -20,22 +20,20 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import (
     SYSTEM_CLOCKS,
     ClockFunctions,
+    DiscoveredEndpoint,
+    DiscoveryEvent,
     DomainSettings,
     EndpointSpec,
+    EntityLost,
+    NodeEntities,
+    NodesAnnounced,
+    ParticipantDiscovered,
     Payload,
     ReceiveQueue,
     Sample,
     Sink,
     Writer,
     pad_to_4_bytes,
-)
-from rosidl_py_gen.runtime.transport.discovery_events import (
-    DiscoveredEndpoint,
-    DiscoveryEvent,
-    EntityLost,
-    NodeEntities,
-    NodesAnnounced,
-    ParticipantDiscovered,
 )
 from rosidl_py_gen.runtime.transport.matching import check_compatible, qos_incompatibility
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, effective

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Sink
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EndpointSpec, Payload, Sink, TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 

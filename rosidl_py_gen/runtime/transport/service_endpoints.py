@@ -10,8 +10,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Hashable, Iterable
 from typing import Generic, Protocol, TypeVar
 
-from rosidl_py_gen.runtime.transport.api import Reader, Writer
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, EntityLost, TopicKey
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, DiscoveryEvent, EntityLost, Reader, TopicKey, Writer
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 from rosidl_py_gen.runtime.transport.service_api import NoReply, Reply, ServerAvailability, ServiceSpec
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from rosidl_py_gen.runtime.graph.graph import Graph
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
 
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 _SERVICE_SUFFIX = "/get_type_description"

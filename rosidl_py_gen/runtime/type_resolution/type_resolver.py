@@ -29,7 +29,7 @@ from rosidl_py_gen.errors import (
 )
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.type_resolution.announcements import (
     TYPE_HASH,
     announced,

@@ -15,7 +15,7 @@ from rosidl_py_gen.base.xml_reader import XmlElement
 from rosidl_py_gen.ros_cli.security.permissions import permissions_xml
 from rosidl_py_gen.ros_cli.security.policy import ALLOW, PolicyEnclave, PolicyRule, read_policy
 from rosidl_py_gen.runtime import Context
-from rosidl_py_gen.runtime.transport.discovery_events import NodeEntities
+from rosidl_py_gen.runtime.transport.api import NodeEntities
 
 if TYPE_CHECKING:
     from pathlib import Path

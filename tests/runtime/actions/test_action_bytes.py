@@ -13,7 +13,7 @@ from support.raw_endpoints import reply_name, request_name
 from rosidl_py_gen.runtime.entities.message_types import service_type
 from rosidl_py_gen.runtime.node.action_methods import ActionMethods
 from rosidl_py_gen.runtime.time.values import ClockType, Time
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 GOAL_ID = bytes.fromhex("00112233445566778899aabbccddeeff")

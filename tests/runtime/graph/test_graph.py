@@ -10,7 +10,7 @@ import pytest
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.graph.graph import Graph
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TopicKey
 
 TOPIC_KEY = TopicKey("topic", "/t")
 

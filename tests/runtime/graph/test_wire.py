@@ -9,15 +9,15 @@ from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.graph.graph import BARE_DDS_NODE, UNKNOWN_NODE, Graph
-from rosidl_py_gen.runtime.transport.dds import discovery_info
-from rosidl_py_gen.runtime.transport.dds import names as ddsnames
-from rosidl_py_gen.runtime.transport.dds.names import ros_type, wire_type
-from rosidl_py_gen.runtime.transport.discovery_events import (
+from rosidl_py_gen.runtime.transport.api import (
     EntityLost,
     NodeEntities,
     NodesAnnounced,
     ParticipantDiscovered,
 )
+from rosidl_py_gen.runtime.transport.dds import discovery_info
+from rosidl_py_gen.runtime.transport.dds import names as ddsnames
+from rosidl_py_gen.runtime.transport.dds.names import ros_type, wire_type
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")

@@ -10,8 +10,7 @@ from support.keystores import Authority, Keystore
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, MemoryTransport, QoSProfile, RosArgumentError, SecurityError, find_security
 from rosidl_py_gen.runtime.node import context as node_context
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,7 +6,7 @@ import pytest
 from support.node_fixtures import World, run, until
 
 from rosidl_py_gen.runtime import Durability, History, QoSProfile, Reliability
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 SERVICES = [

@@ -13,6 +13,7 @@ from support import raw_endpoints
 
 from rosidl_py_gen import DecodeError
 from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EntityLost
 from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
@@ -25,7 +26,6 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     parse_request_header,
     strip_request_header,
 )
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, EntityLost
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 from rosidl_py_gen.runtime.transport.service_endpoints import MatchCache, ServicePeers
 

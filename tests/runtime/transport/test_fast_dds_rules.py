@@ -23,6 +23,7 @@ from support.node_fixtures import python_process
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
 from rosidl_py_gen.runtime import IncompatibleServiceError
+from rosidl_py_gen.runtime.transport.api import EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
@@ -30,7 +31,6 @@ from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity im
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import DATA, DATA_FRAG, INFO_DST, INFO_SRC, INLINE_QOS_FLAG
 from rosidl_py_gen.runtime.transport.dds import correlation
 from rosidl_py_gen.runtime.transport.dds import participant as dds_participant
-from rosidl_py_gen.runtime.transport.discovery_events import EntityLost, ParticipantDiscovered
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:

@@ -13,14 +13,14 @@ from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.node.environment import read_environment
-from rosidl_py_gen.runtime.transport.dds import discovery_info
-from rosidl_py_gen.runtime.transport.discovery_events import (
+from rosidl_py_gen.runtime.transport.api import (
     DiscoveredEndpoint,
     EntityLost,
     NodeEntities,
     NodesAnnounced,
     TopicKey,
 )
+from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime.transport import qos
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, TopicKey
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TopicKey
 from rosidl_py_gen.runtime.transport.matching import (
     Compatibility,
     Incompatibility,

@@ -11,10 +11,9 @@ import pytest
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:

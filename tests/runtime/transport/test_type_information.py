@@ -18,10 +18,9 @@ from support.node_fixtures import ROOT, until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.transport.api import EndpointSpec
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.cyclone import qos as cyclone_qos
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:

@@ -15,6 +15,13 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.transport.api import (
+    GUID_PREFIX_BYTES,
+    DiscoveredEndpoint,
+    DiscoveryEvent,
+    EntityLost,
+    ParticipantDiscovered,
+)
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone.c_api import (
     DCPS_PARTICIPANT,
@@ -32,13 +39,6 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     has_hashed_guid,
 )
 from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, ros_type, topic_key_of
-from rosidl_py_gen.runtime.transport.discovery_events import (
-    GUID_PREFIX_BYTES,
-    DiscoveredEndpoint,
-    DiscoveryEvent,
-    EntityLost,
-    ParticipantDiscovered,
-)
 
 _BATCH = 64
 """Length of all arrays for a builtin reader, because 0.10 writes as many pointers as it has ever lent."""

@@ -25,10 +25,14 @@ from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.api import (
+    GUID_PREFIX_BYTES,
     SYSTEM_CLOCKS,
+    DiscoveredEndpoint,
+    DiscoveryEvent,
     DiscoveryRange,
     DomainSettings,
     EndpointSpec,
+    ParticipantDiscovered,
     SecurityEnclave,
     SecurityError,
     Sink,
@@ -60,12 +64,6 @@ from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
 from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
-from rosidl_py_gen.runtime.transport.discovery_events import (
-    GUID_PREFIX_BYTES,
-    DiscoveredEndpoint,
-    DiscoveryEvent,
-    ParticipantDiscovered,
-)
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 

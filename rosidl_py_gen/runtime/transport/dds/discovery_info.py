@@ -18,17 +18,19 @@ from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES, NETWORK_
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Reader
-from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
-from rosidl_py_gen.runtime.transport.discovery_events import (
+from rosidl_py_gen.runtime.transport.api import (
     GUID_PREFIX_BYTES,
     DiscoveredEndpoint,
     DiscoveryEvent,
+    EndpointSpec,
     EntityLost,
     NodeEntities,
     NodesAnnounced,
+    Payload,
+    Reader,
     TopicKey,
 )
+from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 
 if TYPE_CHECKING:

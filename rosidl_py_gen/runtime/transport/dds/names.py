@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping
 from typing import Literal
 
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import TopicKey
 
 
 def wire_type(ros_name: str) -> str:

@@ -51,8 +51,8 @@ from rosidl_py_gen.runtime.transport.service_endpoints import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from rosidl_py_gen.runtime.transport.api import GUID_PREFIX_BYTES, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
-    from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES, DiscoveryEvent, NodeEntities
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before

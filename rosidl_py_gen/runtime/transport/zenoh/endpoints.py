@@ -51,7 +51,7 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _HEARTBEAT_S = 0.5

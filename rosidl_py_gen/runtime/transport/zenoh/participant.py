@@ -20,9 +20,14 @@ from typing import Any, TypeAlias, TypeVar
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
+from rosidl_py_gen.runtime.transport.api import (
+    DiscoveredEndpoint,
+    DiscoveryEvent,
+    EndpointSpec,
+    NodeEntities,
+    TransportError,
+)
 from rosidl_py_gen.runtime.transport.dds.names import wire_type
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint, DiscoveryEvent, NodeEntities
 from rosidl_py_gen.runtime.transport.qos import Durability, QoSProfile
 from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec

@@ -39,7 +39,7 @@ from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, partic
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.discovery_events import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9

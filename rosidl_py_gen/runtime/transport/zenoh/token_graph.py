@@ -16,8 +16,7 @@ from collections import defaultdict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from rosidl_py_gen.runtime.transport.dds.names import ros_type
-from rosidl_py_gen.runtime.transport.discovery_events import (
+from rosidl_py_gen.runtime.transport.api import (
     DiscoveredEndpoint,
     DiscoveryEvent,
     EntityLost,
@@ -26,6 +25,7 @@ from rosidl_py_gen.runtime.transport.discovery_events import (
     ParticipantDiscovered,
     TopicKey,
 )
+from rosidl_py_gen.runtime.transport.dds.names import ros_type
 from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     EndpointToken,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.discovery_events import (
+from rosidl_py_gen.runtime.transport.api import (
     DiscoveredEndpoint,
     EntityLost,
     NodesAnnounced,

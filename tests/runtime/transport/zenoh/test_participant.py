@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, TransportError
-from rosidl_py_gen.runtime.transport.discovery_events import TopicKey
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey, TransportError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec

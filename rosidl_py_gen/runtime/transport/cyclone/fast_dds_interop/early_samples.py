@@ -25,10 +25,9 @@ import struct
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 
-from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.runtime.transport.api import GUID_PREFIX_BYTES, TransportError
 from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
-from rosidl_py_gen.runtime.transport.discovery_events import GUID_PREFIX_BYTES
 
 _HEADER = b"RTPS\x02\x01\x01\x10"
 """Version 2.1, vendor Cyclone DDS; the prefix of our GUID follows."""

@@ -9,12 +9,12 @@ import threading
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.runtime.transport.api import DiscoveryEvent, EntityLost
 from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.config import IGNORE_TYPE_INFORMATION
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import SampleHooks, create_no_sample
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import SAMPLE_FUNCTIONS, TYPE_FUNCTIONS
 from rosidl_py_gen.runtime.transport.dds.correlation import uses_sample_identity
-from rosidl_py_gen.runtime.transport.discovery_events import DiscoveryEvent, EntityLost
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
