@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
-    from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
 
 class Compatibility(Enum):

@@ -165,7 +165,9 @@ class BuiltinTopicReaders:
                         discard_secured_fast_dds(reader, guid)
                         self._addresses.pop(guid[:GUID_PREFIX_BYTES], None)
                     else:
-                        self._forget_later(handle)
+                        self._lost_handles.append(handle)
+                        if len(self._lost_handles) > _MAX_LOST_HANDLES:
+                            self.guids.pop(self._lost_handles.popleft(), None)
             if is_participant:
                 self._fast_dds.end_read(reader, events)
             yield from events
@@ -197,11 +199,6 @@ class BuiltinTopicReaders:
             wire_name=name,
             wire_type=type,
         )
-
-    def _forget_later(self, handle: int) -> None:
-        self._lost_handles.append(handle)
-        if len(self._lost_handles) > _MAX_LOST_HANDLES:
-            self.guids.pop(self._lost_handles.popleft(), None)
 
     def stop(self) -> None:
         """Stop reading and wait for a thread that reads: deleting the readers also frees the loaned samples."""

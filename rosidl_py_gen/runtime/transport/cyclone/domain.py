@@ -17,6 +17,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import ClassVar, NamedTuple
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
@@ -244,13 +245,8 @@ def _has_free_index(domain_id: int) -> bool:
     """Return True if one of the UDP ports that participants of this machine share can be bound."""
     # Source: docs/internals/protocol.md 10.6.
     first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
-    return any(_is_free(first + _PORTS_PER_INDEX * index) for index in range(MAX_PARTICIPANT_INDEX))
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", port))
-        except OSError:
-            return False
-        return True
+    for index in range(MAX_PARTICIPANT_INDEX):
+        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("", first + _PORTS_PER_INDEX * index))
+            return True
+    return False

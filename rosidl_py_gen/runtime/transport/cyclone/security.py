@@ -35,11 +35,7 @@ from rosidl_py_gen.runtime.transport.dds.names import topic_key_of
 
 CAPABILITY = "DDS Security (SROS 2)"
 """Name in `Context.library_capabilities`."""
-_PLUGINS = {
-    "auth": ("auth", "authentication"),
-    "crypto": ("crypto", "crypto"),
-    "access": ("ac", "access_control"),
-}
+_PLUGINS = {"auth": ("auth", "authentication"), "crypto": ("crypto", "crypto"), "access": ("ac", "access_control")}
 """Name of a plugin in properties, in its file, and in its functions."""
 _FILE = {"win32": "dds_security_{}.dll", "darwin": "libdds_security_{}.dylib"}.get(
     sys.platform, "libdds_security_{}.so"

@@ -240,7 +240,9 @@ class DiscoveryInfoTopic:
         for event in events:
             if isinstance(event, EntityLost):
                 if event.guid in self._writer_has_hash:
-                    self._remember_lost(event.guid)
+                    if len(self._lost_writers) >= _MAX_LOST_WRITERS:
+                        del self._lost_writers[next(iter(self._lost_writers))]
+                    self._lost_writers[event.guid] = None
                 self._heard_writers.discard(event.guid)
                 self._unheard_writers.discard(event.guid)
                 self._writer_has_hash.pop(event.guid, None)
@@ -261,11 +263,6 @@ class DiscoveryInfoTopic:
         # Those on Cyclone DDS may be of this package.
         if guid not in self._heard_writers and (not has_hash or uses_sample_identity(guid)):
             self._set_layout(guid, not has_hash)
-
-    def _remember_lost(self, writer: bytes) -> None:
-        if len(self._lost_writers) >= _MAX_LOST_WRITERS:
-            del self._lost_writers[next(iter(self._lost_writers))]
-        self._lost_writers[writer] = None
 
     def _is_humble(self, writer: bytes, message: NodesAnnounced) -> bool | None:
         """Return True if a participant is of Humble, None if it is unknown.

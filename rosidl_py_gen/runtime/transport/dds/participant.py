@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Reader, Writer
+from rosidl_py_gen.runtime.transport.api import (
+    GUID_PREFIX_BYTES,
+    DiscoveryEvent,
+    EndpointSpec,
+    NodeEntities,
+    Payload,
+    Reader,
+    Writer,
+)
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
     ClientId,
@@ -51,7 +59,6 @@ from rosidl_py_gen.runtime.transport.service_endpoints import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from rosidl_py_gen.runtime.transport.api import GUID_PREFIX_BYTES, DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"

@@ -58,10 +58,7 @@ _SESSION: dict[str, object] = {
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": _MAX_CONGESTION_WAIT_US,
 }
-_ROUTER: dict[str, object] = {
-    "mode": "router",
-    "listen/endpoints": [f"tcp/[::]:{ROUTER_PORT}"],
-}
+_ROUTER: dict[str, object] = {"mode": "router", "listen/endpoints": [f"tcp/[::]:{ROUTER_PORT}"]}
 IPV4_ONLY = f"tcp/0.0.0.0:{ROUTER_PORT}"
 """Endpoint of a router on machines without IPv6, which refuse the default."""
 
@@ -80,11 +77,7 @@ def session_config(environ: Mapping[str, str], warn: Callable[[str], None]) -> z
 
 
 def router_config(
-    environ: Mapping[str, str],
-    warn: Callable[[str], None],
-    *,
-    listen: Iterable[str] = (),
-    connect: Iterable[str] = (),
+    environ: Mapping[str, str], warn: Callable[[str], None], *, listen: Iterable[str] = (), connect: Iterable[str] = ()
 ) -> zenoh.Config:
     """Return the configuration of a router; `listen` and `connect` override file and variables."""
     config = _configuration(environ, "ZENOH_ROUTER_CONFIG_URI", {**_COMMON, **_ROUTER}, warn)

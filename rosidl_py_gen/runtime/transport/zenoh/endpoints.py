@@ -37,7 +37,7 @@ import zenoh.handlers
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import Payload, ReceiveQueue, Sink, TransportError
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, Payload, ReceiveQueue, Sink, TransportError
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, Reliability
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
@@ -51,7 +51,6 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _HEARTBEAT_S = 0.5

@@ -31,12 +31,7 @@ from rosidl_py_gen.runtime.transport.dds.names import wire_type
 from rosidl_py_gen.runtime.transport.qos import Durability, QoSProfile
 from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
-from rosidl_py_gen.runtime.transport.zenoh.endpoints import (
-    ZenohReader,
-    ZenohWriter,
-    leak_after_fork,
-    zenoh_handler,
-)
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
     TokenGraph,

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import zenoh
 
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
-from rosidl_py_gen.errors import ClosedError, DecodeError
-from rosidl_py_gen.runtime.transport.api import TransportError
+from rosidl_py_gen.errors import ClosedError, DecodeError, printable
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TransportError
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
     NoReply,
@@ -39,7 +39,6 @@ from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, partic
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9
@@ -145,9 +144,7 @@ class ZenohClient(_ZenohServiceEndpoint):
 
     def _declare(self, key: str, type_hash: str = "") -> Any:
         querier = self._queriers[type_hash] = self._owner.session.declare_querier(
-            key,
-            target=zenoh.QueryTarget.ALL_COMPLETE,
-            consolidation=zenoh.ConsolidationMode.NONE,
+            key, target=zenoh.QueryTarget.ALL_COMPLETE, consolidation=zenoh.ConsolidationMode.NONE
         )
         return querier
 
@@ -300,7 +297,8 @@ class _InFlightQuery:
         if sample is None:
             error = reply.err.payload.to_bytes()
             is_late = error == _TIMEOUT_ERROR
-            self._reason = ("did not answer in time" if is_late else f"answered with an error: {_printable(error)}",)
+            text = printable(error.decode(errors="replace"), _MAX_ERROR_CHARS)
+            self._reason = ("did not answer in time" if is_late else f"answered with an error: {text}",)
             return
         data = sample.payload.to_bytes()
         if self._client.read_attachment(sample) is not None and len(data) >= HEADER_BYTES:
@@ -318,11 +316,6 @@ class _InFlightQuery:
         """End the query in Zenoh; waits while Zenoh calls a function of it."""
         self.is_over = True
         self.token.cancel()
-
-
-def _printable(text: bytes) -> str:
-    decoded = text[: 4 * _MAX_ERROR_CHARS].decode(errors="replace")[:_MAX_ERROR_CHARS]
-    return "".join(char if char.isprintable() else " " for char in decoded)
 
 
 _RequestOrigin: TypeAlias = "tuple[bytes, int]"

@@ -92,7 +92,9 @@ async def test_an_error_in_place_of_a_response_is_told(pair: Pair) -> None:
     _, query = await pair.first_request()
     query.reply_err(b"no \x1b[31mnumbers" + 1000 * b"!")
     query.drop()
-    with pytest.raises(ServerLostError, match=r"server of /add answered with an error: no  \[31mnumbers!+\Z") as caught:
+    with pytest.raises(
+        ServerLostError, match=r"server of /add answered with an error: no .\[31mnumbers!+\.\.\.\Z"
+    ) as caught:
         await calling
     assert len(str(caught.value)) < 400
 

@@ -73,12 +73,6 @@ def encode_inline_qos(identity: SampleIdentity) -> bytes:
     )
 
 
-def decode_inline_qos(inline_qos: bytes) -> SampleIdentity:
-    """Return the identity that `encode_inline_qos` encoded."""
-    _, _, guid, high, low, *_ = _both.unpack(inline_qos)
-    return guid, high << 32 | low
-
-
 def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> SampleIdentity | None:
     """Return the sample identity of a request or reply.
 
@@ -205,7 +199,8 @@ class SampleHooks:
         ):
             return None
         data = bytes_at(sample + self.payload_offset, _PREFIX_BYTES + size)
-        return embed_identity(data[_PREFIX_BYTES:], decode_inline_qos(data[_INLINE_QOS_OFFSET:_PREFIX_BYTES]))
+        _, _, guid, high, low, *_ = _both.unpack(data[_INLINE_QOS_OFFSET:_PREFIX_BYTES])
+        return embed_identity(data[_PREFIX_BYTES:], (guid, high << 32 | low))
 
     def _from_ser(self, type_object: int, kind: int, fragment: int, size: int) -> Any:
         """Create a sample from received fragments. Called by Cyclone; must not raise, block or log."""
