@@ -169,7 +169,7 @@ async def publish_cost(node: Any, string: Any) -> None:
     message = string(data="x" * 91)
     writer = publisher._writer
     data, entity, api = message.encode(), writer.entity, writer._api
-    type_object = writer._owner.type_object(writer.type).address
+    type_object = writer._owner.domain.types[writer.type].address
     await publisher.wait_for_subscribers(timeout_s=10)
     ours: list[float] = []
     bare: list[float] = []

@@ -1,4 +1,1 @@
-"""Transports that carry bytes between endpoints: the contract, QoS, and three implementations: memory, DDS, Zenoh.
-
-May import: names, logs.
-"""
+"""Transports that carry bytes between endpoints: the contract, QoS, and three implementations: memory, DDS, Zenoh."""

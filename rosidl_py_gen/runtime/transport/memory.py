@@ -97,8 +97,8 @@ class MemoryParticipant:
         self.guid = prefix + b"\x00\x00\x01\xc1"
         self.enclave = enclave
         self.counter = transport._counter
-        self.writers: list[MemoryWriter] = []
-        self.readers: list[MemoryReader] = []
+        self.writers: dict[bytes, MemoryWriter] = {}
+        self.readers: dict[bytes, MemoryReader] = {}
         self.service_peers = ServicePeers()
         self.nodes: tuple[NodeEntities, ...] = ()
         self.closed = False
@@ -111,17 +111,17 @@ class MemoryParticipant:
     def create_writer(self, spec: EndpointSpec) -> MemoryWriter:
         with self.lock:
             writer = MemoryWriter(self, self._info(spec, is_writer=True))
-            self.writers.append(writer)
+            self.writers[writer.guid] = writer
             self._report_to_all(writer.info)
             return writer
 
     def create_reader(self, spec: EndpointSpec) -> MemoryReader:
         with self.lock:
             reader = MemoryReader(self, self._info(spec, is_writer=False), spec.ignore_local)
-            self.readers.append(reader)
+            self.readers[reader.guid] = reader
             self._report_to_all(reader.info)
             for peer in self.peers:
-                for writer in peer.writers:
+                for writer in peer.writers.values():
                     if matches(writer, reader):
                         writer.replay(reader)
             return reader
@@ -143,19 +143,10 @@ class MemoryParticipant:
         return MemoryServer(reader, writer, gid)
 
     def _info(self, spec: EndpointSpec, *, is_writer: bool) -> DiscoveredEndpoint:
-        return DiscoveredEndpoint(
-            self._next_guid(b"\x03" if is_writer else b"\x04"),
-            self.guid,
-            is_writer,
-            spec.topic_key,
-            spec.type,
-            effective(spec.qos, is_writer=is_writer),
-            spec.type_hash,
-            spec.service_id or spec.client_id,
-            spec.service_hash,
-            wire_name=spec.topic_key.name,
-            wire_type=spec.type,
-        )
+        guid, qos = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(spec.qos, is_writer=is_writer)
+        service, wire = (spec.service_id or spec.client_id, spec.service_hash), (spec.topic_key.name, spec.type)
+        ids = guid, self.guid, is_writer
+        return DiscoveredEndpoint(*ids, spec.topic_key, spec.type, qos, spec.type_hash, *service, *wire)
 
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:
@@ -168,7 +159,7 @@ class MemoryParticipant:
             self._events.clear()
             for peer in self.peers:
                 self._events.append(ParticipantDiscovered(peer.guid, peer.enclave))
-                self._events += [endpoint.info for endpoint in (*peer.writers, *peer.readers)]
+                self._events += [endpoint.info for endpoint in (*peer.writers.values(), *peer.readers.values())]
                 if peer.nodes:
                     self._events.append(NodesAnnounced(peer.guid, peer.nodes))
             self.mark_ready(self.report_discovery)
@@ -197,14 +188,12 @@ class MemoryParticipant:
         for peer in self.peers:
             peer.report(event)
 
-    def unregister(self, endpoint: MemoryWriter | MemoryReader) -> None:
+    def unregister(self, guid: bytes) -> None:
         """Remove an endpoint that was closed."""
         with self.lock:
-            if isinstance(endpoint, MemoryWriter):
-                self.writers.remove(endpoint)
-            else:
-                self.readers.remove(endpoint)
-            self._report_to_all(EntityLost(endpoint.guid))
+            self.writers.pop(guid, None)
+            self.readers.pop(guid, None)
+            self._report_to_all(EntityLost(guid))
 
     def detach_after_fork(self) -> None:
         """Do nothing: a copy of the memory is harmless."""
@@ -213,7 +202,7 @@ class MemoryParticipant:
         with self.lock:
             if self.closed:
                 return
-            for endpoint in (*self.writers, *self.readers):
+            for endpoint in (*self.writers.values(), *self.readers.values()):
                 endpoint.close()
             self.closed = True
             self._discovery_sink = None
@@ -234,7 +223,7 @@ class _MemoryEndpoint:
         """Delete the endpoint. May be called twice."""
         if not self.closed:
             self.closed = True
-            self.owner.unregister(self)  # type: ignore[arg-type]  # only the two subclasses exist
+            self.owner.unregister(self.guid)
 
 
 class MemoryWriter(_MemoryEndpoint):
@@ -262,7 +251,7 @@ class MemoryWriter(_MemoryEndpoint):
             sample = (payload, now, self.handle, now, next(self._numbers))
             self._history.append(sample)
             for peer in self.owner.peers:
-                for reader in peer.readers:
+                for reader in peer.readers.values():
                     if matches(self, reader):
                         reader.receive(sample)
         return True
@@ -281,7 +270,8 @@ class MemoryWriter(_MemoryEndpoint):
 
     def matched_readers(self) -> list[bytes]:
         with self.owner.lock:
-            return [reader.guid for peer in self.owner.peers for reader in peer.readers if matches(self, reader)]
+            readers = (reader for peer in self.owner.peers for reader in peer.readers.values())
+            return [reader.guid for reader in readers if matches(self, reader)]
 
     def all_acknowledged(self) -> bool:
         return True  # delivery is immediate
@@ -325,7 +315,8 @@ class MemoryReader(_MemoryEndpoint):
 
     def matched_writers(self) -> list[bytes]:
         with self.owner.lock:
-            return [writer.guid for peer in self.owner.peers for writer in peer.writers if matches(writer, self)]
+            writers = (writer for peer in self.owner.peers for writer in peer.writers.values())
+            return [writer.guid for writer in writers if matches(writer, self)]
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return None

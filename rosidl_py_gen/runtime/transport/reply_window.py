@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
@@ -40,22 +41,20 @@ been killed. Until acknowledgements come again, `HOLD_S` counts."""
 _MAX_CLIENTS = 256
 
 
+@dataclass(slots=True)
 class _Client:
-    """State of one client.
+    """State of one client."""
 
-    Attributes:
-        unanswered: number of its requests that have no reply yet.
-        in_flight: number of replies that it may not have taken.
-        is_trusted: a request of it shows that it took the replies before.
-        is_bursty: it has sent more requests than it can keep replies.
-        last_ns: time of its last request or reply.
-    """
-
-    __slots__ = ("in_flight", "is_bursty", "is_trusted", "last_ns", "unanswered")
-
-    def __init__(self) -> None:
-        self.unanswered = self.in_flight = self.last_ns = 0
-        self.is_trusted = self.is_bursty = False
+    unanswered: int = 0
+    """Number of its requests that have no reply yet."""
+    in_flight: int = 0
+    """Number of replies that it may not have taken."""
+    is_trusted: bool = False
+    """A request of it shows that it took the replies before."""
+    is_bursty: bool = False
+    """It has sent more requests than it can keep replies."""
+    last_ns: int = 0
+    """Time of its last request or reply."""
 
 
 class ReplyWindow:

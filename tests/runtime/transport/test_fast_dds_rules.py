@@ -121,7 +121,7 @@ def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def vtable_of(node: Node, dds_type: str) -> int:
     """Return the address of the vtable of samples."""
     participant: Any = node._scope.participant
-    return private_layout.vtable_address(participant.type_object(dds_type).address, private_layout.SAMPLE_FUNCTIONS)
+    return private_layout.vtable_address(participant.domain.types[dds_type].address, private_layout.SAMPLE_FUNCTIONS)
 
 
 def receive_function(node: Node) -> Any:
@@ -139,6 +139,14 @@ def with_service(node: Node) -> Node:
     return node
 
 
+def server_without_peers(dds: World) -> tuple[Node, Any, Any]:
+    """Return a node with a service, its participant, and the plain function for received requests."""
+    node = with_service(dds.node("ours"))
+    participant: Any = node._scope.participant
+    participant.report_discovery()
+    return node, participant, receive_function(node)
+
+
 # -------------------------------------------------------------------------------------------------------------- hooks
 
 
@@ -154,11 +162,8 @@ def test_functions_of_topics_are_left_alone(dds: World) -> None:
 
 
 def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there(dds: World) -> None:
-    node = with_service(dds.node("ours"))
-    participant: Any = node._scope.participant
+    node, participant, plain = server_without_peers(dds)
     fast_dds = participant.fast_dds
-    participant.report_discovery()
-    plain = receive_function(node)
     for guid, is_looked_into in ((CYCLONE_GUID, False), (FAST_GUID, True)):
         fast_dds.on_participants_pending(READER)
         assert receive_function(node) != plain
@@ -170,10 +175,7 @@ def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there
 
 
 def test_what_is_noticed_while_discovery_is_read_is_not_forgotten(dds: World) -> None:
-    node = with_service(dds.node("ours"))
-    participant: Any = node._scope.participant
-    participant.report_discovery()
-    plain = receive_function(node)
+    node, participant, plain = server_without_peers(dds)
     participant.fast_dds.begin_read(READER)
     participant.fast_dds.on_participants_pending(READER)
     participant.fast_dds.end_read(READER, [])
@@ -184,10 +186,7 @@ def test_what_is_noticed_while_discovery_is_read_is_not_forgotten(dds: World) ->
 
 
 def test_a_new_participant_is_noticed_at_once_whatever_the_loop_does(dds: World) -> None:
-    node = with_service(dds.node("ours"))
-    participant: Any = node._scope.participant
-    participant.report_discovery()
-    plain = receive_function(node)
+    node, participant, plain = server_without_peers(dds)
     with python_process(SERVER):  # no loop runs here
         deadline = time.monotonic() + 20
         while receive_function(node) == plain:
@@ -287,7 +286,7 @@ def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
     before = vtable_of(node, REQUEST)
     monkeypatch.setattr(private_layout, probe, lambda *_: None)
     fast_dds = FastDdsInterop(cyclone._api)
-    fast_dds.prepare(participant.type_object(REQUEST), REQUEST)
+    fast_dds.prepare(participant.domain.types[REQUEST], REQUEST)
     assert vtable_of(node, REQUEST) == before
     assert fast_dds.refusal is not None and "in this library" in fast_dds.refusal
     assert fast_dds.capabilities()["services of nodes on Fast DDS"] == fast_dds.refusal
@@ -296,7 +295,7 @@ def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
 def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refused(dds: World) -> None:
     participant: Any = with_service(dds.node("ours"))._scope.participant
     fast_dds = FastDdsInterop(cyclone._api)
-    fast_dds.prepare(participant.type_object(REQUEST)._replace(payload_offset=None), REQUEST)
+    fast_dds.prepare(participant.domain.types[REQUEST]._replace(payload_offset=None), REQUEST)
     assert fast_dds.refusal == "payloads do not have a constant offset in samples"
     node = dds.node("other")
     publisher, subscription = node.create_publisher(String, "topic"), node.create_subscription(String, "topic")

@@ -13,13 +13,7 @@ from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.node.environment import read_environment
-from rosidl_py_gen.runtime.transport.api import (
-    DiscoveredEndpoint,
-    EntityLost,
-    NodeEntities,
-    NodesAnnounced,
-    TopicKey,
-)
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EntityLost, NodeEntities, NodesAnnounced, TopicKey
 from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -93,6 +87,12 @@ def node_of(dds: World, monkeypatch: pytest.MonkeyPatch, distro: str) -> Node:
         return dds.node("old" if distro == "humble" else "new")
 
 
+def writer_of(guid: bytes, type_hash: str) -> DiscoveredEndpoint:
+    """A discovered writer of the topic."""
+    key = TopicKey("unmangled", discovery_info.DISCOVERY_TOPIC)
+    return DiscoveredEndpoint(guid, b"", True, key, "", QoSProfile(), type_hash, wire_name=key.name)
+
+
 async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_and_while_humble_is(
     dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -125,8 +125,7 @@ async def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_ot
     node = dds.node("alice")
     topic: Any = node.context._core.participant._discovery_info
     later, other = bytes(16), bytes([1, 15]).ljust(16, b"\1")  # of no vendor, and on Fast DDS
-    endpoint = DiscoveredEndpoint(other, b"", True, TopicKey("unmangled", "x"), "", QoSProfile())
-    found = replace(endpoint, wire_name=discovery_info.DISCOVERY_TOPIC, type_hash="RIHS01_00")
+    found = writer_of(other, "RIHS01_00")
     topic.forward_events([found])
     assert topic._wrote_humble is False
     topic.forward_events([replace(found, guid=later, type_hash="")])
@@ -162,8 +161,7 @@ async def test_a_message_that_is_read_after_its_writer_has_left_does_not_decide_
     monkeypatch.delenv("ROS_DISTRO", raising=False)
     topic: Any = dds.node("alice").context._core.participant._discovery_info
     later, short = bytes([1, 15]).ljust(16, b"\1"), WRITER
-    endpoint = DiscoveredEndpoint(later, b"", True, TopicKey("unmangled", "x"), "", QoSProfile())
-    found = replace(endpoint, wire_name=discovery_info.DISCOVERY_TOPIC, type_hash="RIHS01_00")
+    found = writer_of(later, "RIHS01_00")
     topic.forward_events([found, replace(found, guid=short, type_hash="")])
     topic.forward_events([EntityLost(short)])
     assert topic._wrote_humble is False
@@ -179,8 +177,7 @@ async def test_a_writer_that_was_lost_and_found_again_at_once_is_known(
 ) -> None:
     monkeypatch.delenv("ROS_DISTRO", raising=False)
     topic: Any = dds.node("alice").context._core.participant._discovery_info
-    endpoint = DiscoveredEndpoint(WRITER, b"", True, TopicKey("unmangled", "x"), "", QoSProfile())
-    found = replace(endpoint, wire_name=discovery_info.DISCOVERY_TOPIC, type_hash="")
+    found = writer_of(WRITER, "")
     topic.forward_events([found])
     topic.forward_events([EntityLost(WRITER), found])
     assert topic._writer_has_hash[WRITER] is False and topic._layouts[WRITER] is True

@@ -51,10 +51,7 @@ def parameter(pid: int, guid: bytes, number: int, *, big: bool = False) -> bytes
 def test_what_we_send_names_the_reader_in_both_forms(kind: int, number: int) -> None:
     parameters = encode_inline_qos((READER, number))
     assert len(parameters) == INLINE_QOS_BYTES
-    assert read_submessage(packet(CYCLONE), submessage(parameters, kind=kind), is_reply=True) == (
-        READER,
-        number,
-    )
+    assert read_submessage(packet(CYCLONE), submessage(parameters, kind=kind), is_reply=True) == (READER, number)
     assert parameters == (
         bytes.fromhex("8300 1800") + READER + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)  # PID, 24 bytes
         + bytes.fromhex("0f80 1800") + READER + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)
@@ -74,10 +71,7 @@ def test_replies_belong_to_whom_they_name(vendor: bytes, pid: int, is_known: boo
 
 def test_requests_are_numbered_by_the_middleware_and_answered_to_the_reader_they_name() -> None:
     unknown_number = parameter(0x800F, READER, -1 << 32)
-    assert read_submessage(packet(FAST), submessage(unknown_number, number=9), is_reply=False) == (
-        READER,
-        9,
-    )
+    assert read_submessage(packet(FAST), submessage(unknown_number, number=9), is_reply=False) == (READER, 9)
 
 
 @pytest.mark.parametrize("parameters", [b"", parameter(0x83, bytes(16), 0)])

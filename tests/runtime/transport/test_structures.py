@@ -60,14 +60,14 @@ def test_slots_of_functions_are_found() -> None:
 
 def test_the_type_of_a_topic_is_found_by_its_name(participant: Any, pinned: Any) -> None:
     topic = pinned(participant._topics["rt/topic", TEXT][0])
-    address = participant.type_object(TEXT).address
+    address = participant.domain.types[TEXT].address
     assert private_layout.probe_sertype(topic, TEXT.encode(), API.sertype_version) == address
     assert private_layout.probe_sertype(topic, TEXT.encode() + b"x", API.sertype_version) is None
     assert private_layout.probe_sertype(topic, TEXT.encode(), API.sertype_version + 1) is None
 
 
 def test_types_of_the_domain_are_found_beside_another(participant: Any) -> None:
-    address = participant.type_object(TEXT).address
+    address = participant.domain.types[TEXT].address
     for name in (b"DDS::Builtin::TypeLookup_Reply", b"DDS::Builtin::TypeLookup_Request"):
         assert private_layout.find_type_of_domain(address, name, API.sertype_version)
     assert private_layout.find_type_of_domain(address, b"DDS::Builtin::Nothing", API.sertype_version) is None
@@ -92,7 +92,7 @@ def test_flags_that_contradict_the_profile_are_not_touched(participant: Any, pin
 
 
 def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
-    known = participant.type_object(TEXT)
+    known = participant.domain.types[TEXT]
     assert (
         known.payload_offset == private_layout.probe_payload_offset(API, known.address)
         and known.payload_offset % 8 == 4
@@ -100,7 +100,7 @@ def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
 
 
 def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
-    offset = private_layout.probe_size_offset(API, *participant.type_object(TEXT))
+    offset = private_layout.probe_size_offset(API, *participant.domain.types[TEXT])
     assert offset is not None
     sample = new(participant, HEADER + b"12345678")
     for wrong in (offset - 4, offset + 4):
@@ -114,7 +114,7 @@ def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
 def test_samples_without_the_functions_of_their_type_are_not_as_known(
     participant: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    address, payload_offset = participant.type_object(TEXT)
+    address, payload_offset = participant.domain.types[TEXT]
     original = private_layout.vtable_address
     monkeypatch.setattr(private_layout, "vtable_address", lambda at, which: original(at, which) + (at == address))
     assert private_layout.probe_size_offset(API, address, payload_offset) is None
@@ -144,7 +144,7 @@ def reference_count(sample: int) -> int:
 
 
 def new(participant: Any, data: bytes) -> int:
-    return private_layout.new_sample(API, participant.type_object(TEXT).address, data)
+    return private_layout.new_sample(API, participant.domain.types[TEXT].address, data)
 
 
 @pytest.mark.parametrize("data", [b"", HEADER[:3], HEADER, b"\0\3\0\0....", b"\xff\xff\0\0...."])

@@ -6,7 +6,7 @@ import asyncio
 import os
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,8 @@ from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node, QoSProfile
@@ -78,15 +80,24 @@ while True:
 """
 
 
-NO_SERVICE = dict.fromkeys(("REQUEST", "RESPONSE", "SERVICE"), "")
-
-
-@pytest.mark.skipif(find_spec("cyclonedds") is None, reason="the peer is made of cyclonedds")
-async def test_peers_that_announce_type_information_match_by_name(dds: World) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", TRUE_TYPE], env={**os.environ, "PYTHONPATH": str(ROOT), **NO_SERVICE}
-    )
+@contextmanager
+def true_typed_peer(**hashes: str) -> Iterator[None]:
+    """Run the peer, which announces the hashes of its service."""
+    hashes = dict.fromkeys(("REQUEST", "RESPONSE", "SERVICE"), "") | hashes
+    process = subprocess.Popen([sys.executable, "-c", TRUE_TYPE], env={**os.environ, "PYTHONPATH": str(ROOT), **hashes})
     try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+needs_cyclonedds = pytest.mark.skipif(find_spec("cyclonedds") is None, reason="the peer is made of cyclonedds")
+
+
+@needs_cyclonedds
+async def test_peers_that_announce_type_information_match_by_name(dds: World) -> None:
+    with true_typed_peer():
         node = dds.node("ours")
         questions = node.create_publisher(String, "questions")
         answers = node.create_subscription(String, "answers")
@@ -97,18 +108,13 @@ async def test_peers_that_announce_type_information_match_by_name(dds: World) ->
             questions.publish(String(data="across"))
             await asyncio.wait([receiving], timeout=0.2)
         assert receiving.result().data == "across"
-    finally:
-        process.kill()
-        process.wait()
 
 
-@pytest.mark.skipif(find_spec("cyclonedds") is None, reason="the peer is made of cyclonedds")
+@needs_cyclonedds
 async def test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_called(dds: World) -> None:
     parts = {"REQUEST": AddTwoInts.Request, "RESPONSE": AddTwoInts.Response, "SERVICE": AddTwoInts}
     hashes = {name: type_hash(cls) for name, cls in parts.items()}
-    environment = {**os.environ, **hashes, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen([sys.executable, "-c", TRUE_TYPE], env=environment)
-    try:
+    with true_typed_peer(**hashes):
         node = dds.node("ours")
         client = node.create_client(AddTwoInts, "add")
         assert await client.wait_for_service(10)
@@ -122,9 +128,6 @@ async def test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_calle
         theirs = [one for one in endpoints if one.service_id == " 1.10.2"]
         assert {one.type_hash for one in theirs} == {hashes["REQUEST"], hashes["RESPONSE"]}
         assert {one.service_hash for one in theirs} == {hashes["SERVICE"]}
-    finally:
-        process.kill()
-        process.wait()
 
 
 async def test_topics_of_one_type_share_it_and_come_and_go(dds: World) -> None:

@@ -1,4 +1,1 @@
-"""DDS transport over the C functions of Cyclone DDS; only this package knows Cyclone.
-
-May import: what transport may.
-"""
+"""DDS transport over the C functions of Cyclone DDS; only this package knows Cyclone."""

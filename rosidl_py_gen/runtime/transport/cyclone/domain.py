@@ -173,22 +173,17 @@ class Domain:
                     "domain of a process. Use the same discovery range, static peers and CYCLONEDDS_URI, close the "
                     f"first context, or use another domain. Open: {domain._xml!r}; requested: {xml!r}"
                 )
-            domain._require_enclave(enclave_folder)
+            if domain._enclave_folder != enclave_folder:
+                # Cyclone would apply the permissions of the first enclave, refuse an unsecured participant without a
+                # reason, or crash when an earlier unsecured one is deleted (docs/internals/dds.md 10).
+                folders = domain._enclave_folder, enclave_folder
+                used, got = (f"the enclave in {folder}" if folder else "no security" for folder in folders)
+                raise SecurityError(
+                    f"domain {domain_id} is used by this process with {used}, and Cyclone DDS permits one enclave for "
+                    f"each domain of a process; got {got}. Use one enclave, or two processes"
+                )
             domain._users += 1
             return domain
-
-    def _require_enclave(self, folder: str) -> None:
-        """Raise `SecurityError` for another enclave than that of the first participant.
-
-        Cyclone would apply the permissions of the first one, refuse an unsecured participant without a reason, or crash
-        when an earlier unsecured participant is deleted (docs/internals/dds.md 10).
-        """
-        if self._enclave_folder != folder:
-            used, got = (f"the enclave in {one}" if one else "no security" for one in (self._enclave_folder, folder))
-            raise SecurityError(
-                f"domain {self._domain_id} is used by this process with {used}, and Cyclone DDS permits one enclave "
-                f"for each domain of a process; got {got}. Use one enclave, or two processes"
-            )
 
     def leave(self) -> None:
         """Undo one `join`; the last one waits for other threads that write, and deletes the domain.

@@ -121,7 +121,7 @@ class CycloneWriter(_CycloneEndpoint):
         super().__init__(owner, entity, topic, type)
         api = owner.api
         self._copy = api.bare_copy
-        address = owner.type_object(type).address
+        address = owner.domain.types[type].address
         self._type_object = _address(address)
         self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
         self._write = api.bare_write if self._fast_dds_hooks is None else self._fast_dds_hooks.write_plain
@@ -232,7 +232,7 @@ class CycloneReader(_CycloneEndpoint):
         self.queue = ReceiveQueue(qos)
         self.sink: Sink | None = None
         self._take = owner.api.bare_take
-        address, self._payload_offset = owner.type_object(type)
+        address, self._payload_offset = owner.domain.types[type]
         self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
         self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers

@@ -37,6 +37,7 @@ _WHEELS = {
     "cyclonedds": (".dylibs", "../cyclonedds.libs", "../cyclonedds_nightly.libs"),
 }
 """Packages that contain the library, and the folders. cyclonedds has another copy elsewhere, for compilers."""
+_DEBIAN = "apt install libddsc0debian (Debian from 12, Ubuntu from 24.04, Raspberry Pi OS)"
 _SECURITY_SYMBOL = "DDS_Security_Exception_set"
 """Function that exists only in builds with DDS Security."""
 
@@ -182,9 +183,8 @@ def security_advice() -> str:
     """Return how to get a library with DDS Security on this system."""
     if sys.platform == "linux":
         return (
-            "use a libddsc with security: apt install libddsc0debian (Debian from 12, Ubuntu from 24.04, Raspberry Pi "
-            f"OS), then {VARIABLE}=libddsc.so.0debian; or source a ROS installation with rmw_cyclonedds; or name "
-            f"another one in {VARIABLE}"
+            f"use a libddsc with security: {_DEBIAN}, then {VARIABLE}=libddsc.so.0debian; or source a ROS installation "
+            f"with rmw_cyclonedds; or name another one in {VARIABLE}"
         )
     return f"build Cyclone DDS with OpenSSL (ENABLE_SECURITY), and name its library in {VARIABLE}"
 
@@ -194,8 +194,5 @@ def install_advice() -> str:
     if has_wheel():
         return install_command("node")
     if sys.platform == "linux":
-        return (
-            "apt install libddsc0debian (Debian from 12, Ubuntu from 24.04, Raspberry Pi OS), or source a ROS "
-            f"installation with rmw_cyclonedds, or name a libddsc in {VARIABLE}"
-        )
+        return f"{_DEBIAN}, or source a ROS installation with rmw_cyclonedds, or name a libddsc in {VARIABLE}"
     return f"a CPython from 3.10 to 3.13, which has a wheel of cyclonedds; or name a libddsc in {VARIABLE}"

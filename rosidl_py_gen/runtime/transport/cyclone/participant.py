@@ -3,7 +3,6 @@
 They use plain C calls of Cyclone DDS, with the libddsc that `library.py` finds. Rules:
 
 - Entities are integers. The creator of an entity deletes it in `close`; nothing depends on the garbage collector.
-- A write never blocks: max_blocking_time is 0, and the write of a full writer returns False.
 - Samples are taken into the reader's queue by the first of: the thread that calls `take_ready_sinks`, or, with writers
   of this process, the writing thread. Cyclone delivers inside the process during the write, so an immediate take makes
   KEEP_LAST and `dropped` exact, independent of the event loop.
@@ -41,7 +40,7 @@ from rosidl_py_gen.runtime.transport.api import (
 from rosidl_py_gen.runtime.transport.cyclone import c_api, library
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, IGNORE_TYPE_INFORMATION, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import BuiltinTopicReaders
-from rosidl_py_gen.runtime.transport.cyclone.domain import Domain, Sertype
+from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import (
     EarlySampleReaders,
@@ -268,10 +267,6 @@ class CycloneParticipant(DdsParticipant):
                 entry = self._topics[topic, type] = [handle, 0]
             entry[1] += 1
             return entry[0]
-
-    def type_object(self, type: str) -> Sertype:
-        """Return the sertype of a type that has endpoints."""
-        return self.domain.types[type]
 
     def release_topic(self, topic: str, type: str) -> None:
         """Release a topic after its endpoint was deleted.

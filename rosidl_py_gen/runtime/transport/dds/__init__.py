@@ -1,4 +1,1 @@
-"""Mapping of nodes, topics and services of ROS to DDS, without calls of the DDS library.
-
-May import: what transport may.
-"""
+"""Mapping of nodes, topics and services of ROS to DDS, without calls of the DDS library."""

@@ -4,9 +4,7 @@ Only endpoints that are transient local are "advanced" ones of Zenoh, with a cac
 (docs/internals/zenoh.md 5); they exchange samples with all others on the same key.
 
 Publishers of Lyrical and later send messages with an unbounded array of bytes on another key, and nothing to a
-subscriber that does not announce that it listens there. So ours always do. Earlier distributions ignore that part of
-the token and never send on that key; only the GID of the subscriber changes. Waiting until a node of Lyrical appears
-would need another token, and samples would be lost.
+subscriber that does not announce that it listens there. So ours always do; earlier distributions ignore that.
 
 Thread rules; there are no locks here, and Zenoh holds its own while it calls us:
 

@@ -106,29 +106,31 @@ class TokenGraph:
         with self._lock:
             for endpoint in endpoints:
                 self._add_endpoint(endpoint)
-                self._events.append(endpoint)
 
     def remove_own(self, endpoints: Iterable[DiscoveredEndpoint]) -> None:
         """Remove endpoints of the own session."""
         with self._lock:
             for endpoint in endpoints:
                 self._remove_endpoint(endpoint)
-                self._events.append(EntityLost(endpoint.guid))
 
     def _add_endpoint(self, endpoint: DiscoveredEndpoint) -> None:
         self._endpoints[_key(endpoint, endpoint.is_writer)][endpoint.guid] = endpoint
+        self._events.append(endpoint)
         self.changes += 1
 
     def _remove_endpoint(self, endpoint: DiscoveredEndpoint) -> None:
         key = _key(endpoint, endpoint.is_writer)
         endpoints = self._endpoints[key]
         endpoints.pop(endpoint.guid, None)
+        self._events.append(EntityLost(endpoint.guid))
         self.changes += 1
         if not endpoints:
             del self._endpoints[key]
 
     def read(self) -> None:
         """Apply all recorded tokens."""
+        if not self._unread:
+            return
         with self._lock:
             changed: dict[str, None] = {}
             while self._unread:
@@ -158,7 +160,6 @@ class TokenGraph:
         for endpoint in endpoints:
             (node.writers if endpoint.is_writer else node.readers).add(endpoint.guid)
             self._add_endpoint(endpoint)
-            self._events.append(endpoint)
         return True
 
     def _remove(self, text: str, token: NodeToken | EndpointToken) -> bool:
@@ -174,7 +175,6 @@ class TokenGraph:
             node.readers.discard(endpoint.guid)
             node.writers.discard(endpoint.guid)
             self._remove_endpoint(endpoint)
-            self._events.append(EntityLost(endpoint.guid))
         return True
 
     def _report_nodes(self, zid: str) -> None:
@@ -207,8 +207,7 @@ class TokenGraph:
 
     def version(self) -> int:
         """Return the number of changes, including those of recorded tokens."""
-        if self._unread:
-            self.read()
+        self.read()
         return self.changes
 
     def connected(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
@@ -220,8 +219,7 @@ class TokenGraph:
         return self._find(_key(endpoint, endpoint.is_writer))
 
     def _find(self, key: Key) -> dict[bytes, DiscoveredEndpoint]:
-        if self._unread:
-            self.read()
+        self.read()
         with self._lock:
             return dict(self._endpoints.get(key, ()))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.api import Participant
 
+TOPIC = EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT)
 SERVICE = ServiceSpec("/s", "p/srv/X", "", "", "")
 
 
@@ -48,11 +50,11 @@ class Session:
 @pytest.mark.parametrize(
     ("refused", "create"),
     [
-        ("declare_publisher", lambda one: one.create_writer(EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT))),
-        ("declare_subscriber", lambda one: one.create_reader(EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT))),
+        ("declare_publisher", lambda one: one.create_writer(TOPIC)),
+        ("declare_subscriber", lambda one: one.create_reader(TOPIC)),
         ("declare_querier", lambda one: one.create_client(SERVICE, DEFAULT)),
         ("declare_queryable", lambda one: one.create_server(SERVICE, DEFAULT)),
-        ("declare_token", lambda one: one.create_writer(EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT, node=1))),
+        ("declare_token", lambda one: one.create_writer(replace(TOPIC, node=1))),
     ],
 )
 def test_what_zenoh_refuses_to_create_is_a_transport_error(
@@ -81,9 +83,9 @@ def test_of_the_two_subscribers_of_a_reader_for_buffers_none_is_left(
 
         monkeypatch.setattr(endpoints, "cpu_buffer_key", refuse)
         with pytest.raises(TransportError):
-            participant.create_reader(EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT, has_buffer=True))
+            participant.create_reader(replace(TOPIC, has_buffer=True))
     else:
-        participant.create_reader(EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT, has_buffer=True)).close()
+        participant.create_reader(replace(TOPIC, has_buffer=True)).close()
     own = session.calls[session.calls.index("liveliness") + 2 :]  # the first subscriber is that of tokens
     assert own.count("declare_subscriber") == own.count("undeclare") == (1 if is_refused else 2)
 
@@ -92,7 +94,7 @@ def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:
     session = Session()
     participant = ZenohParticipant(session, 0, "/")
     for _ in range(2):
-        participant.create_writer(EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT))
+        participant.create_writer(TOPIC)
     session.refused = {"undeclare", "close"}
     participant.close()
     assert session.calls.count("undeclare") == 3 and session.calls[-1] == "close"

@@ -164,14 +164,22 @@ async def test_a_strict_end_leaves_the_conversion_to_the_other_one(
     assert (server.converted, client.converted) == (0, 1)
 
 
-async def test_a_service_that_cannot_be_converted_is_refused_by_name(
-    zenoh: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def known(monkeypatch: pytest.MonkeyPatch, our_text: str, their_text: str) -> tuple[Any, Any]:
+    """Return two classes of a service, of which only the second is a known definition of a peer."""
     name = f"known_msgs/srv/Known{next(_numbers)}"
-    ours, theirs = compile_definition(name, "string x\n---\n"), compile_definition(name, "int32 x\n---\n")
+    ours, theirs = compile_definition(name, our_text), compile_definition(name, their_text)
     individuals = individual_descriptions(type_description(theirs))
     definition = PeerDefinition(name, type_hash(theirs), ("humble",), individuals)
     monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(ours)), {type_hash(theirs): definition})
+    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(theirs)), {})
+    return ours, theirs
+
+
+async def test_a_service_that_cannot_be_converted_is_refused_by_name(
+    zenoh: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours, theirs = known(monkeypatch, "string x\n---\n", "int32 x\n---\n")
+    name = ours._TYPE.name
     alice, bob = zenoh.pair()
     alice.create_service(theirs, "s", lambda request: theirs.Response())
     client = bob.create_client(ours, "s")
@@ -184,11 +192,7 @@ async def test_a_service_that_cannot_be_converted_is_refused_by_name(
 async def test_a_response_that_does_not_fit_the_other_definition_ends_the_call(
     zenoh: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    name = f"known_msgs/srv/Known{next(_numbers)}"
-    ours, theirs = compile_definition(name, "---\nint32 x\n"), compile_definition(name, "---\nuint8 x\n")
-    definition = PeerDefinition(name, type_hash(theirs), ("humble",), individual_descriptions(type_description(theirs)))
-    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(ours)), {type_hash(theirs): definition})
-    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(theirs)), {})
+    ours, theirs = known(monkeypatch, "---\nint32 x\n", "---\nuint8 x\n")
     alice, bob = zenoh.pair()
     server = alice.create_service(ours, "s", lambda request: ours.Response(x=256))
     client = bob.create_client(theirs, "s")
@@ -202,12 +206,7 @@ async def test_a_response_that_does_not_fit_the_other_definition_ends_the_call(
 async def test_a_request_that_does_not_fit_the_other_definition_is_an_error(
     zenoh: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name = f"known_msgs/srv/Known{next(_numbers)}"
-    ours, theirs = compile_definition(name, "int32 x\n---\n"), compile_definition(name, "uint8 x\n---\n")
-    individuals = individual_descriptions(type_description(theirs))
-    definition = PeerDefinition(name, type_hash(theirs), ("humble",), individuals)
-    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(ours)), {type_hash(theirs): definition})
-    monkeypatch.setitem(peer_definitions._by_hash, (name, type_hash(theirs)), {})
+    ours, theirs = known(monkeypatch, "int32 x\n---\n", "uint8 x\n---\n")
     alice, bob = zenoh.pair()
     asked: list[int] = []
     alice.create_service(theirs, "s", lambda request: asked.append(request.x) or theirs.Response())

@@ -96,11 +96,7 @@ NO_CERTIFICATE = ("enable_mtls: true", "enable_mtls: false")
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        [("desk.", "stranger.")],
-        [NO_CERTIFICATE],
-        [("tls/", "tcp/"), ('"tls"', '"tcp"')],
-    ],
+    [[("desk.", "stranger.")], [NO_CERTIFICATE], [("tls/", "tcp/"), ('"tls"', '"tcp"')]],
     ids=["of another authority", "none", "plain TCP"],
 )
 def test_only_who_has_a_certificate_gets_in(folder: Path, stack: ExitStack, changes: list[tuple[str, str]]) -> None:

@@ -74,15 +74,9 @@ _CYCLONE = "rosidl_py_gen.runtime.transport.cyclone.participant"
 @pytest.mark.parametrize(
     ("text", "unwanted"),
     [
-        (
-            "import rosidl_py_gen.compiler.generate, rosidl_py_gen.generator_cli",
-            ("zenoh", "xxhash", _CYCLONE),
-        ),
+        ("import rosidl_py_gen.compiler.generate, rosidl_py_gen.generator_cli", ("zenoh", "xxhash", _CYCLONE)),
         ("from rosidl_py_gen.runtime import Context; Context(transport='dds')", ("zenoh", "xxhash")),
-        (
-            "from rosidl_py_gen.runtime import Context; Context(transport='zenoh')",
-            (_CYCLONE,),
-        ),
+        ("from rosidl_py_gen.runtime import Context; Context(transport='zenoh')", (_CYCLONE,)),
     ],
 )
 def test_only_the_middleware_that_is_used_is_imported(text: str, unwanted: tuple[str, ...]) -> None:

@@ -264,10 +264,7 @@ def test_a_written_profile_is_read_again(profile: QoSProfile) -> None:
     [
         (WRITER, TALKER),
         (NODE, f"@ros2_lv/0/{ZID}/0/0/NN/%/%/talker"),
-        (
-            NodeToken(5, "1a", 12, "arm", "/robot1/left", "/one/two"),
-            "@ros2_lv/5/1a/12/12/NN/%one%two/%robot1%left/arm",
-        ),
+        (NodeToken(5, "1a", 12, "arm", "/robot1/left", "/one/two"), "@ros2_lv/5/1a/12/12/NN/%one%two/%robot1%left/arm"),
         (
             EndpointToken(NODE, 1, EntityKind.SERVER, "/robot1/add", "p::srv::dds_::Add_", "", DEFAULT),
             f"@ros2_lv/0/{ZID}/0/1/SS/%/%/talker/%robot1%add/p::srv::dds_::Add_/TypeHashNotSupported/::,10:,:,:,,",

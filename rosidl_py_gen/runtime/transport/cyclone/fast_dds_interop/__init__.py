@@ -1,4 +1,1 @@
-"""Interoperation with Fast DDS peers beyond Cyclone: sample identities, and samples sent before Cyclone has matched.
-
-May import: what transport may.
-"""
+"""Interoperation with Fast DDS peers beyond Cyclone: sample identities, and samples sent before Cyclone has matched."""

@@ -110,8 +110,9 @@ class EarlySampleReaders:
         self._api = api
         self._fast_dds = fast_dds
         self._listener = listener
+        # Called by Cyclone; must not raise, block or log.
         self._on_matched = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)(
-            self._on_subscription_matched
+            lambda entity, *_: self._request_history(entity, None)
         )
         self._during_creation: int = api.create_listener(None)
         api.copy_listener(self._during_creation, listener)
@@ -135,10 +136,6 @@ class EarlySampleReaders:
         self._api.set_listener(entity, self._listener)
         self._request_history(entity, is_reliable)
         return entity
-
-    def _on_subscription_matched(self, entity: int, *_: object) -> None:
-        """Called by Cyclone; must not raise, block or log."""
-        self._request_history(entity, None)
 
     def _request_history(self, entity: int, is_reliable: bool | None) -> None:
         offsets, unexpected = self._fast_dds.reader_offsets, None
