@@ -24,7 +24,10 @@ class Versioned(Protocol):
 
 
 class MatchCache(Generic[ResultT]):
-    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same."""
+    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same.
+
+    DDS does not report when discovered endpoints become matched: a negative result may be outdated a moment later.
+    """
 
     def __init__(self, endpoints: Versioned, check: Callable[[Hashable], ResultT]) -> None:
         self._endpoints = endpoints

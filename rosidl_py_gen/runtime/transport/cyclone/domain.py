@@ -101,6 +101,8 @@ class Sertypes:
             self._known.clear()
 
 
+# -------------------------------------------------------------------------------------------------------------- domains
+
 _CLOSE_TIMEOUT_S = 5.0
 """Maximum time that `leave` waits for other threads that write."""
 _CLOSE_POLL_INTERVAL_S = 0.001

@@ -44,7 +44,10 @@ _has_warned = False
 
 
 def warn_about_socket_buffers(size_bytes: int) -> None:
-    """Warn at the first large message if Linux limits socket buffers to less than `ENOUGH_SOCKET_BYTES`."""
+    """Warn at the first large message if Linux limits socket buffers to less than `ENOUGH_SOCKET_BYTES`.
+
+    Such a message is a burst of packets. Those that do not fit the buffer are lost, or sent again if it is reliable.
+    """
     global _has_warned
     if _has_warned:
         return

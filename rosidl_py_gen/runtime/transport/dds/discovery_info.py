@@ -144,6 +144,8 @@ class _MessageCursor:
         return frozenset(self._read(self.gid_bytes)[:16] for _ in range(self._count(field)))
 
 
+# ---------------------------------------------------------------------------------------------------------------- topic
+
 DISCOVERY_TOPIC = "ros_discovery_info"
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()

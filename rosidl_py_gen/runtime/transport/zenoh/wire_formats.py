@@ -39,6 +39,8 @@ from rosidl_py_gen.runtime.transport.qos import (
     Reliability,
 )
 
+# ----------------------------------------------------------------------------------------------------------------- keys
+
 HASH_NOT_SUPPORTED = "TypeHashNotSupported"
 """Replaces the type hash in Humble, which has none, in its format, and where the hash is unknown."""
 _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
@@ -68,6 +70,8 @@ def cpu_buffer_key(key: str) -> str:
     """
     return f"{key}/_buf_cpu"
 
+
+# ---------------------------------------------------------------------------------------------------------- attachments
 
 ATTACHMENT_BYTES = 33
 _GID_BYTES = 16
@@ -102,6 +106,8 @@ def unpack_attachment(data: bytes) -> tuple[int, int, bytes]:
         raise AttachmentError(f"attachment: byte 8: expected a time of 0 or more, found {stamp_ns}")
     return sequence, stamp_ns, gid
 
+
+# ------------------------------------------------------------------------------------------------------------------ QoS
 
 DEFAULT_DEPTH = 42
 """Meaning of depth 0 in rmw_zenoh_cpp, also with KEEP_ALL."""
@@ -167,6 +173,8 @@ def read_qos(text: str) -> QoSProfile | None:
     except ValueError:  # an undefined policy
         return None
 
+
+# --------------------------------------------------------------------------------------------------------------- tokens
 
 TOKEN_PREFIX = "@ros2_lv"
 CPU_BACKEND = "backends:cpu:"
