@@ -15,10 +15,10 @@ from support.node_fixtures import SOON_MISSED, until
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.early_samples import request_samples
-from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
