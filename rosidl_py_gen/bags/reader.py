@@ -21,6 +21,7 @@ from rosidl_py_gen.bags.common import (
     DamagedPart,
     RawMessage,
     SkippedMessages,
+    SkippedParts,
 )
 from rosidl_py_gen.bags.definition_lookup import (
     NO_FIELDS,
@@ -34,7 +35,6 @@ from rosidl_py_gen.bags.definition_lookup import (
 from rosidl_py_gen.bags.numpy_table import table, to_dataframe
 from rosidl_py_gen.bags.remote import bag_path
 from rosidl_py_gen.bags.storage.bag_files import open_files
-from rosidl_py_gen.bags.storage.damage import SkippedParts
 from rosidl_py_gen.bags.storage.storage_api import (
     BagChannel,
     OpeningProgress,

@@ -20,7 +20,6 @@ from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, DamagedPart
 from rosidl_py_gen.bags.remote import BagUnreachableError, opened
-from rosidl_py_gen.bags.storage.damage import DamagedRange
 from rosidl_py_gen.bags.storage.mcap_chunks import (
     MAX_WHOLE_CHUNK_BYTES,
     MIN_MESSAGE_BYTES,
@@ -41,7 +40,7 @@ from rosidl_py_gen.bags.storage.storage_api import (
     library_errors_as_bag_error,
     merge_channels,
 )
-from rosidl_py_gen.bags.storage.walk import Walk
+from rosidl_py_gen.bags.storage.walk import DamagedRange, Walk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Container, Iterator, Mapping

@@ -1,28 +1,26 @@
 """Walk through the records of an MCAP file whose index is missing or incomplete.
 
 One chunk is in memory at a time. The walk ends where the file breaks off: within a record, with zeros, or with a chunk
-whose end is zeros, as after a power cut. Any other damage is reported, and skipped if the reader skips damaged parts.
+whose end is zeros, as after a power cut. Any other damage is an error, or is reported with its topics and times, and
+skipped if the reader skips damaged parts.
+
+Chunks have checksums, so the search for intact data after a damage looks only for chunks. A candidate must be
+consistent: the lengths of its record and of its content agree. A chunk within an MCAP file that is the content of a
+message is not a candidate: its records lead to the end of that file, which is before the end of this one.
 """
 
 from __future__ import annotations
 
-from struct import Struct
-from typing import IO, TYPE_CHECKING
+import re
+import struct
+from collections.abc import Callable
+from typing import IO, TYPE_CHECKING, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.remote import BagUnreachableError
-from rosidl_py_gen.bags.storage.damage import (
-    ChunkHead,
-    DamagedRange,
-    OnDamage,
-    are_zeros,
-    indexed_channels,
-    is_known,
-    next_chunk,
-)
 from rosidl_py_gen.bags.storage.mcap_chunks import (
     IS_MESSAGE,
     MESSAGE,
@@ -37,16 +35,50 @@ from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, checksu
 from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, library_errors_as_bag_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Collection, Iterator
+
+    from typing_extensions import Self
+
+    from rosidl_py_gen.bags.storage.mcap_chunks import Read
 
 _PROGRESS_BYTES = 1 << 20
 _MAX_SEGMENT_BYTES = 1 << 20
 """Maximum size of a segment of messages outside of chunks."""
-_CRC = Struct("<I")
+_CRC = struct.Struct("<I")
 _SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
 _HOLD_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
 """Possible first bytes after the data; empty if the file ends there."""
+_HEAD = struct.Struct("<BQQQQII")
+"""Start of a chunk record: opcode, length, first and last log time, size, checksum, length of the next name."""
+_COMPRESSIONS = (b"", b"lz4", b"zstd")
+_MAX_HEAD = _HEAD.size + 4 + 8
+_CANDIDATE = re.compile(rb"\x06(?=.{5}\0\0\0)", re.DOTALL)
+"""Opcode and length of a chunk that is shorter than 2**40 bytes."""
+_WINDOW = 1 << 20
+_FIRST_PRIVATE = 0x80
+_INDEX = struct.Struct("<BQH")
+"""Start of a message index record: opcode, length, channel."""
+
+
+class DamagedRange(NamedTuple):
+    """Damaged range of a file.
+
+    Attributes:
+        first, last: log times of its messages; None if not known.
+        channels: ids of the channels of its messages; None if not known.
+    """
+
+    offset: int
+    end: int
+    error: BagError
+    first: int | None = None
+    last: int | None = None
+    channels: Collection[int] | None = None
+
+
+OnDamage = Callable[[DamagedRange], None]
+"""Records a damage, or raises `BagError`."""
 
 
 class Walk:
@@ -65,7 +97,7 @@ class Walk:
         index: Index,
         on_damage: OnDamage,
         skips: bool,
-        on_progress: Callable[[int], object] = lambda count: None,
+        on_progress: Callable[[int], object],
     ) -> None:
         self._stream, self._size, self._unpacker, self._index = stream, size, unpacker, index
         self._on_damage, self._skips, self._on_progress = on_damage, skips, on_progress
@@ -299,3 +331,90 @@ class _UnchunkedMessages:
     def end(self) -> None:
         self._flush()
         self._end_segment()
+
+
+# ------------------------------------------------------------------------------------------------------ intact chunks
+
+
+class ChunkHead(NamedTuple):
+    """Start of a chunk record whose lengths agree.
+
+    Attributes:
+        end: end of the record, which may be after the end of the file.
+    """
+
+    end: int
+    first: int
+    last: int
+
+    @classmethod
+    def at(cls, read: Read, at: int) -> Self | None:
+        """Return the start of a chunk record at an offset, whatever its opcode; None if it is not consistent."""
+        return cls.within(read(at, _MAX_HEAD), 0, at)
+
+    @classmethod
+    def within(cls, data: bytes, start: int, at: int) -> Self | None:
+        """Return the start of a chunk record at `start` of `data`, which is `at` in the file; None as for `at`."""
+        if len(data) < start + _HEAD.size + 8:
+            return None
+        _, length, first, last, _, _, name = _HEAD.unpack_from(data, start)
+        after = start + _HEAD.size + name
+        if name > 4 or len(data) < after + 8 or data[start + _HEAD.size : after] not in _COMPRESSIONS:
+            return None
+        (stored,) = struct.unpack_from("<Q", data, after)
+        if first > last or after + 8 + stored != start + RECORD.size + length:
+            return None
+        return cls(at + RECORD.size + length, first, last)
+
+
+def next_chunk(read: Read, at: int, end: int, size: int) -> int:
+    """Return the offset of the next chunk of a file of `size` bytes, from `at` on; `end` if there is none before."""
+    while at < end:
+        window = read(at, min(_WINDOW, end - at) + _MAX_HEAD)
+        for match in _CANDIDATE.finditer(window, 0, min(_WINDOW, end - at) + RECORD.size):
+            head = ChunkHead.within(window, match.start(), at + match.start())
+            if head is None or head.end > size:
+                continue
+            embedded = _embedding_end(read, head.end, size)
+            if not embedded:
+                return min(at + match.start(), end)
+            at = embedded
+            break
+        else:
+            at += _WINDOW
+    return end
+
+
+def _embedding_end(read: Read, at: int, size: int) -> int:
+    """Return the end of an embedded MCAP file whose records continue at `at`; 0 if it is this file."""
+    while at + RECORD.size <= size:
+        head = read(at, _MAX_HEAD)
+        if head.startswith(MCAP0_MAGIC):
+            return at + len(MCAP0_MAGIC) if at + len(MCAP0_MAGIC) < size else 0
+        opcode, length = RECORD.unpack_from(head)
+        if not is_known(opcode) or (opcode == Opcode.CHUNK and ChunkHead.within(head, 0, at) is None):
+            return 0  # here the walk searches again, so both take linear time
+        at += RECORD.size + length
+    return 0
+
+
+def is_known(opcode: int) -> bool:
+    """Return True for the opcodes of MCAP, and for those that MCAP reserves for applications."""
+    return 0 < opcode <= max(Opcode) or opcode >= _FIRST_PRIVATE
+
+
+def indexed_channels(read: Read, at: int, size: int) -> set[int] | None:
+    """Return the channels of a chunk whose message indexes begin at `at`; None if there are none."""
+    channels = set()
+    while at + _INDEX.size <= size:
+        opcode, length, channel = _INDEX.unpack(read(at, _INDEX.size))
+        if opcode != Opcode.MESSAGE_INDEX or length < 2:
+            break
+        channels.add(channel)
+        at += RECORD.size + length
+    return channels or None
+
+
+def are_zeros(read: Read, at: int, size: int) -> bool:
+    """Return True if a file has only zeros from `at` on, as after a power cut, or ends there."""
+    return not any(read(start, _WINDOW).strip(b"\0") for start in range(at, size, _WINDOW))
