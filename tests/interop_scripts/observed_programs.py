@@ -121,8 +121,6 @@ class Case:
     """Command line, split as by a shell."""
     unordered: bool = False
     """Threads of the program print in an order that is not told."""
-    ours_says: str = ""
-    """A line of standard error that ours has and rclpy has not."""
     leaves_threads: bool = False
     """It ends with a thread in rclpy. CPython before 3.14 unwinds such a thread when it comes back from C++, which
     may abort all (`std::terminate`): where that befell real rclpy, what it did until then is compared.
@@ -149,8 +147,6 @@ Observed = Callable[[Case], Both]
 def difference(case: Case, expected: Observation, found: Observation) -> str:
     """Return the lines that differ."""
     assert not any(isinstance(one, str) and one.startswith(("nothing", "not ended")) for one in expected.seen), expected
-    if case.ours_says:
-        found.errors.remove(case.ours_says)
     if case.leaves_threads and (expected.code, expected.errors[-1:]) == (-signal.SIGABRT, [_ABORTED]):
         expected = replace(expected, code=0, errors=expected.errors[:-1])
     texts = [pformat(asdict(one), width=110, sort_dicts=True).splitlines() for one in (expected, found)]

@@ -21,6 +21,10 @@ class Managed(LifecycleNode):
     def on_configure(self, state):
         return TransitionCallbackReturn.SUCCESS
 
+class Broken(LifecycleNode):
+    def on_configure(self, state):
+        raise ValueError("broken")
+
 def spin_until(condition):
     end = time.monotonic() + 20
     while not condition() and time.monotonic() < end:
@@ -31,6 +35,7 @@ node, seen = Managed("managed"), []
 node.create_subscription(TransitionEvent, "~/transition_event", seen.append, 10)
 spin_until(lambda: node._rosidl_transition_events.get_subscription_count() > 0)
 node.trigger_configure()
+Broken("broken").trigger_configure()
 spin_until(lambda: len(seen) == 2)
 for event in seen:
     stamp = event.stamp.sec > 0 if hasattr(event, "stamp") else event.timestamp
@@ -53,3 +58,4 @@ def test_lifecycle_events_have_the_definition_of_the_distribution(
     settings = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     done = run(program, ROS_DISTRO=distro, **settings)
     assert done.stdout.splitlines() == expected, done.stderr
+    assert "[broken]: on_configure raised ValueError: broken\n" in done.stderr  # rclpy does not log it

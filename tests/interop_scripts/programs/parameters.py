@@ -1,4 +1,4 @@
-"""Declared parameters, descriptors, callbacks and overrides."""
+"""Declared parameters, descriptors, a callback and overrides."""
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -25,22 +25,6 @@ class Configured(Node):
         for name in ("rate", "limited", "fixed", "names", "group.two"):
             parameter = self.get_parameter(name)
             print(name, parameter.type_, parameter.value)
-        print(self.get_parameter("rate").get_parameter_value().double_value)
-        print(sorted(self.get_parameters_by_prefix("group")))
-        for action in (
-            lambda: self.get_parameter("later").value,
-            lambda: self.get_parameter("nothing"),
-            lambda: self.declare_parameter("rate", 1.0),
-            lambda: self.declare_parameter("limited2", 3, ParameterDescriptor(integer_range=[limits])),
-            lambda: self.undeclare_parameter("fixed"),
-            lambda: self.set_parameters([Parameter("fixed", value="x")]),
-            lambda: self.set_parameters([Parameter("any", value="text")])[0].successful,
-            lambda: self.get_parameter_or("nothing", Parameter("nothing", value=3)).value,
-        ):
-            try:
-                print("->", action())
-            except Exception as error:
-                print(type(error).__name__, error)
 
     def check(self, parameters):
         for parameter in parameters:

@@ -77,6 +77,7 @@ Clock().sleep_for(Duration(seconds=0.01))
 rclpy.init()  # ours: a context manager, as in Kilted
 Clock().sleep_for(Duration(seconds=0.01))
 Clock().sleep_until(Time(seconds=1, clock_type=ClockType.ROS_TIME))
+Clock().sleep_until(Time(seconds=1))
 Clock(clock_type=ClockType.STEADY_TIME).sleep_for(Duration(seconds=0.01))
 c.sleep_for(Duration(seconds=0.01))
 Clock().sleep_for(Duration(seconds=-1))

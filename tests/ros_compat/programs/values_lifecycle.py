@@ -28,6 +28,14 @@ class Fails(LifecycleNode):
         return R.FAILURE
 
 
+class Worse(LifecycleNode):
+    def on_configure(self, state):
+        return R.ERROR
+
+    def on_error(self, state):
+        return R.ERROR
+
+
 class Nothing(LifecycleNode):
     def on_configure(self, state):
         pass
@@ -66,6 +74,10 @@ bad = Bad("bad")
 (bad.trigger_configure(), bad._state_machine.current_state, list(seen), seen.clear())
 fails = Fails("fails")
 (fails.trigger_configure(), fails._state_machine.current_state)
+worse = Worse("worse")
+(worse.trigger_configure(), worse._state_machine.current_state)
+worse.trigger_configure()  # text
+worse.trigger_shutdown()
 Nothing("nothing").trigger_configure()
 n.add_managed_entity(5)
 n.create_lifecycle_publisher(String, "b", 10, publisher_class=5)
