@@ -1,72 +1,41 @@
-"""Nodes."""
+"""Nodes. Most of the names that programs import from here come from the modules of the node's parts."""
 
 from __future__ import annotations
 
 import math
 import time
-import warnings
 import weakref
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Type, TypeVar, Union
+from typing import TYPE_CHECKING, Dict, List, Optional, Tuple, Type, Union
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ListParametersResult,
-    ParameterDescriptor,
-    ParameterEvent,
-    ParameterType,
-    ParameterValue,
-    SetParametersResult,
-)
-from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterType
 from rcl_interfaces.srv import ListParameters
 
-from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLError
-from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.client import Client, SrvType, SrvTypeRequest, SrvTypeResponse
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.client import SrvType, SrvTypeRequest, SrvTypeResponse
 from rclpy.clock import Clock, ROSClock
-from rclpy.constants import S_TO_NS
 from rclpy.context import Context, invalid_arguments_error
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.exceptions import (
-    InvalidHandle,
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    InvalidTopicNameException,
-    NameValidationException,
-    NotInitializedException,
-    ParameterAlreadyDeclaredException,
-    ParameterImmutableException,
-    ParameterNotDeclaredException,
-    ParameterUninitializedException,
-)
+from rclpy.exceptions import InvalidTopicNameException, NameValidationException, NotInitializedException
 from rclpy.executors import Executor
 from rclpy.expand_topic_name import expand_topic_name
-from rclpy.guard_condition import GuardCondition
 from rclpy.handles import Handle
 from rclpy.impl._fields import value_or_default
 from rclpy.logging import get_logger
 from rclpy.logging_service import LoggingService
+from rclpy.node_entities import *
 from rclpy.node_entities import NodeEntities
+from rclpy.node_graph import *
 from rclpy.node_graph import NodeGraph
+from rclpy.node_parameters import *
 from rclpy.node_parameters import NodeParameters
-from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
+from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
-from rclpy.publisher import MsgType, Publisher
-from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.service import Service
-from rclpy.subscription import Subscription
+from rclpy.publisher import MsgType
 from rclpy.time_source import TimeSource
-from rclpy.timer import Rate, Timer
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_description_service import TypeDescriptionService
-from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
 from rclpy.utilities import get_default_context
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
-from rclpy.validate_parameter_name import validate_parameter_name
 from rclpy.validate_topic_name import validate_topic_name
 from rclpy.waitable import Waitable
 from rosidl_py_gen import runtime

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy import ready_scan
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client
@@ -19,7 +20,6 @@ from rclpy.impl._fields import value_or_default
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
-from rclpy.ready_scan import CLIENTS, SERVICES, SUBSCRIPTIONS, NodeEntityLists
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Rate, Timer
@@ -57,7 +57,7 @@ class NodeEntities:
         self._rosidl_timers: list[Timer] = []
         self._rosidl_guards: list[GuardCondition] = []
         self._rosidl_waitables: list[Waitable] = []
-        self._rosidl_all_entities: NodeEntityLists | None = None
+        self._rosidl_all_entities: ready_scan.NodeEntityLists | None = None
         self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
         for kind in _KINDS:
@@ -93,7 +93,7 @@ class NodeEntities:
     def waitables(self) -> Iterator[Waitable]:
         yield from self._rosidl_waitables
 
-    def _rosidl_entity_lists(self) -> NodeEntityLists:
+    def _rosidl_entity_lists(self) -> ready_scan.NodeEntityLists:
         if self._rosidl_all_entities is None:
             entities = (
                 self._rosidl_timers,
@@ -102,7 +102,7 @@ class NodeEntities:
                 self._rosidl_clients,
                 self._rosidl_services,
             )
-            self._rosidl_all_entities = NodeEntityLists(self.handle, *entities, self._rosidl_waitables)
+            self._rosidl_all_entities = ready_scan.NodeEntityLists(self.handle, *entities, self._rosidl_waitables)
         return self._rosidl_all_entities
 
     @property
@@ -205,7 +205,7 @@ class NodeEntities:
             try:
                 with context.creation_lock, denied_as_rcl_error():
                     endpoint = create(qos=profile.get_c_qos_profile(), event_callbacks=runtime_callbacks)
-                    handle = self.handle.create_endpoint_handle(endpoint, SUBSCRIPTIONS)
+                    handle = self.handle.create_endpoint_handle(endpoint, ready_scan.SUBSCRIPTIONS)
             except runtime.UnsupportedEventError as error:
                 raise UnsupportedEventTypeError(str(error)) from error
             handle.events = queues
@@ -267,7 +267,7 @@ class NodeEntities:
         with self.handle, denied_as_rcl_error():
             _, node = self._rosidl_require_ok()
             handle = self.handle.create_endpoint_handle(
-                node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), CLIENTS
+                node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), ready_scan.CLIENTS
             )
         client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
         return self._rosidl_register(client, group, "clients")
@@ -292,7 +292,7 @@ class NodeEntities:
         with self.handle, denied_as_rcl_error():
             _, node = self._rosidl_require_ok()
             entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
-            handle = self.handle.create_endpoint_handle(entity, SERVICES)
+            handle = self.handle.create_endpoint_handle(entity, ready_scan.SERVICES)
         service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
         return self._rosidl_register(service, group, "services")
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rclpy.handles import Handle
     from rosidl_py_gen import runtime
 
-NamesAndTypes = list[tuple[str, list[str]]]
+_NamesAndTypes = list[tuple[str, list[str]]]
 
 
 class NodeGraph:
@@ -50,7 +50,7 @@ class NodeGraph:
 
     def _rosidl_names_of_node(
         self, kind: str, node_name: str, node_namespace: str, no_demangle: bool = False
-    ) -> NamesAndTypes:
+    ) -> _NamesAndTypes:
         with self.handle.in_use_if_ok() as node:
             namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
             if not any((info.name, info.namespace) == (node_name, namespace) for info in node.get_nodes()):
@@ -59,12 +59,12 @@ class NodeGraph:
                 )
             if no_demangle and self.handle.context.runtime.middleware == "DDS":
                 return wire_topics_of_node(node, node_name, namespace, writers=kind == "publisher")
-            names: NamesAndTypes = getattr(node, f"get_{kind}_names_and_types_by_node")(node_name, namespace)
+            names: _NamesAndTypes = getattr(node, f"get_{kind}_names_and_types_by_node")(node_name, namespace)
             return names
 
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
-    ) -> NamesAndTypes:
+    ) -> _NamesAndTypes:
         """Return the topics a node publishes; with `no_demangle` all DDS topics it writes.
 
         Raises:
@@ -74,7 +74,7 @@ class NodeGraph:
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
-    ) -> NamesAndTypes:
+    ) -> _NamesAndTypes:
         """Return the topics a node subscribes to; with `no_demangle` all DDS topics it reads.
 
         Raises:
@@ -82,20 +82,20 @@ class NodeGraph:
         """
         return self._rosidl_names_of_node("subscriber", node_name, node_namespace, no_demangle)
 
-    def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+    def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
         """Return the services of a node; raise NodeNameNonExistentError if it is not in the graph."""
         return self._rosidl_names_of_node("service", node_name, node_namespace)
 
-    def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+    def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
         """Return the services a node has clients of; raise NodeNameNonExistentError if it is not in the graph."""
         return self._rosidl_names_of_node("client", node_name, node_namespace)
 
-    def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
+    def get_topic_names_and_types(self, no_demangle: bool = False) -> _NamesAndTypes:
         """Return all topics; with `no_demangle` all DDS topics, which include those of services."""
         with self.handle.in_use_if_ok() as node:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
-    def get_service_names_and_types(self) -> NamesAndTypes:
+    def get_service_names_and_types(self) -> _NamesAndTypes:
         with self.handle.in_use_if_ok() as node:
             return node.get_service_names_and_types()
 

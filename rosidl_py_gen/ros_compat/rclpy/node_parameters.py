@@ -26,7 +26,7 @@ from rclpy.exceptions import (
 from rclpy.impl._fields import value_or_default
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.qos import qos_profile_parameter_events
-from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
+from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM as _START_SERVICE
 from rclpy.validate_parameter_name import validate_parameter_name
 from rosidl_py_gen.runtime import _rclpy_support as rules
 
@@ -81,8 +81,8 @@ class NodeParameters:
         self._rosidl_parameter_events, self._parameter_event_publisher = events, cast("Publisher | None", events)
         with self.handle as handle:
             initial_parameters = handle.entity.get_parameters_by_prefix("")
-        if initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
-            del initial_parameters[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own service
+        if initial_parameters[_START_SERVICE].value.value is True:
+            del initial_parameters[_START_SERVICE]  # the runtime declares it for its own service
         overrides = {
             name: Parameter(name, value=_to_rclpy_value(info.value.value)) for name, info in initial_parameters.items()
         }
