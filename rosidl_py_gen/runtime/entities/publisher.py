@@ -81,7 +81,8 @@ class Publisher(Entity, Generic[T]):
             TypeError: the message has another type.
             ClosedError: the publisher or its node is closed, also while waiting; the message was not sent.
         """
-        self._require_open()
+        if self._closed or self._scope.closed:  # a call less for each message
+            self._require_open()
         loop = self._loop_binding.bound_loop
         if loop is None or loop.is_closed():  # the node was created before its loop
             self._loop_binding.adopt_running_loop()
