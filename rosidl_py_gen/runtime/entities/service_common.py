@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.entity_scope import Entity, Throttle, entity_repr
-from rosidl_py_gen.runtime.entities.service_converters import ServiceConverters
-from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
+from rosidl_py_gen.runtime.entities.type_hash_filter import ServiceConverters, TypeHashFilter
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode, type_hashes_differ
 from rosidl_py_gen.runtime.loop.send_queue import SendQueue
 from rosidl_py_gen.runtime.transport.matching import without_best_available

@@ -1,9 +1,10 @@
-"""Treatment of samples whose writer uses another definition of the type than its reader.
+"""Treatment of data whose sender uses another definition of the type than its receiver.
 
 Two definitions of one type have the same name on the wire, and decoding with the other one returns wrong values.
 Writers announce the RIHS01 hash of their definition. Samples of a definition that another distribution has are
 converted to the definition of the reader; those of an unknown definition are dropped. The decision is made once per
-writer.
+writer. `ServiceConverters` are for transports whose keys contain the hash of the service, so that the definition of
+each request and response is known.
 
 ROS 2 Humble announces no hash. A writer without hash is assumed to use the definition of Humble if its participant is
 known to be of Humble; otherwise the one of the reader, unless only that of another distribution fits the bytes.
@@ -11,11 +12,13 @@ known to be of Humble; otherwise the one of the reader, unless only that of anot
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.message_types import class_of
 from rosidl_py_gen.runtime.graph.type_hashes import CONVERTING, type_hashes_differ
+from rosidl_py_gen.runtime.transport.service_api import ServiceConversion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -340,3 +343,67 @@ def field_changes(converter: SampleConverter) -> list[str]:
             more = f" and {len(fields) - _MAX_LISTED_FIELDS} more" if len(fields) > _MAX_LISTED_FIELDS else ""
             texts.append(f"{subject}: {', '.join(fields[:_MAX_LISTED_FIELDS])}{more}")
     return texts
+
+
+class ServiceConverters(PeerConverters[ServiceConversion]):
+    """Conversions of one client or server."""
+
+    _contents = "requests and responses"
+
+    def __init__(
+        self, scope: EntityScope, service_type: ServiceType[Any, Any], mode: TypeCheck, name: str, *, is_client: bool
+    ) -> None:
+        super().__init__(scope, service_type)
+        self._mode = mode
+        self._name = name
+        self._is_client = is_client
+        self._changes: dict[str, str] = {}
+        """Texts about each conversion, by hash of the service."""
+        self._reported: set[str] = set()
+        self.converted = 0
+        """Number of received requests or responses that were converted."""
+
+    def accepts(self, endpoint: DiscoveredEndpoint, accept: Callable[[str], object]) -> bool:
+        """Return True if the other side has another definition that is converted, and pass its hash to `accept`."""
+        service_hash = endpoint.service_hash
+        if self._mode not in CONVERTING or service_hash in ("", self._type.type_hash) or self.get(service_hash) is None:
+            return False
+        accept(service_hash)
+        self._report(endpoint)
+        return True
+
+    def _load(self, definition: PeerDefinition) -> ServiceConversion:
+        from rosidl_py_gen.type_loading.peer_definitions import converter_from, converter_to, part_of
+
+        read, written = ("Response", "Request") if self._is_client else ("Request", "Response")
+        name = definition.type_name
+        received = converter_from(part_of(definition, f"{name}_{read}"), getattr(self.cls, read))
+        sent = converter_to(part_of(definition, f"{name}_{written}"), getattr(self.cls, written))
+        directions = ("received", received), ("sent", sent)
+        changes = (f"; {how}, {text}" for how, converter in directions for text in field_changes(converter))
+        own_hash, distros = self._type.type_hash, ", ".join(definition.distros)
+        self._changes[definition.type_hash] = (
+            f"is that of {distros}, {definition.type_hash}; here it is {own_hash}{''.join(changes)}"
+        )
+        return ServiceConversion(partial(self._receive, received), sent.encode)
+
+    def _receive(self, converter: SampleConverter, data: Payload) -> bytes:
+        self.converted += 1
+        return converter(data)
+
+    def _report(self, endpoint: DiscoveredEndpoint) -> None:
+        """Log once for each definition that requests and responses are converted."""
+        service_hash = endpoint.service_hash
+        if service_hash in self._reported:
+            return
+        self._reported.add(service_hash)
+        discovery, logger = self._scope.discovery, self._scope.logger
+
+        def log() -> None:
+            node = discovery.graph.describe_node(endpoint)
+            logger.warning(
+                f"{self._contents} of {self._name} are converted for {node}: its definition of "
+                f"{self._type.ros_name} {self._changes[service_hash]}"
+            )
+
+        discovery.call_when_named(endpoint, log)

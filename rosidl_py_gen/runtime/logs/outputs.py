@@ -30,10 +30,10 @@ from rosidl_py_gen.runtime.logs.loggers import (
     LEVEL_NAMES,
     WARN,
     get_root_logger,
+    message_text,
     ros_level,
     set_logger_level,
 )
-from rosidl_py_gen.runtime.logs.rosout import message_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

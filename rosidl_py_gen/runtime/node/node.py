@@ -20,13 +20,11 @@ from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_ty
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
-from rosidl_py_gen.runtime.logs.loggers import failure_listeners, ros_level
-from rosidl_py_gen.runtime.logs.rosout import message_text, shared_router
+from rosidl_py_gen.runtime.logs.loggers import failure_listeners, message_text, ros_level, shared_router
 from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
 from rosidl_py_gen.runtime.names.rclpy_hints import HINTS, unknown_attribute
 from rosidl_py_gen.runtime.names.remapping import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
-from rosidl_py_gen.runtime.node.action_methods import ActionMethods
 from rosidl_py_gen.runtime.node.adaptive_subscription import MessageMethods
 from rosidl_py_gen.runtime.node.arguments import parse_node_arguments
 from rosidl_py_gen.runtime.node.context import Context
@@ -56,7 +54,7 @@ if TYPE_CHECKING:
 MessageT = TypeVar("MessageT", bound=Message)
 
 
-class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods, ParameterMethods):
+class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethods, ParameterMethods):
     """ROS 2 node.
 
     Callbacks run on the asyncio event loop. The first use of the node inside a loop attaches that loop: ``async with

@@ -11,7 +11,7 @@ from support.node_fixtures import World, until
 from support.raw_endpoints import reply_name, request_name
 
 from rosidl_py_gen.runtime.entities.message_types import service_type
-from rosidl_py_gen.runtime.node.action_methods import ActionMethods
+from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -24,7 +24,7 @@ DEEP = QoSProfile().keep_all()
 
 
 class Tap:
-    def __init__(self, node: ActionMethods, topic: str, dds_type: str) -> None:
+    def __init__(self, node: ServiceMethods, topic: str, dds_type: str) -> None:
         self.reader = raw_endpoints.reader(node, topic, dds_type)
 
     def take(self, *, service: bool = True) -> list[str]:
@@ -38,7 +38,7 @@ def wire(*parts: str) -> str:
     return text + "0" * (-len(text) % 8)
 
 
-def tap_service(node: ActionMethods, name: str, dds_type: str) -> tuple[Tap, Tap]:
+def tap_service(node: ServiceMethods, name: str, dds_type: str) -> tuple[Tap, Tap]:
     request = Tap(node, request_name(name), f"{dds_type}Request_")
     return request, Tap(node, reply_name(name), f"{dds_type}Response_")
 

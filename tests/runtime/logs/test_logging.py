@@ -28,17 +28,19 @@ from rosidl_py_gen.runtime.logs.loggers import (
     CallSiteFilter,
     LogLevelError,
     RosLogger,
+    RosoutRouter,
     get_logger,
     get_logger_level,
     get_root_logger,
     logger_name,
+    message_text,
     node_logger,
     parse_level,
     ros_level,
     set_logger_level,
+    shared_router,
 )
 from rosidl_py_gen.runtime.logs.outputs import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
-from rosidl_py_gen.runtime.logs.rosout import RosoutRouter, message_text, shared_router
 from rosidl_py_gen.runtime.node.node import log_message
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import parameter_value
