@@ -32,11 +32,7 @@ GUID_PREFIX_BYTES = 12
 
 @dataclass(frozen=True, slots=True)
 class ParticipantDiscovered:
-    """A participant was discovered (own ones included).
-
-    Attributes:
-        enclave: None if the participant does not announce that it is a ROS participant.
-    """
+    """A participant was discovered (own ones included); `enclave` is None if it is not one of ROS."""
 
     guid: bytes
     enclave: str | None
@@ -54,11 +50,7 @@ class NodeEntities:
 
 @dataclass(frozen=True, slots=True)
 class NodesAnnounced:
-    """The participant with that GUID announced all its nodes.
-
-    Attributes:
-        is_humble: the announcement has the layout of Humble and earlier; None if it does not tell.
-    """
+    """A participant announced all its nodes; `is_humble` is True if it is of Humble or earlier, None if unknown."""
 
     guid: bytes
     nodes: tuple[NodeEntities, ...]
@@ -271,10 +263,7 @@ class Writer(_Endpoint, Protocol):
 
     @property
     def handle(self) -> int:
-        """Unsigned number that is unique among the writers of this process.
-
-        Source: docs/internals/protocol.md 5.1.
-        """
+        """Unsigned number that is unique among the writers of this process (docs/internals/protocol.md 5.1)."""
 
     def write(self, data: Payload) -> bool:
         """Send a sample. Never blocks and never holds the GIL inside the middleware.

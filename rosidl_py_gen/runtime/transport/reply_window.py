@@ -60,8 +60,7 @@ class _Client:
 class ReplyWindow:
     """Replies of one server that its clients may not have taken. Thread: any.
 
-    Args:
-        have_arrived: returns True if every client has acknowledged all replies; None if the transport cannot tell.
+    `have_arrived` returns True if every client has acknowledged all replies; it is None if the transport cannot tell.
     """
 
     def __init__(self, have_arrived: Callable[[], bool] | None, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:

@@ -78,15 +78,12 @@ class NoReply(NamedTuple):
 
 
 class IncompatiblePeer(NamedTuple):
-    """Endpoint of a peer that cannot be used, and the reason.
-
-    Attributes:
-        has_topics: topics of the peer work, and services may work with another DDS library.
-    """
+    """Endpoint of a peer that cannot be used, and the reason."""
 
     guid: bytes
     reason: str
     has_topics: bool = True
+    """Topics of the peer work, and services may work with another DDS library."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,14 +44,11 @@ _SECURITY_SYMBOL = "DDS_Security_Exception_set"
 
 @dataclass(frozen=True)
 class DdscLibrary:
-    """Loaded libddsc with all required symbols.
-
-    Attributes:
-        file: real path of the library; the name that was loaded if the system does not report the path.
-    """
+    """Loaded libddsc with all required symbols."""
 
     handle: ct.CDLL
     file: str
+    """Real path of the library; the name that was loaded if the system does not report the path."""
 
     @property
     def version(self) -> str:

@@ -64,9 +64,7 @@ def valid_hash_or_empty(chunk: str) -> str:
 def cpu_buffer_key(key: str) -> str:
     """Return the key on which publishers of Lyrical and later send to endpoints with `CPU_BACKEND` in their tokens.
 
-    They do so for messages with an unbounded array of bytes that are not transient local; other messages, and all of
-    earlier distributions, are sent on the key itself (docs/internals/zenoh.md 9.2). Arrays in nested messages count
-    from rosidl_typesupport_fastrtps 3.10.1 on, by its release notes.
+    They do so for messages with an unbounded array of bytes that are not transient local (docs/internals/zenoh.md 9.2).
     """
     return f"{key}/_buf_cpu"
 

@@ -74,18 +74,11 @@ def encode_inline_qos(identity: SampleIdentity) -> bytes:
 
 
 def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> SampleIdentity | None:
-    """Return the sample identity of a request or reply.
+    """Return the sample identity of a request or reply; raise ValueError if the bytes are not a packet with one.
 
-    Args:
-        packet: begins with the RTPS header of 20 bytes.
-        submessage: DATA or DATA_FRAG with its inline QoS, up to the payload, as Cyclone stores it: the numbers of the
-            header and the writer id in the byte order of this machine (little-endian).
-
-    Returns:
-        None if there is none: a sample of another middleware, or a reply to a request without identity.
-
-    Raises:
-        ValueError: the bytes are not a packet with such a submessage.
+    `packet` begins with the RTPS header. `submessage` is DATA or DATA_FRAG up to the payload, as Cyclone stores it: the
+    numbers of the header and the writer id in the byte order of this machine (little-endian). The result is None for a
+    sample of another middleware, and for a reply to a request without identity.
     """
     if packet[:4] != b"RTPS" or not submessage or submessage[0] not in (DATA, DATA_FRAG):
         raise ValueError(f"no RTPS data: {packet.hex()} {submessage[:DATA_BYTES].hex()}")
