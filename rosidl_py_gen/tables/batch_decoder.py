@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.tables.arrow_columns import ColumnArrays
     from rosidl_py_gen.tables.columns import ColumnNode
-    from rosidl_py_gen.tables.read_program import RunLayout
 
     Ints: TypeAlias = NDArray[np.int64]
     Program: TypeAlias = Sequence[ReadStep]
@@ -153,20 +152,20 @@ def _decode_run(cursor: BatchCursor, step: FixedRun, selected: Collection[Column
     start = cursor.take(0, step.fields[0].align)
     phases = start - HEADER_BYTES & MAX_ALIGN - 1
     phase = int(phases[0]) if len(phases) else 0
-    groups: list[tuple[Any, RunLayout]]
+    groups: list[tuple[Any, np.dtype[np.void]]]
     if (phases == phase).all():
         groups = [(slice(None), step.layout(phase))]
-        cursor.take(groups[0][1].size, 1)
+        cursor.take(groups[0][1].itemsize, 1)
     else:
         groups = [(np.flatnonzero(phases == phase), step.layout(int(phase))) for phase in np.unique(phases)]
         size = np.empty(len(start), np.int64)
         for rows, layout in groups:
-            size[rows] = layout.size
+            size[rows] = layout.itemsize
         cursor.take(size, 1)
     fields = [(f"f{number}", field) for number, field in enumerate(step.fields) if field.node in selected]
     if not fields:
         return
-    records = [gather_fixed(cursor, start[rows], layout.size).view(layout.dtype) for rows, layout in groups]
+    records = [gather_fixed(cursor, start[rows], layout.itemsize).view(layout) for rows, layout in groups]
     for name, field in fields:
         if len(groups) == 1:
             values = np.ascontiguousarray(records[0][name])

@@ -39,34 +39,24 @@ class RunField:
 
 
 @dataclass(frozen=True, slots=True)
-class RunLayout:
-    """Size of a run at one position, and the dtype of its values."""
-
-    size: int
-    dtype: np.dtype[np.void]
-
-
-@dataclass(frozen=True, slots=True)
 class FixedRun:
     """Run of fields of fixed size."""
 
     fields: tuple[RunField, ...]
-    layouts: dict[int, RunLayout] = field(default_factory=dict)
+    layouts: dict[int, np.dtype[np.void]] = field(default_factory=dict)
 
-    def layout(self, position: int) -> RunLayout:
-        """Return the layout at a position modulo 8, where the first value is aligned."""
-        if position in self.layouts:
-            return self.layouts[position]
-        offsets, end = [], position
-        for one in self.fields:
-            end = align_up(end, one.align)
-            offsets.append(end - position)
-            end += one.dtype.itemsize * one.count
-        names = [f"f{number}" for number in range(len(offsets))]
-        formats: list[Any] = [(one.dtype, (one.count,)) for one in self.fields]
-        size = end - position
-        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
-        self.layouts[position] = RunLayout(size, dtype)
+    def layout(self, position: int) -> np.dtype[np.void]:
+        """Return the type of the whole run at a position modulo 8, where the first value is aligned."""
+        if position not in self.layouts:
+            offsets, end = [], position
+            for one in self.fields:
+                end = align_up(end, one.align)
+                offsets.append(end - position)
+                end += one.dtype.itemsize * one.count
+            names = [f"f{number}" for number in range(len(offsets))]
+            formats: list[Any] = [(one.dtype, (one.count,)) for one in self.fields]
+            form: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": end - position}
+            self.layouts[position] = np.dtype(form)
         return self.layouts[position]
 
 

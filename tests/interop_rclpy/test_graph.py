@@ -71,18 +71,6 @@ def hash_text(peer: Peer, cls: Any) -> str:
     return "" if peer.distro == "humble" else type_hash(cls)
 
 
-def _expected(qos: QoSProfile, *, reader: bool) -> dict[str, Any]:
-    never = INFINITE_NS
-    return {
-        "reliability": qos.reliability.name,
-        "durability": qos.durability.name,
-        "liveliness": qos.liveliness.name.replace("SYSTEM_DEFAULT", "AUTOMATIC"),
-        "deadline": qos.deadline_ns or never,
-        "lifespan": never if reader else qos.lifespan_ns or never,
-        "liveliness_lease_duration": qos.liveliness_lease_ns or never,
-    }
-
-
 def _of(qos: QoSProfile) -> dict[str, Any]:
     return {
         "reliability": qos.reliability.name,
@@ -92,6 +80,12 @@ def _of(qos: QoSProfile) -> dict[str, Any]:
         "lifespan": qos.lifespan_ns,
         "liveliness_lease_duration": qos.liveliness_lease_ns,
     }
+
+
+def _expected(qos: QoSProfile, *, reader: bool) -> dict[str, Any]:
+    announced = {key: value or INFINITE_NS for key, value in _of(qos).items()}
+    announced |= {"liveliness": qos.liveliness.name.replace("SYSTEM_DEFAULT", "AUTOMATIC")}
+    return announced | ({"lifespan": INFINITE_NS} if reader else {})
 
 
 @pytest.mark.parametrize(("qos", "theirs"), PROFILES, ids=IDS)

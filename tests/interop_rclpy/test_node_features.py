@@ -148,29 +148,42 @@ async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
 EVENTS = ["REQUEST_SENT", "REQUEST_RECEIVED", "RESPONSE_SENT", "RESPONSE_RECEIVED"]
 
 
-@pytest.mark.only_with("kilted")  # Jazzy's clients tell the GUID of their writer
-@pytest.mark.parametrize("is_ours", [True, False], ids=["our client", "our server"])
-async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer: Peer, is_ours: bool) -> None:
-    node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
-    subscription = node.create_subscription(
-        get_message(f"{SET_BOOL}_Event", path=shared_peer.share), f"{name}/_service_event", qos=100
-    )
+OURS = pytest.mark.parametrize("is_ours", [True, False], ids=["our client", "our server"])
+
+
+async def watched(node: Node, peer: Peer, name: str, is_ours: bool, state: str) -> Any:
+    """Create our client and a server of the peer, or the reverse, with introspection; return a function that calls."""
+    cls = service(peer, SET_BOOL)
     if is_ours:
-        await shared_peer.do("serve", name=name, type=SET_BOOL, how="set_bool")
-        await shared_peer.do("introspect", kind="service", name=name, state="METADATA")
+        await peer.do("serve", name=name, type=SET_BOOL, how="set_bool")
         end: Any = node.create_client(cls, name)
     else:
         end = node.create_service(cls, name, lambda request: cls.Response(success=True, message="done"))
-        await shared_peer.do("client", name=name, type=SET_BOOL)
-        await shared_peer.do("introspect", kind="client", name=name, state="METADATA")
-    end.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState.METADATA)
-    assert await subscription.wait_for_publishers(timeout_s=WAIT_S, count=2)
-    await shared_peer.do("until_subscribed", topic=f"{name}/_service_event", count=1)
-    for _ in range(3):
+        await peer.do("client", name=name, type=SET_BOOL)
+    await peer.do("introspect", kind="service" if is_ours else "client", name=name, state=state)
+    end.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState[state])
+
+    async def call() -> None:
         if is_ours:
             assert (await end.call(cls.Request(data=True), WAIT_S)).success
         else:
-            await shared_peer.do("call", name=name, requests_=[{"data": True}])
+            assert (await peer.do("call", name=name, requests_=[{"data": True}]))[0]["success"]
+
+    return call
+
+
+@pytest.mark.only_with("kilted")  # Jazzy's clients tell the GUID of their writer
+@OURS
+async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer: Peer, is_ours: bool) -> None:
+    node, name = dds.node("tester"), fresh("watched")
+    subscription = node.create_subscription(
+        get_message(f"{SET_BOOL}_Event", path=shared_peer.share), f"{name}/_service_event", qos=100
+    )
+    call = await watched(node, shared_peer, name, is_ours, "METADATA")
+    assert await subscription.wait_for_publishers(timeout_s=WAIT_S, count=2)
+    await shared_peer.do("until_subscribed", topic=f"{name}/_service_event", count=1)
+    for _ in range(3):
+        await call()
     events = [await subscription.receive(timeout_s=WAIT_S) for _ in range(3 * len(EVENTS))]
     (gid,) = {bytes(event.info.client_gid) for event in events}
     readers = [reply for reply in node._scope.graph.endpoints.values() if reply.topic_key == ("reply", name)]
@@ -179,32 +192,12 @@ async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer:
 
 @pytest.mark.only_with("jazzy", "kilted")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
-async def test_introspection_of_both_ends_tells_of_a_call_of_theirs(dds: Any, shared_peer: Peer, state: str) -> None:
-    node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
-    server = node.create_service(cls, name, lambda request: cls.Response(success=True, message="done"))
-    server.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState[state])
-    await shared_peer.do("client", name=name, type=SET_BOOL)
-    await shared_peer.do("introspect", kind="client", name=name, state=state)
-
-    async def call() -> None:
-        assert (await shared_peer.do("call", name=name, requests_=[{"data": True}]))[0]["success"]
-
-    await check_events(node, shared_peer, name, state, call)
-
-
-@pytest.mark.only_with("jazzy", "kilted")
-@pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
-async def test_introspection_of_both_ends_tells_of_a_call_of_ours(dds: Any, shared_peer: Peer, state: str) -> None:
-    node, name, cls = dds.node("tester"), fresh("watched"), service(shared_peer, SET_BOOL)
-    await shared_peer.do("serve", name=name, type=SET_BOOL, how="set_bool")
-    await shared_peer.do("introspect", kind="service", name=name, state=state)
-    client = node.create_client(cls, name)
-    client.configure_introspection(node.clock, SYSTEM_DEFAULT, IntrospectionState[state])
-
-    async def call() -> None:
-        assert (await client.call(cls.Request(data=True), WAIT_S)).success
-
-    await check_events(node, shared_peer, name, state, call)
+@OURS
+async def test_introspection_of_both_ends_tells_of_a_call(
+    dds: Any, shared_peer: Peer, is_ours: bool, state: str
+) -> None:
+    node, name = dds.node("tester"), fresh("watched")
+    await check_events(node, shared_peer, name, state, await watched(node, shared_peer, name, is_ours, state))
 
 
 async def check_events(node: Node, peer: Peer, name: str, state: str, call: Any) -> None:

@@ -6,7 +6,6 @@ import array
 import sys
 import tempfile
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -17,7 +16,7 @@ from each_case import each_case
 from support.bundled_interfaces import message, vectors, vectors_by_type
 from support.example_counts import examples
 from support.interface_packages import Files, write
-from support.rclpy_messages import hooked, rclpy_class, rclpy_flavour
+from support.rclpy_messages import hooked, rclpy_class
 
 from rosidl_py_gen import (
     DecodeError,
@@ -43,15 +42,10 @@ from rosidl_py_gen.numpy import (
 from rosidl_py_gen.type_loading import import_hook
 
 BY_TYPE = vectors_by_type()
-
-
-pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning")  # of classes other tests generate
-
-
-@pytest.fixture(scope="module", autouse=True)
-def message_api() -> Iterator[None]:
-    with rclpy_flavour():
-        yield
+pytestmark = [
+    pytest.mark.usefixtures("message_api"),
+    pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning"),  # of classes other tests generate
+]
 
 
 @each_case("name", sorted(BY_TYPE))

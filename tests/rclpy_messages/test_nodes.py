@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import array
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from support.node_fixtures import until
-from support.rclpy_messages import rclpy_class, rclpy_flavour
+from support.rclpy_messages import rclpy_class
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.bags import BagReader, BagWriter
@@ -22,15 +21,10 @@ if TYPE_CHECKING:
 
 MESSAGE_APIS = pytest.mark.parametrize("here", ["native", "rclpy"])
 THERE = pytest.mark.parametrize("there", ["native", "rclpy"])
-
-
-pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning")  # of classes other tests generate
-
-
-@pytest.fixture(scope="module", autouse=True)
-def message_api() -> Iterator[None]:
-    with rclpy_flavour():
-        yield
+pytestmark = [
+    pytest.mark.usefixtures("message_api"),
+    pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning"),  # of classes other tests generate
+]
 
 
 def cls_of(message_api: str, name: str) -> Any:
