@@ -29,8 +29,7 @@ from rosidl_py_gen.runtime.transport.cyclone import private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.sample_identity import INLINE_QOS_BYTES
 from rosidl_py_gen.runtime.transport.cyclone.private_layout import DATA, DATA_FRAG, INFO_DST, INFO_SRC, INLINE_QOS_FLAG
-from rosidl_py_gen.runtime.transport.dds import correlation
-from rosidl_py_gen.runtime.transport.dds import participant as dds_participant
+from rosidl_py_gen.runtime.transport.dds import correlation, services
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -50,11 +49,11 @@ import asyncio, os, sys
 from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.dds import correlation
-from rosidl_py_gen.runtime.transport.dds import participant as dds_participant
+from rosidl_py_gen.runtime.transport.dds import services
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
 # Every server is considered one on Fast DDS that needs the identity.
-correlation.uses_sample_identity = dds_participant.uses_sample_identity = lambda guid: True
+correlation.uses_sample_identity = services.uses_sample_identity = lambda guid: True
 correlation.ClientCorrelation.all_answered = lambda self: False
 cyclone._fast_dds.on_participants_pending(-1)  # clients may exist, too
 
@@ -110,7 +109,7 @@ if len(sys.argv) > 1:  # leave without closing anything
 @pytest.fixture
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Make clients consider every server one on Fast DDS, and activate the receive hook."""
-    for module in (correlation, dds_participant):
+    for module in (correlation, services):
         monkeypatch.setattr(module, "uses_sample_identity", lambda guid: True)
     monkeypatch.setattr(correlation.ClientCorrelation, "all_answered", lambda self: False)
     cyclone._fast_dds.on_participants_pending(READER)

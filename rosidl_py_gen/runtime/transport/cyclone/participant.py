@@ -12,10 +12,11 @@ They use plain C calls of Cyclone DDS, with the libddsc that `library.py` finds.
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -31,6 +32,7 @@ from rosidl_py_gen.runtime.transport.api import (
     DiscoveryRange,
     DomainSettings,
     EndpointSpec,
+    NodeEntities,
     ParticipantDiscovered,
     SecurityEnclave,
     SecurityError,
@@ -60,11 +62,13 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
 )
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds, is_secured_fast_dds
-from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
-from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name, wire_type
-from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
-from rosidl_py_gen.runtime.transport.qos import Reliability, effective
+from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC, DiscoveryInfoTopic
+from rosidl_py_gen.runtime.transport.dds.names import entity_id, participant_user_data, wire_name, wire_type
+from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
+from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
+from rosidl_py_gen.runtime.transport.qos import QoSProfile, Reliability, effective
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
+from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 
 _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002
@@ -126,12 +130,23 @@ def _configuration(settings: DomainSettings) -> str:
     )
 
 
-class CycloneParticipant(DdsParticipant):
-    """Participant of the DDS transport."""
+class CycloneParticipant:
+    """Participant of the DDS transport.
+
+    A client or server consists of a reader and a writer. That of the reply topic is created first: a server may reply
+    as soon as it knows the client's request writer (docs/internals/protocol.md 5.2).
+    """
+
+    middleware = "DDS"
+    incompatibility_reason = staticmethod(qos_incompatibility)
 
     def __init__(self, settings: DomainSettings, enclave: str) -> None:
-        super().__init__(_fast_dds, settings.ros_distro)
         self.api = _api
+        self.fast_dds = _fast_dds
+        self.service_peers = ServicePeers()
+        self._entity_numbers = itertools.count(1)
+        self._discovery_info: DiscoveryInfoTopic | None = None
+        self._ros_distro = settings.ros_distro
         self.domain_id = settings.domain_id
         self._closed = False
         self._lock = threading.Lock()
@@ -207,7 +222,12 @@ class CycloneParticipant(DdsParticipant):
             warnings.append(f"security: a peer on Fast DDS was found, and {rule}")
         return [*warnings, *_security_log.new_records()]
 
+    @property
+    def services_unavailable_reason(self) -> str | None:
+        return _fast_dds.refusal
+
     def service_refusal(self, service: ServiceSpec) -> str | None:
+        """Return why servers of one service on Fast DDS cannot be used; None if they can."""
         rule = self._governance and self._governance.only_data_reason(wire_name(service.topic_keys[0]))
         return rule or _fast_dds.refusal
 
@@ -235,6 +255,30 @@ class CycloneParticipant(DdsParticipant):
             create = partial(self._create, _api.create_reader, self._subscriber, names, qos)
             entity = self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
         return CycloneReader(self, entity, *names, spec.qos)
+
+    def _next_gid(self) -> bytes:
+        """Return the 16 bytes that rmw_get_gid_for_client returns."""
+        return self.guid[:GUID_PREFIX_BYTES] + next(self._entity_numbers).to_bytes(4, "big")
+
+    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
+        gid = self._next_gid()
+        request, reply = service.endpoints(qos)
+        reader = self.create_reader(replace(reply, client_id=entity_id(gid)))
+        with _closed_on_failure(reader):
+            writer = self.create_writer(replace(request, client_id=entity_id(gid)))
+        return DdsClient(self, service, reader, writer, gid)
+
+    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
+        gid = self._next_gid()
+        request, reply = service.endpoints(qos)
+        writer = self.create_writer(replace(reply, service_id=entity_id(gid)))
+        with _closed_on_failure(writer):
+            reader = self.create_reader(replace(request, service_id=entity_id(gid)))
+        return DdsServer(self, service, reader, writer, gid)
+
+    def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
+        if self._discovery_info is not None:
+            self._discovery_info.announce(nodes)
 
     @contextmanager
     def _naming_denied(self, topic: str, *, is_writer: bool) -> Iterator[None]:
@@ -285,13 +329,16 @@ class CycloneParticipant(DdsParticipant):
                     _api.delete(self._topics.pop(oldest)[0])
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        forward = self.start_discovery_info(sink)
+        if self._discovery_info is not None:
+            self._discovery_info.close()
+        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro)
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self._schedule_sample_request(events)
             if self._security is not None:
                 self._schedule_endpoint_check(events)
-            forward(events)
+            self.service_peers.apply(events)
+            discovery_info.forward_events(events)
 
         self.discovery.sink = on_events
         self.pipe.notify(self.discovery.entities[0])
@@ -340,7 +387,8 @@ class CycloneParticipant(DdsParticipant):
 
     def report_discovery(self) -> None:
         self.discovery.report()
-        self.read_discovery_info()
+        if self._discovery_info is not None:
+            self._discovery_info.read()
 
     def fileno(self) -> int | None:
         return self.pipe.fileno()
@@ -370,10 +418,21 @@ class CycloneParticipant(DdsParticipant):
     def close(self) -> None:
         if self._closed:
             return
-        self.stop_discovery_info()
+        if self._discovery_info is not None:
+            self._discovery_info.close()
         self._closed = True
         for reader in list(self.readers.values()):
             reader.close()
         self.discovery.stop()
         self._undo.close()
         self.discovery.close()
+
+
+@contextmanager
+def _closed_on_failure(endpoint: CycloneReader | CycloneWriter) -> Iterator[None]:
+    """Close an endpoint if the other one of its pair cannot be created, because permissions may allow only one."""
+    try:
+        yield
+    except BaseException:
+        endpoint.close()
+        raise

@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime.transport.api import (
     EntityLost,
     NodeEntities,
     NodesAnnounced,
+    Participant,
     Payload,
     Reader,
     TopicKey,
@@ -36,7 +37,6 @@ from rosidl_py_gen.runtime.transport.qos import DEFAULT, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _PARTICIPANT = bytes.fromhex("000001c1")
@@ -179,7 +179,7 @@ class DiscoveryInfoTopic:
     """
 
     def __init__(
-        self, participant: DdsParticipant, sink: Callable[[list[DiscoveryEvent]], None], ros_distro: str = ""
+        self, participant: Participant, sink: Callable[[list[DiscoveryEvent]], None], ros_distro: str = ""
     ) -> None:
         """`ros_distro` is that of `DomainSettings`."""
         self._participant = participant

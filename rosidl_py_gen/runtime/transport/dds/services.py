@@ -1,14 +1,7 @@
-"""Common part of DDS participants, without calls of the DDS library: topics, services and nodes of ROS.
-
-A client or server consists of a reader and a writer; `correlation.py` identifies requests and replies. The endpoint of
-the reply topic is created first: a server may reply as soon as it knows the client's request writer
-(docs/internals/protocol.md 5.2).
-"""
+"""Clients and servers on DDS, without calls of the DDS library; `correlation.py` identifies requests and replies."""
 
 from __future__ import annotations
 
-import itertools
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
@@ -16,10 +9,6 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.api import (
-    GUID_PREFIX_BYTES,
-    DiscoveryEvent,
-    EndpointSpec,
-    NodeEntities,
     Payload,
     Reader,
     Writer,
@@ -37,10 +26,7 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     strip_request_header,
     uses_sample_identity,
 )
-from rosidl_py_gen.runtime.transport.dds.discovery_info import DiscoveryInfoTopic
-from rosidl_py_gen.runtime.transport.dds.names import entity_id
-from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
-from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT, QoSProfile
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
     IncompatiblePeer,
@@ -53,13 +39,10 @@ from rosidl_py_gen.runtime.transport.service_endpoints import (
     EndpointPairClient,
     EndpointPairServer,
     MatchCache,
-    ServicePeers,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
+    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before
@@ -76,7 +59,7 @@ class DdsClient(EndpointPairClient):
     """Client of a service on DDS."""
 
     def __init__(
-        self, participant: DdsParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
+        self, participant: CycloneParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
     ) -> None:
         super().__init__(service, participant.service_peers, reader, writer, gid)
         self._request_writer = writer
@@ -153,7 +136,7 @@ class DdsServer(EndpointPairServer):
     """Server of a service on DDS."""
 
     def __init__(
-        self, participant: DdsParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
+        self, participant: CycloneParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
     ) -> None:
         super().__init__(reader, writer, gid)
         self._peers = participant.service_peers
@@ -221,89 +204,3 @@ class DdsServer(EndpointPairServer):
     def request_origin(self, to: _RequestOrigin) -> tuple[bytes, int]:
         client, number, _, handle = to
         return client_gid(client, handle), number
-
-
-class DdsParticipant:
-    """Part of a `Participant` that is the same with every DDS library."""
-
-    middleware = "DDS"
-    guid: bytes
-    incompatibility_reason = staticmethod(qos_incompatibility)
-
-    def __init__(self, fast_dds: FastDdsInterop, ros_distro: str) -> None:
-        self.fast_dds = fast_dds
-        self._ros_distro = ros_distro
-        self.service_peers = ServicePeers()
-        self._entity_numbers = itertools.count(1)
-        self._discovery_info: DiscoveryInfoTopic | None = None
-
-    def create_writer(self, spec: EndpointSpec) -> ServiceWriter:
-        raise NotImplementedError
-
-    def create_reader(self, spec: EndpointSpec) -> Reader:
-        raise NotImplementedError
-
-    def _next_gid(self) -> bytes:
-        """Return the 16 bytes that rmw_get_gid_for_client returns."""
-        return self.guid[:GUID_PREFIX_BYTES] + next(self._entity_numbers).to_bytes(4, "big")
-
-    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
-        gid = self._next_gid()
-        request, reply = service.endpoints(qos)
-        reader = self.create_reader(replace(reply, client_id=entity_id(gid)))
-        with _closed_on_failure(reader):
-            writer = self.create_writer(replace(request, client_id=entity_id(gid)))
-        return DdsClient(self, service, reader, writer, gid)
-
-    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
-        gid = self._next_gid()
-        request, reply = service.endpoints(qos)
-        writer = self.create_writer(replace(reply, service_id=entity_id(gid)))
-        with _closed_on_failure(writer):
-            reader = self.create_reader(replace(request, service_id=entity_id(gid)))
-        return DdsServer(self, service, reader, writer, gid)
-
-    def service_refusal(self, service: ServiceSpec) -> str | None:
-        """Return why servers of one service on Fast DDS cannot be used; None if they can."""
-        return self.fast_dds.refusal
-
-    @property
-    def services_unavailable_reason(self) -> str | None:
-        return self.fast_dds.refusal
-
-    def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
-        if self._discovery_info is not None:
-            self._discovery_info.announce(nodes)
-
-    def start_discovery_info(
-        self, sink: Callable[[list[DiscoveryEvent]], None]
-    ) -> Callable[[list[DiscoveryEvent]], None]:
-        """Report nodes of peers to `sink`; return the sink for all other discovery events."""
-        self.stop_discovery_info()
-        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro)
-
-        def on_events(events: list[DiscoveryEvent]) -> None:
-            self.service_peers.apply(events)
-            discovery_info.forward_events(events)
-
-        return on_events
-
-    def read_discovery_info(self) -> None:
-        """Report the announcements that were received already."""
-        if self._discovery_info is not None:
-            self._discovery_info.read()
-
-    def stop_discovery_info(self) -> None:
-        """Stop announcing and reporting nodes."""
-        if self._discovery_info is not None:
-            self._discovery_info.close()
-
-
-@contextmanager
-def _closed_on_failure(endpoint: Reader | Writer) -> Iterator[None]:
-    """Close an endpoint if the other one of its pair cannot be created, because permissions may allow only one."""
-    try:
-        yield
-    except BaseException:
-        endpoint.close()
-        raise
