@@ -1,4 +1,5 @@
-"""The tutorial's action client and server with callbacks, in one executor of one thread; deferred execution."""
+"""The tutorial's action client and server with callbacks, in one executor of one thread; deferred execution; goals that
+raise, or forget to say how they ended."""
 
 import rclpy
 from rclpy.action import ActionClient, ActionServer, GoalResponse
@@ -30,11 +31,16 @@ class Both(Node):
         if len(self.goals) == 2:
             for handle in self.goals:
                 handle.execute()
+        elif len(self.goals) > 2:
+            goal_handle.execute()
 
     async def execute(self, goal_handle):
         feedback = Fibonacci.Feedback(sequence=[goal_handle.request.order])
         goal_handle.publish_feedback(feedback)
-        goal_handle.succeed()
+        if goal_handle.request.order == 3:
+            raise ValueError("three")
+        if goal_handle.request.order != 4:  # 4 forgets to say how it ended
+            goal_handle.succeed()
         return Fibonacci.Result(sequence=[1, 2, goal_handle.request.order])
 
     def send(self, order):
@@ -50,7 +56,7 @@ class Both(Node):
         handle.get_result_async().add_done_callback(self.result)
 
     def result(self, future):
-        self.results.append(list(future.result().result.sequence))
+        self.results.append((future.result().status, list(future.result().result.sequence)))
 
 
 rclpy.init()
@@ -65,6 +71,10 @@ while not node.goals:
 node.send(2)
 while len(node.results) < 2:
     executor.spin_once(timeout_sec=1)
+for order in (3, 4):
+    node.send(order)
+    while len(node.results) < order:
+        executor.spin_once(timeout_sec=1)
 print(sorted(node.results))
 for wrong in (
     lambda: node.client.send_goal_async("text"),
