@@ -116,7 +116,7 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
             rosidl_py_gen.runtime.IncompatibleServiceError: there are only servers that this middleware cannot call.
             RCLError: the context was shut down.
         """
-        with self.handle.in_use_if_ok() as client:
+        with self.handle.in_use() as client:
             return client.service_is_available()
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:

@@ -263,20 +263,18 @@ class Handle(Destroyable, Generic[C]):
             self.context.loop_runner.loop.call_soon_threadsafe(_close, self.entity, self._parent)
 
     @contextlib.contextmanager
-    def in_use(self) -> Iterator[C]:
-        """Return a context manager with the endpoint; the runtime's errors after a shutdown become RCLError."""
+    def in_use(self, *, require_ok: bool = True) -> Iterator[C]:
+        """Return a context manager with the endpoint; the runtime's errors after a shutdown become RCLError.
+
+        Without `require_ok`, the endpoint may be used after a signal has shut the context down.
+        """
         with self:
+            if require_ok:
+                self.context.require_ok()
             try:
                 yield self.entity
             except runtime.ClosedError as error:
                 raise RCLError(str(error)) from error
-
-    @contextlib.contextmanager
-    def in_use_if_ok(self) -> Iterator[C]:
-        """Return the context manager of `in_use`, which also raises RCLError after a signal shut the context down."""
-        with self.in_use() as entity:
-            self.context.require_ok()
-            yield entity
 
 
 def _weak_notifier(handle: Handle[Any]) -> Callable[[], None]:

@@ -20,17 +20,14 @@ class WatchedEndpoint:
         node: node that reads the graph.
         entity: the publisher or subscription.
         queues: queues of events by kind of `runtime.Mismatch`, ``"qos"`` or ``"type"``; peer kinds are not recorded.
+        known_peers: incompatible peers that were found.
     """
 
     node: runtime.Node
     entity: Any
     queues: dict[str, deque[Any]]
-    _known_peers: set[bytes] = field(default_factory=set)
+    known_peers: set[bytes] = field(default_factory=set)
     _peer_counts: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def has_incompatible_peer(self) -> bool:
-        return bool(self._known_peers)
 
     def poll(self) -> None:
         """Append an event for each new incompatible peer."""
@@ -41,9 +38,9 @@ class WatchedEndpoint:
             if gid not in pair:
                 continue
             peer = pair[0] if pair[1] == gid else pair[1]
-            if peer in self._known_peers:
+            if peer in self.known_peers:
                 continue
-            self._known_peers.add(peer)
+            self.known_peers.add(peer)
             if kind not in self.queues:
                 continue
             self._peer_counts[kind] = total = self._peer_counts.get(kind, 0) + 1
@@ -88,7 +85,7 @@ class IncompatiblePeerWatcher:
             try:
                 endpoint.poll()
                 # Also from an earlier poll, as the runtime may report each side of a pair.
-                if endpoint.has_incompatible_peer:
+                if endpoint.known_peers:
                     topics.add(endpoint.entity.topic)
             except runtime.ClosedError:
                 continue

@@ -39,7 +39,7 @@ class NodeGraph:
         return [(name, namespace) for name, namespace, _ in self.get_node_names_and_namespaces_with_enclaves()]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
-        with self.handle.in_use_if_ok() as node:
+        with self.handle.in_use() as node:
             return [(info.name, info.namespace, info.enclave) for info in node.get_nodes()]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
@@ -51,7 +51,7 @@ class NodeGraph:
     def _rosidl_names_of_node(
         self, kind: str, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> _NamesAndTypes:
-        with self.handle.in_use_if_ok() as node:
+        with self.handle.in_use() as node:
             namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
             if not any((info.name, info.namespace) == (node_name, namespace) for info in node.get_nodes()):
                 raise NodeNameNonExistentError(
@@ -92,11 +92,11 @@ class NodeGraph:
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> _NamesAndTypes:
         """Return all topics; with `no_demangle` all DDS topics, which include those of services."""
-        with self.handle.in_use_if_ok() as node:
+        with self.handle.in_use() as node:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
     def get_service_names_and_types(self) -> _NamesAndTypes:
-        with self.handle.in_use_if_ok() as node:
+        with self.handle.in_use() as node:
             return node.get_service_names_and_types()
 
     def _rosidl_full_name(self, name: str, *, is_service: bool = False) -> str:
@@ -106,7 +106,7 @@ class NodeGraph:
 
     def _rosidl_count(self, kind: str, name: str) -> int:
         full = self._rosidl_full_name(name, is_service=kind in ("clients", "services"))
-        with self.handle.in_use_if_ok() as node, self.handle.context.creation_lock:
+        with self.handle.in_use() as node, self.handle.context.creation_lock:
             count: int = getattr(node, f"count_{kind}")(full)
             return count
 
@@ -124,7 +124,7 @@ class NodeGraph:
 
     def _rosidl_endpoint_infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
         topic = name if no_mangle else self._rosidl_full_name(name)
-        with self.handle.in_use_if_ok() as node:
+        with self.handle.in_use() as node:
             infos: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
             return [TopicEndpointInfo._rosidl_from_runtime(info) for info in infos]
 

@@ -61,12 +61,12 @@ class Publisher(TopicEntity[runtime.Publisher[Any]]):
 
     def get_subscription_count(self) -> int:
         """Return the number of matched subscriptions."""
-        with self.handle.in_use_if_ok() as publisher:
+        with self.handle.in_use() as publisher:
             return publisher.subscription_count
 
     def assert_liveliness(self) -> None:
         """Announce that the publisher is alive, for manual liveliness."""
-        with self.handle.in_use_if_ok() as publisher:
+        with self.handle.in_use() as publisher:
             publisher.assert_liveliness()
 
     def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008  as in rclpy
@@ -75,12 +75,9 @@ class Publisher(TopicEntity[runtime.Publisher[Any]]):
         A negative timeout is unlimited.
         """
         seconds = timeout.nanoseconds / 1e9
-        with self.handle as handle:
-            handle.context.require_ok()
+        with self.handle.in_use() as publisher:
             try:
-                acknowledgement = handle.entity.wait_for_acknowledged(None if seconds < 0 else seconds)
-                return bool(handle.context.loop_runner.run(acknowledgement))
+                acknowledgement = publisher.wait_for_acknowledged(None if seconds < 0 else seconds)
+                return bool(self.handle.context.loop_runner.run(acknowledgement))
             except runtime.WaitTimeoutError:
                 return False
-            except runtime.ClosedError as error:
-                raise RCLError(str(error)) from error

@@ -50,7 +50,7 @@ class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
         if not isinstance(header, runtime.ServiceRequest):
             raise TypeError(f"Expected the request that is answered, got {type(header)}")
-        with self.handle.in_use():
+        with self.handle.in_use(require_ok=False):
             header.respond(response)
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:

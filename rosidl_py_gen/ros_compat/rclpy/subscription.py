@@ -59,7 +59,7 @@ class Subscription(TopicEntity["runtime.Subscription[Any]"]):
 
     def get_publisher_count(self) -> int:
         """Return the number of matched publishers."""
-        with self.handle.in_use() as subscription:
+        with self.handle.in_use(require_ok=False) as subscription:
             return subscription.publisher_count
 
     @property

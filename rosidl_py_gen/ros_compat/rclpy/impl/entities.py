@@ -53,7 +53,7 @@ class TopicEntity(Entity[E]):
     @property
     def topic_name(self) -> str:
         """Name after expansion and remapping."""
-        with self.handle.in_use() as endpoint:
+        with self.handle.in_use(require_ok=False) as endpoint:
             return str(endpoint.topic)
 
     def destroy(self) -> None:
@@ -77,14 +77,14 @@ class ServiceEntity(Entity[E]):
     @property
     def service_name(self) -> str:
         """Name after expansion and remapping."""
-        with self.handle.in_use() as endpoint:
+        with self.handle.in_use(require_ok=False) as endpoint:
             return str(endpoint.name)
 
     def configure_introspection(
         self, clock: Clock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
     ) -> None:
         """Publish requests and responses on ``<service>/_service_event``, as `introspection_state` says."""
-        with self.handle.in_use() as endpoint:
+        with self.handle.in_use(require_ok=False) as endpoint:
             profile = service_event_qos_profile.get_c_qos_profile()
             state = runtime.IntrospectionState(int(introspection_state))
             endpoint.configure_introspection(clock.handle.clock, profile, state)
