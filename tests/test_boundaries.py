@@ -71,7 +71,13 @@ SHARED_IN_SHIM = {
 }
 # Functions of the standard library that are public in spite of their names.
 # The last two are in asyncio.__all__, for those who write event loops.
-DOCUMENTED = {"sys._getframe", "os._exit", "asyncio._get_running_loop", "asyncio._set_running_loop"}
+DOCUMENTED = {
+    "sys._current_frames",
+    "sys._getframe",
+    "os._exit",
+    "asyncio._get_running_loop",
+    "asyncio._set_running_loop",
+}
 # Knows private structures of Cyclone DDS; no other module reads memory by address.
 KNOWS_LAYOUTS = "runtime.transport.cyclone.private_layout"
 # Functions and attributes by regular expression, and the modules (with what is below them) that may use them.

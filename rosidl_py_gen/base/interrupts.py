@@ -3,8 +3,8 @@
 `timeout -s INT` and shells send SIGINT twice within milliseconds: to the process, and to its group. A user presses
 Ctrl-C again if a command takes long to end. Neither must interrupt the code that closes files and leaves the network.
 
-Python ignores a KeyboardInterrupt in a callback of a weak reference, such as those of the import system: Ctrl-C while a
-program starts would have no effect. `CommandInterrupts.repeat_ignored` sends such a signal again.
+Python ignores a KeyboardInterrupt in a callback of a weak reference, as the import system has them; `repeat_ignored`
+sends that signal again.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ class CommandInterrupts:
         self._first_s = time.monotonic()
 
     def repeat_ignored(self, unraisable: Any) -> None:
-        """Send SIGINT again, after this `sys.unraisablehook` has returned, if Python ignores its KeyboardInterrupt."""
+        """Send SIGINT again if Python ignores its KeyboardInterrupt; this method is a `sys.unraisablehook`."""
         if unraisable.exc_type is not KeyboardInterrupt or os.name == "nt":  # there, `os.kill` ends the process
             sys.__unraisablehook__(unraisable)
             return
         self._first_s = None
-        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+        threading.Thread(target=_interrupt_again, args=(sys._getframe(),), daemon=True).start()
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal; raises KeyboardInterrupt for the first one."""
@@ -78,6 +78,15 @@ class CommandInterrupts:
                 with contextlib.suppress(Exception):
                     stream.flush()
             os._exit(130)
+
+
+def _interrupt_again(hook: FrameType) -> None:
+    """Send SIGINT when the main thread has left the hook, in which a KeyboardInterrupt would be ignored, too."""
+    from traceback import walk_stack  # slow to import
+
+    while hook in (frame for frame, _ in walk_stack(sys._current_frames().get(threading.main_thread().ident or 0))):
+        time.sleep(0.01)
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 command_interrupts = CommandInterrupts()

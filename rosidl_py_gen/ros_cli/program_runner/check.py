@@ -166,7 +166,8 @@ class _FileChecker:
             is_missing = not _has(owner, node.attr) and _import_module(f"{name}.{node.attr}") is None
         elif isinstance(owner, type) and _is_ours(owner.__module__):
             name = f"{owner.__module__}.{owner.__name__}"
-            is_missing = not _has(owner, node.attr) and not _is_field(owner, node.attr)
+            is_missing = not _has(owner, node.attr) and node.attr not in getattr(owner, "__annotations__", ())
+            is_missing &= not hasattr(owner, "get_fields_and_field_types")  # a message
         else:
             return
         if is_missing:
@@ -253,10 +254,6 @@ def _import_module(name: str) -> ModuleType | None:
 
 def _has(module: Any, name: str) -> bool:
     return name in dir(module) or hasattr(module, name)
-
-
-def _is_field(owner: type, name: str) -> bool:
-    return hasattr(owner, "get_fields_and_field_types") or name in getattr(owner, "__annotations__", ())
 
 
 def _is_installed(top: str) -> bool:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from operator import attrgetter
 from pathlib import Path
-from types import CodeType, ModuleType, TracebackType
+from types import ModuleType, TracebackType
 from typing import Any
 
 from rosidl_py_gen.base.names import KINDS, did_you_mean
@@ -84,7 +84,9 @@ class Program:
             return self._console_script
         if self.module is not None:
             spec = _spec(self.module)
-            code = _code(spec)
+            get_code = getattr(spec.loader, "get_code", None)
+            if get_code is None or (code := get_code(spec.name)) is None:
+                raise CommandError(f'the module "{spec.name}" has no code to run')
             sys.argv[0] = spec.origin or self.name
             main = _main_module(spec.loader, spec.origin, spec)
         else:
@@ -135,14 +137,6 @@ def _spec(name: str) -> ModuleSpec:
     if spec is None:
         raise CommandError(f'no module "{name}" in {os.getcwd()}, in the workspace, or on sys.path')
     return spec
-
-
-def _code(spec: ModuleSpec) -> CodeType:
-    get = getattr(spec.loader, "get_code", None)
-    code = get(spec.name) if get is not None else None
-    if not isinstance(code, CodeType):
-        raise CommandError(f'the module "{spec.name}" has no code to run')
-    return code
 
 
 def _without_own_frames(traceback: TracebackType | None) -> TracebackType | None:

@@ -79,13 +79,10 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
 
 def _note_misplaced_option(program: Program) -> None:
     """Print a note if an option of ``run`` follows the program, unless the program mentions it."""
-    first = program.arguments[0] if program.arguments else ""
-    if first not in ("--check", "--list"):
-        return
-    with suppress(OSError):
-        if program.file is not None and first.encode() in program.file.read_bytes():
-            return
-    terminal_output.note(f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM")
+    first = next(iter(program.arguments), "")
+    if first in ("--check", "--list") and (program.file is None or first.encode() not in program.file.read_bytes()):
+        text = f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM"
+        terminal_output.note(text)
 
 
 def make_importable(place: Path, paths: Sequence[str]) -> None:
