@@ -144,7 +144,7 @@ class Timer(PollableEntity):
             TypeError: `period_s` is not a number.
             TimeRangeError: `period_s` is negative or not finite.
         """
-        self._schedule.change_period(period_to_ns(period_s))
+        self._schedule.period_ns = period_to_ns(period_s)
         self._clock_timer.arm_threadsafe()
 
     @property
@@ -164,7 +164,7 @@ class Timer(PollableEntity):
 
     def cancel(self) -> None:
         """Stop the timer until `reset`; waiters for a tick continue to wait."""
-        self._schedule.cancel()
+        self._schedule.canceled = True
         self._clock_timer.arm_threadsafe()
 
     def reset(self) -> None:
