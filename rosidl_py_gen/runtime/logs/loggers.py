@@ -170,10 +170,7 @@ class RosLogger(logging.Logger):
         stack_info: bool = False,
         stacklevel: int = 1,
         extra: Mapping[str, object] | None = None,
-        **unknown: object,
     ) -> None:
-        if unknown:
-            raise TypeError(f"log() got an unexpected keyword argument {next(iter(unknown))!r}")
         if not self.isEnabledFor(level):
             return
         if once or skip_first or throttle_s is not None:

@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.names.validation import validate_enclave
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides, overrides_for
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
 
@@ -59,7 +59,6 @@ class RosArguments:
 class _Parser:
     """Collected values, and one method for each flag with an argument."""
 
-    read_text: Callable[[str], str]
     program: list[str] = field(default_factory=list)
     remap_rules: list[RemapRule] = field(default_factory=list)
     parameters: list[ParameterOverrides] = field(default_factory=list)
@@ -90,8 +89,8 @@ class _Parser:
         from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
 
         try:
-            text = self.read_text(value)
-        except (OSError, UnicodeDecodeError) as error:
+            text = Path(value).read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
             raise RosArgumentError(f"the file cannot be read: {error}") from None
         self.parameters.extend(parse_parameter_file(text, value))
 
@@ -136,16 +135,8 @@ _SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-log
 """Rest of a flag after ``--enable-`` or ``--disable-`` -> the field of `LogSettings` that it sets."""
 
 
-def _read_text_file(path: str) -> str:
-    return Path(path).read_text(encoding="utf-8")
-
-
-def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = _read_text_file) -> RosArguments:
+def parse_arguments(arguments: Sequence[str]) -> RosArguments:
     """Split a command line, which begins with the program name, into ROS arguments and the others.
-
-    Args:
-        arguments: the command line.
-        read_text: reads a parameter file.
 
     Raises:
         RosArgumentError: unknown flag, missing or malformed value, or unreadable file.
@@ -160,7 +151,7 @@ def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = 
     for argument in arguments:
         if not isinstance(argument, str):
             raise TypeError(f"args must be texts, got {argument!r}")
-    parser = _Parser(read_text)
+    parser = _Parser()
     rest = iter(arguments)
     for argument in rest:
         if argument == "--ros-args":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -17,17 +18,24 @@ FILES = {
     "a.yaml": "/**: {ros__parameters: {x: 1, y: from file}}",
     "b.yaml": "n: {ros__parameters: {x: 2}}",
     "bad.yaml": "a: [",
+    "utf8.yaml": "/**: {ros__parameters: {x: Ã¼}}",
+    "latin1.yaml": "/**: {ros__parameters: {x: ü}}",
 }
 
 
-def read(path: str) -> str:
-    if path not in FILES:
-        raise FileNotFoundError(2, "No such file or directory", path)
-    return FILES[path]
+@pytest.fixture(autouse=True, scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Make a folder with the files the current one."""
+    folder = tmp_path_factory.mktemp("args")
+    for name, text in FILES.items():
+        (folder / name).write_bytes(text.encode("latin-1"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield
 
 
 def parse(text: str) -> RosArguments:
-    return parse_arguments(text.split(), read)
+    return parse_arguments(text.split())
 
 
 def test_without_ros_arguments_everything_is_the_programs() -> None:
@@ -60,12 +68,13 @@ def test_every_flag() -> None:
 def test_parameters_override_in_the_order_of_the_command_line() -> None:
     assert parse("p --ros-args --params-file a.yaml -p x:=5").overrides_for("/n")["x"].value == 5
     assert parse("p --ros-args -p x:=5 --params-file a.yaml").overrides_for("/n")["x"].value == 1
+    assert parse("p --ros-args --params-file utf8.yaml").overrides_for("/n")["x"].value == "ü"
     both = parse("p --ros-args --params-file a.yaml --params-file b.yaml")
     assert both.overrides_for("/n")["x"].value == 2 and both.overrides_for("/m")["x"].value == 1
 
 
 def test_parameter_values_are_yaml_and_may_hold_anything() -> None:
-    got = parse_arguments(["p", "--ros-args", "-p", "a.b:=[1, 2]", "-p", "s:='5'", "-p", "u:=http://x:=y"], read)
+    got = parse_arguments(["p", "--ros-args", "-p", "a.b:=[1, 2]", "-p", "s:='5'", "-p", "u:=http://x:=y"])
     assert {name: value.value for name, value in got.overrides_for("/n").items()} == {
         "a.b": (1, 2),
         "s": "5",
@@ -109,6 +118,7 @@ def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
         ("-e x", "must begin with '/'"),
         ("-e /1", "must not begin with a digit"),
         ("--params-file none.yaml", "the file cannot be read"),
+        ("--params-file latin1.yaml", "the file cannot be read"),
         ("--params-file bad.yaml", "bad.yaml:2:1"),
         (
             "--log-file-name a/b",
@@ -141,16 +151,6 @@ def test_a_command_line_is_a_list_of_texts(arguments: Any, words: str) -> None:
         Context(0, args=arguments, transport=MemoryTransport())
 
 
-def test_the_default_reader_reads_files(tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = tmp_path_factory.mktemp("args") / "p.yaml"
-    path.write_text("/**: {ros__parameters: {x: ü}}", encoding="utf-8")
-    got = parse_arguments(["--ros-args", "--params-file", str(path)])
-    assert got.overrides_for("/n")["x"].value == "ü"
-    path.write_bytes(b"\xff\xfe")
-    with pytest.raises(RosArgumentError, match="cannot be read"):
-        parse_arguments(["--ros-args", "--params-file", str(path)])
-
-
 WORD = st.one_of(
     st.text(max_size=8),
     st.sampled_from(
@@ -181,7 +181,7 @@ WORD = st.one_of(
 @given(st.lists(WORD, max_size=10))
 def test_random_arguments_never_crash(arguments: list[str]) -> None:
     try:
-        got = parse_arguments(arguments, read)
+        got = parse_arguments(arguments)
     except RosArgumentError:
         return
     assert all(argument in arguments for argument in got.program)
@@ -190,6 +190,6 @@ def test_random_arguments_never_crash(arguments: list[str]) -> None:
 @given(st.lists(st.text(max_size=8), max_size=6))
 def test_random_ros_arguments_never_crash(arguments: list[str]) -> None:
     try:
-        parse_arguments(["--ros-args", *arguments], read)
+        parse_arguments(["--ros-args", *arguments])
     except RosArgumentError as error:
         assert str(error)
