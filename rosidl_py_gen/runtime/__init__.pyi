@@ -9,8 +9,8 @@ from rosidl_py_gen.errors import TypeNotFoundError as TypeNotFoundError
 from rosidl_py_gen.runtime.actions.action_entity import ActionArgumentError as ActionArgumentError
 from rosidl_py_gen.runtime.actions.client import ActionClient as ActionClient
 from rosidl_py_gen.runtime.actions.client import ClientGoal as ClientGoal
-from rosidl_py_gen.runtime.actions.goal_decisions import CancelRequest as CancelRequest
-from rosidl_py_gen.runtime.actions.goal_decisions import GoalRequest as GoalRequest
+from rosidl_py_gen.runtime.actions.goal_callbacks import CancelRequest as CancelRequest
+from rosidl_py_gen.runtime.actions.goal_callbacks import GoalRequest as GoalRequest
 from rosidl_py_gen.runtime.actions.server import ActionServer as ActionServer
 from rosidl_py_gen.runtime.actions.server_goal import GoalResult as GoalResult
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal as ServerGoal

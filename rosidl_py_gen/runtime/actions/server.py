@@ -14,8 +14,13 @@ from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
 from rosidl_py_gen.runtime.actions.action_entity import ActionEntity, server_callbacks
-from rosidl_py_gen.runtime.actions.goal_decisions import CancelRequest, GoalRequest, request_decision
-from rosidl_py_gen.runtime.actions.goal_execution import ExecuteFunction, FeedbackReadiness
+from rosidl_py_gen.runtime.actions.goal_callbacks import (
+    CancelRequest,
+    ExecuteFunction,
+    FeedbackReadiness,
+    GoalRequest,
+    request_decision,
+)
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id

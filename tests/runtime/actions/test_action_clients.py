@@ -31,7 +31,7 @@ from rosidl_py_gen.runtime import (
     Time,
     UnknownGoalError,
 )
-from rosidl_py_gen.runtime.actions.goal_execution import FeedbackReadiness
+from rosidl_py_gen.runtime.actions.goal_callbacks import FeedbackReadiness
 from rosidl_py_gen.runtime.graph.graph import Graph
 from rosidl_py_gen.runtime.time.values import TimeRangeError
 
