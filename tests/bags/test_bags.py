@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory as TheirFactory
 from mcap_ros2.writer import Writer as TheirWriter
@@ -16,6 +17,9 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import Imu
+from std_msgs.msg import String
+from std_msgs.msg import UInt8MultiArray as Bytes
 from support.bag_samples import file_size_limit, require_error
 from support.bundled_interfaces import message, reference, vectors
 from support.reference_cdr import same
@@ -26,10 +30,6 @@ from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import Durability, QoSProfile
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 
-String: Any = get_message("std_msgs/msg/String")
-Imu: Any = get_message("sensor_msgs/msg/Imu")
-PoseArray: Any = get_message("geometry_msgs/msg/PoseArray")
-Bytes: Any = get_message("std_msgs/msg/UInt8MultiArray")
 S = 1_000_000_000
 
 

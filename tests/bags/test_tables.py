@@ -9,21 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Point32, Polygon, TransformStamped
+from sensor_msgs.msg import Imu, JointState, LaserScan
+from std_msgs.msg import String
 from support.bag_samples import memory_limit
 
 from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 
-JointState: Any = get_message("sensor_msgs/msg/JointState")
-LaserScan: Any = get_message("sensor_msgs/msg/LaserScan")
-Imu: Any = get_message("sensor_msgs/msg/Imu")
 TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
-TransformStamped: Any = get_message("geometry_msgs/msg/TransformStamped")
 Trajectory: Any = get_message("trajectory_msgs/msg/JointTrajectory")
 Point: Any = get_message("trajectory_msgs/msg/JointTrajectoryPoint")
-Polygon: Any = get_message("geometry_msgs/msg/Polygon")
-Point32: Any = get_message("geometry_msgs/msg/Point32")
-String: Any = get_message("std_msgs/msg/String")
 NAN = math.nan
 
 

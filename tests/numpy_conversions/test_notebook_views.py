@@ -14,7 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid, Path
 from PIL import Image as Pillow
+from sensor_msgs.msg import CompressedImage, Image, Imu, LaserScan, PointCloud2
+from std_msgs.msg import String
 
 from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.numpy import (
@@ -27,15 +31,6 @@ from rosidl_py_gen.numpy import (
 from rosidl_py_gen.numpy.notebook import bag_html, message_html, node_html
 
 EVIL = "<script>alert(1)</script>\x1b[31m\"'&"
-CompressedImage: Any = get_message("sensor_msgs/msg/CompressedImage")
-Image: Any = get_message("sensor_msgs/msg/Image")
-Imu: Any = get_message("sensor_msgs/msg/Imu")
-LaserScan: Any = get_message("sensor_msgs/msg/LaserScan")
-OccupancyGrid: Any = get_message("nav_msgs/msg/OccupancyGrid")
-Path: Any = get_message("nav_msgs/msg/Path")
-PointCloud2: Any = get_message("sensor_msgs/msg/PointCloud2")
-PoseStamped: Any = get_message("geometry_msgs/msg/PoseStamped")
-String: Any = get_message("std_msgs/msg/String")
 
 
 class _Checker(HTMLParser):

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 
-from rosidl_py_gen import decode, encode, get_message
+from rosidl_py_gen import decode, encode
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.numpy import (
     ConversionError,
@@ -22,10 +24,6 @@ from rosidl_py_gen.numpy import (
     pointcloud_to_array,
     points_to_xyz,
 )
-
-PointCloud2: Any = get_message("sensor_msgs/msg/PointCloud2")
-PointField: Any = get_message("sensor_msgs/msg/PointField")
-OccupancyGrid: Any = get_message("nav_msgs/msg/OccupancyGrid")
 
 HUGE = 2**32 - 1
 OFFSETS = {"x": 0, "y": 4, "z": 8, "i": 16}
@@ -259,9 +257,6 @@ def test_maps_come_as_rows_of_cells() -> None:
         occupancygrid_to_array(grid)
     with pytest.raises(ConversionError, match="cells are from -1 to 100, got 0 to 101"):
         array_to_occupancygrid(np.array([[0, 101]]), 1.0)
-
-
-LaserScan: Any = get_message("sensor_msgs/msg/LaserScan")
 
 
 def scan(ranges: Any, **values: Any) -> Any:

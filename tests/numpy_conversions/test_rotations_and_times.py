@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Pose, PoseStamped, Quaternion
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,9 +27,6 @@ from rosidl_py_gen.numpy import (
     transform_to_matrix,
 )
 
-Quaternion: Any = get_message("geometry_msgs/msg/Quaternion")
-Pose: Any = get_message("geometry_msgs/msg/Pose")
-PoseStamped: Any = get_message("geometry_msgs/msg/PoseStamped")
 Time: Any = get_message("builtin_interfaces/msg/Time")
 Duration: Any = get_message("builtin_interfaces/msg/Duration")
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
+from sensor_msgs.msg import Image, Imu, PointCloud2
 
-from rosidl_py_gen import get_message, to_dict
 from rosidl_py_gen import numpy as conversions
+from rosidl_py_gen import to_dict
 from rosidl_py_gen.numpy import ConversionError
-
-Image: Any = get_message("sensor_msgs/msg/Image")
-Imu: Any = get_message("sensor_msgs/msg/Imu")
-PointCloud2: Any = get_message("sensor_msgs/msg/PointCloud2")
 
 
 @pytest.mark.parametrize(

@@ -18,18 +18,17 @@ import pytest
 import s3fs
 import trustme
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+from std_msgs.msg import Int64
+from std_msgs.msg import UInt8MultiArray as Array
 from support.bag_datasets import bag_of, rows, said
 from support.pool_tasks import die, die_once, fail, pid
 from werkzeug.serving import make_server
 
-from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.tables import write_datasets
 from rosidl_py_gen.tables.multi_bag import dask_cluster, pool
 from rosidl_py_gen.tables.multi_bag import datasets as many
 
-Int64: Any = get_message("std_msgs/msg/Int64")
-Array: Any = get_message("std_msgs/msg/UInt8MultiArray")
 BAGS = 60
 EACH = 20
 

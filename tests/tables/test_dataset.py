@@ -15,6 +15,9 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image, Imu
+from std_msgs.msg import String
 from support.bag_samples import memory_limit
 from support.definition_strategies import World, worlds
 from support.definition_strategies import values as world_values
@@ -22,16 +25,11 @@ from support.example_counts import examples
 from support.reference_cdr import Reference
 from support.table_values import imus, of_message, of_row, write
 
-from rosidl_py_gen import DecodeError, compile_definition, get_message
+from rosidl_py_gen import DecodeError, compile_definition
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter
 from rosidl_py_gen.tables import dataset_writer
 from rosidl_py_gen.tables.dataset_writer import write_dataset
 from rosidl_py_gen.tables.query import Database
-
-Imu: Any = get_message("sensor_msgs/msg/Imu")
-Image: Any = get_message("sensor_msgs/msg/Image")
-Odometry: Any = get_message("nav_msgs/msg/Odometry")
-String: Any = get_message("std_msgs/msg/String")
 
 
 @pytest.fixture

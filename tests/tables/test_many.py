@@ -13,9 +13,9 @@ import fsspec
 import polars as pl
 import pyarrow.parquet as pq
 import pytest
+from std_msgs.msg import Int64, String
 from support.bag_datasets import bag_of, rows, said
 
-from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, mcap_writer
 from rosidl_py_gen.tables import write_dataset, write_datasets
 from rosidl_py_gen.tables.multi_bag import bag_tasks
@@ -24,9 +24,6 @@ from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
 from rosidl_py_gen.tables.multi_bag.bag_tasks import run_task
 from rosidl_py_gen.tables.multi_bag.manifest import DatasetManifest
 from rosidl_py_gen.tables.query import Database, is_dataset
-
-Int64: Any = get_message("std_msgs/msg/Int64")
-String: Any = get_message("std_msgs/msg/String")
 
 
 def stamps(out: Path) -> dict[str, int]:

@@ -12,22 +12,18 @@ import numpy as np
 import polars as pl
 import pyarrow as pa
 import pytest
+from geometry_msgs.msg import Point32, Polygon, PoseStamped
+from geometry_msgs.msg import TransformStamped as Stamped
+from nav_msgs.msg import Path as Path_
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
 from support.bag_samples import STRING, write_foreign, write_humble
 from support.table_values import imus, of_message, rows, write
 
 from rosidl_py_gen import DecodeError, ExtraMissingError, compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWarning, BagWriter
 
-Imu: Any = get_message("sensor_msgs/msg/Imu")
-Odometry: Any = get_message("nav_msgs/msg/Odometry")
 TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
-Stamped: Any = get_message("geometry_msgs/msg/TransformStamped")
-Path_: Any = get_message("nav_msgs/msg/Path")
-Point32: Any = get_message("geometry_msgs/msg/Point32")
-Polygon: Any = get_message("geometry_msgs/msg/Polygon")
-PoseStamped: Any = get_message("geometry_msgs/msg/PoseStamped")
-Image: Any = get_message("sensor_msgs/msg/Image")
-String: Any = get_message("std_msgs/msg/String")
 
 EVERYTHING = """\
 uint8 LIMIT=7

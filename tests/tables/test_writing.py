@@ -12,14 +12,12 @@ import pandas as pd
 import polars as pl
 import pyarrow as pa
 import pytest
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import String
 from support.table_values import imus, write
 
-from rosidl_py_gen import EncodeError, RosidlError, compile_definition, get_message
+from rosidl_py_gen import EncodeError, RosidlError, compile_definition
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
-
-Imu: Any = get_message("sensor_msgs/msg/Imu")
-String: Any = get_message("std_msgs/msg/String")
-JointState: Any = get_message("sensor_msgs/msg/JointState")
 
 
 def read(path: Path, topic: str) -> list[Any]:
