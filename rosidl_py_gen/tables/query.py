@@ -219,14 +219,13 @@ class Database:
 
 
 class Result:
-    """Result of a query, with the names of its columns, which are empty if the statement has no result."""
+    """Result of a query, with the names of its columns."""
 
     def __init__(self, connection: Any, relation: Any) -> None:
         self._connection = connection
         self._name = _identifier(f"result {uuid4().hex}")  # not the name of a topic
-        self.columns: list[str] = [] if relation is None else list(relation.columns)
-        if relation is not None:
-            _call(lambda: relation.create_view(self._name.strip('"')))
+        self.columns: list[str] = list(relation.columns)
+        _call(lambda: relation.create_view(self._name.strip('"')))
 
     def rows(self) -> Iterator[list[str]]:
         """Yield rows as texts in the format of DuckDB; null is an empty text. Raises `BagError`."""
@@ -235,30 +234,22 @@ class Result:
 
     def csv_lines(self) -> Iterator[str]:
         """Yield the lines of CSV, first the names of columns. Raises `BagError`."""
-        self._require_rows()
         yield ",".join(map(_csv, self.columns))
         for row in self._fetch("columns(*)::varchar"):
             yield ",".join(map(_csv, row))
 
     def json_lines(self) -> Iterator[str]:
         """Yield a line of JSON for each row; NaN and infinities are strings, as in `to_json`. Raises `BagError`."""
-        self._require_rows()
         for (text,) in self._fetch(f"to_json({self._name})::varchar"):
             yield escape_json(_NOT_A_NUMBER.sub(_as_string, text) if "NaN" in text or "Infinity" in text else text)
 
     def _fetch(self, columns: str) -> Iterator[tuple[Any, ...]]:
-        if self.columns:
-            _call(lambda: self._connection.execute(f"select {columns} from {self._name}"))
-            while rows := _call(lambda: self._connection.fetchmany(_ROWS_PER_FETCH)):
-                yield from rows
-
-    def _require_rows(self) -> None:
-        if not self.columns:
-            raise BagError("the statement has no rows to write")
+        _call(lambda: self._connection.execute(f"select {columns} from {self._name}"))
+        while rows := _call(lambda: self._connection.fetchmany(_ROWS_PER_FETCH)):
+            yield from rows
 
     def write(self, path: str, form: str) -> None:
         """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``. Raises BagError or OSError."""
-        self._require_rows()
         if form != "json":
             _call(lambda: self._connection.execute(f"copy (from {self._name}) to {_literal(path)} (format {form})"))
             return

@@ -205,7 +205,7 @@ class McapFile:
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         with library_errors_as_bag_error(self._path):
-            yield from self._merge_by_time(*self._select(topics, start, end), start, end)
+            yield from self._merge_by_time(topics, start, end)
 
     def _select(
         self, topics: Collection[str] | None, start: int, end: int
@@ -220,14 +220,8 @@ class McapFile:
             ]
         return segments, requested, known
 
-    def _merge_by_time(
-        self,
-        segments: list[MessageSegment],
-        requested: Mapping[int, BagChannel],
-        known: Container[int],
-        start: int,
-        end: int,
-    ) -> Iterator[RawTuple]:
+    def _merge_by_time(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
+        segments, requested, known = self._select(topics, start, end)
         buffer = _MergeBuffer()
         due = [
             (segment.first, number, self._reporting_damage(segment, self._blocks(segment, requested, known)))
@@ -363,11 +357,10 @@ class McapFile:
 
 def _topic_of(channel: ChannelRecord, schema: Schema | None, count: int | None) -> BagTopic:
     stated = channel.metadata
+    of_schema = (schema.name, schema.data.decode(errors="replace"), schema.encoding) if schema else ("", "", "")
     return BagTopic(
         channel.topic,
-        schema.name if schema else "",
-        schema.data.decode(errors="replace") if schema else "",
-        schema.encoding if schema else "",
+        *of_schema,
         channel.message_encoding,
         stated.get("topic_type_hash", ""),
         stated.get("offered_qos_profiles", ""),
