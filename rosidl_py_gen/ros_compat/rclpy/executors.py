@@ -99,7 +99,6 @@ class Executor:
         if not self._context.handle.ok():
             raise RCLError("failed to create executor: the context is shut down")
         self._rosidl_handle: ContextHandle = self._context.handle
-        self._rosidl_handle.require_ok()
         self._nodes: set[Node] = set()
         self._nodes_lock = threading.RLock()
         self._tasks: list[_Work] = []

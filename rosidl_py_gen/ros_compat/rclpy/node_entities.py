@@ -57,7 +57,15 @@ class NodeEntities:
         self._rosidl_timers: list[Timer] = []
         self._rosidl_guards: list[GuardCondition] = []
         self._rosidl_waitables: list[Waitable] = []
-        self._rosidl_all_entities: ready_scan.NodeEntityLists | None = None
+        self._rosidl_entity_lists = ready_scan.NodeEntityLists(
+            self.handle,
+            self._rosidl_timers,
+            self._rosidl_subscriptions,
+            self._rosidl_guards,
+            self._rosidl_clients,
+            self._rosidl_services,
+            self._rosidl_waitables,
+        )
         self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
         for kind in _KINDS:
@@ -92,18 +100,6 @@ class NodeEntities:
     @property
     def waitables(self) -> Iterator[Waitable]:
         yield from self._rosidl_waitables
-
-    def _rosidl_entity_lists(self) -> ready_scan.NodeEntityLists:
-        if self._rosidl_all_entities is None:
-            entities = (
-                self._rosidl_timers,
-                self._rosidl_subscriptions,
-                self._rosidl_guards,
-                self._rosidl_clients,
-                self._rosidl_services,
-            )
-            self._rosidl_all_entities = ready_scan.NodeEntityLists(self.handle, *entities, self._rosidl_waitables)
-        return self._rosidl_all_entities
 
     @property
     def default_callback_group(self) -> CallbackGroup:

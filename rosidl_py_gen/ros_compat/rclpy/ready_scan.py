@@ -53,7 +53,7 @@ def find_ready_entities(
     min_wait_s: float | None = None
     has_waitables = False
     for node in nodes:
-        entity_lists = node._rosidl_entity_lists()
+        entity_lists = node._rosidl_entity_lists
         handle, timers, _, guards, _, _, waitables = entity_lists
         if timers:
             for timer in tuple(timers):
@@ -87,7 +87,7 @@ def find_ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], boo
     ready: ReadyEntities = []
     wait_set: WaitSet | None = None
     for node in nodes:
-        for waitable in tuple(node._rosidl_entity_lists().waitables):
+        for waitable in tuple(node._rosidl_entity_lists.waitables):
             queue = waitable._rosidl_queue
             if (queue is not None and not queue) or not can_execute(waitable):
                 continue
