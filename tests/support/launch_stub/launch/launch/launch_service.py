@@ -6,6 +6,7 @@ import asyncio
 import signal
 import socket
 from collections.abc import Callable, Coroutine
+from contextlib import closing
 from typing import Any
 
 from launch.core import Context
@@ -61,11 +62,12 @@ class LaunchService:
     def run(self) -> int:
         loop = asyncio.new_event_loop()
         task = loop.create_task(self._run(loop))
-        while True:
-            try:
-                return loop.run_until_complete(task)
-            except KeyboardInterrupt:
-                continue
+        with closing(loop):
+            while True:
+                try:
+                    return loop.run_until_complete(task)
+                except KeyboardInterrupt:
+                    continue
 
     async def _run(self, loop: asyncio.AbstractEventLoop) -> int:
         task = asyncio.current_task()
