@@ -38,6 +38,7 @@ from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, Payload, ReceiveQueue, Sink, TransportError
 from rosidl_py_gen.runtime.transport.foreign_threads import retain_thread_state
 from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, Reliability
+from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     DEFAULT_DEPTH,
     AttachmentError,
@@ -144,7 +145,7 @@ def declare_subscriber(
 class _ZenohEndpoint:
     """Common part of writers and readers; `infos` are its endpoints in the graph."""
 
-    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...]) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos) -> None:
         self._owner = owner
         self.infos = infos
         self.info = infos[0]
@@ -157,7 +158,7 @@ class _ZenohEndpoint:
 class ZenohWriter(_ZenohEndpoint):
     """Writer of the Zenoh transport."""
 
-    def __init__(self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str) -> None:
         super().__init__(owner, infos)
         self.handle = int.from_bytes(self.guid, "little")
         self._numbers = itertools.count(1)
@@ -209,7 +210,7 @@ class ZenohReader(_ZenohEndpoint):
     def __init__(
         self,
         owner: ZenohParticipant,
-        infos: tuple[DiscoveredEndpoint, ...],
+        infos: Infos,
         key: str,
         *,
         ignore_local: bool = False,

@@ -21,7 +21,6 @@ import zenoh
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import (
-    DiscoveredEndpoint,
     DiscoveryEvent,
     EndpointSpec,
     NodeEntities,
@@ -34,6 +33,7 @@ from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
+    Infos,
     TokenGraph,
     endpoints_of,
     incompatibility,
@@ -52,7 +52,7 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
 )
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
-_Description: TypeAlias = tuple[str, str, tuple[DiscoveredEndpoint, ...]]
+_Description: TypeAlias = tuple[str, str, Infos]
 """Key of a new endpoint, its token (empty if it belongs to no node), and its endpoints in the graph."""
 _NO_NODE_NAME = "_"
 """Name of the node of endpoints without one, which have no token."""

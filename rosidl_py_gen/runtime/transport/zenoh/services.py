@@ -35,7 +35,7 @@ from rosidl_py_gen.runtime.transport.service_api import (
 )
 from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
-from rosidl_py_gen.runtime.transport.zenoh.token_graph import paired_gid, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos, paired_gid, participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
 
 if TYPE_CHECKING:
@@ -68,9 +68,7 @@ class _OfPeer(NamedTuple):
 class _ZenohServiceEndpoint(ZenohReader):
     """Common part of clients and servers, which are a reader and a writer in the graph (`infos`)."""
 
-    def __init__(
-        self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str, *, service: ServiceSpec
-    ) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str, *, service: ServiceSpec) -> None:
         reader, writer = infos
         self._find_conversion = service.conversion
         self.matches_by_hash = not owner.is_humble
@@ -122,9 +120,7 @@ class _ZenohServiceEndpoint(ZenohReader):
 class ZenohClient(_ZenohServiceEndpoint):
     """Client of a service on Zenoh."""
 
-    def __init__(
-        self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str, *, service: ServiceSpec
-    ) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str, *, service: ServiceSpec) -> None:
         self._sent = 0
         self._in_flight: dict[int, _InFlightQuery] = {}
         self._answered: deque[int] = deque()
@@ -332,9 +328,7 @@ class _UnansweredQuery(NamedTuple):
 class ZenohServer(_ZenohServiceEndpoint):
     """Server of a service on Zenoh; it retains unanswered queries."""
 
-    def __init__(
-        self, owner: ZenohParticipant, infos: tuple[DiscoveredEndpoint, ...], key: str, *, service: ServiceSpec
-    ) -> None:
+    def __init__(self, owner: ZenohParticipant, infos: Infos, key: str, *, service: ServiceSpec) -> None:
         self._queries: dict[_RequestOrigin, _UnansweredQuery] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()

@@ -15,6 +15,7 @@ import threading
 from collections import defaultdict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from rosidl_py_gen.runtime.transport.api import (
     DiscoveredEndpoint,
@@ -59,11 +60,13 @@ class _Node:
     writers: set[bytes] = field(default_factory=set)
 
 
-Key = tuple[TopicKey, str, str, bool]
+Infos: TypeAlias = tuple[DiscoveredEndpoint, ...]
+"""Endpoints in the graph of a publisher or subscription, which is one, or of a client or server, which is two."""
+Key: TypeAlias = tuple[TopicKey, str, str, bool]
 """Topic, type and hash of endpoints that match; True for the writers."""
 
 
-def endpoints_of(token: EndpointToken, gid: bytes) -> tuple[DiscoveredEndpoint, ...]:
+def endpoints_of(token: EndpointToken, gid: bytes) -> Infos:
     """Return the endpoints of a token: one of a topic, two of a client or server, the reader first."""
     participant, type_hash = participant_guid(token.node.zid), valid_hash_or_empty(token.type_hash)
     type, wire = ros_type(token.type), (token.name, token.type)
@@ -89,7 +92,7 @@ class TokenGraph:
         self._lock = threading.RLock()
         self._sessions: dict[str, dict[int, _Node]] = {}
         """Nodes by session and number."""
-        self._tokens: dict[str, tuple[DiscoveredEndpoint, ...]] = {}
+        self._tokens: dict[str, Infos] = {}
         self._endpoints: defaultdict[Key, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
         """Existing endpoints by GUID."""
         self._events: list[DiscoveryEvent] = [ParticipantDiscovered(participant_guid(own_zid), enclave)]
