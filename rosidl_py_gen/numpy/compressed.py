@@ -135,7 +135,6 @@ def array_to_compressedimage(
             brightness or depth.
         quality: quality of JPEG, from 1 to 95.
         header: a ``std_msgs/msg/Header``.
-        cls: the class of the result; None means the class that `get_message` returns.
 
     Raises:
         ConversionError: dtype or shape do not fit the encoding, or the format does not support it.

@@ -119,7 +119,6 @@ def array_to_image(
         encoding: None means ``mono8``, ``mono16``, ``rgb8``, ``rgba8`` or ``rgb16`` if the shape fits, else the OpenCV
             name, such as ``32FC1``.
         header: a ``std_msgs/msg/Header``.
-        cls: the class of the result; None means the class that `get_message` returns.
 
     Raises:
         ConversionError: dtype or shape do not fit the encoding, or no encoding fits them.

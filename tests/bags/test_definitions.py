@@ -19,6 +19,7 @@ from rosidl_py_gen.bags.definition_lookup import WrongDefinitionError
 from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.errors import RosidlError
 
+Empty: Any = get_message("std_msgs/msg/Empty")
 String: Any = get_message("std_msgs/msg/String")
 NAME = "old_msgs/msg/Reading"
 THEN, NOW, LATER = "float32 value\nfloat32 weight\n", "float32 value\n", "float32 value\nfloat32 weight\nstring unit\n"
@@ -132,16 +133,18 @@ def test_what_middlewares_pad_and_empty_texts_of_other_writers_are_of_the_guess(
         assert reader.skipped == {}
 
 
-def test_messages_without_fields_are_read_with_a_byte_and_without(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [BagTopic("/go", "std_msgs/msg/Empty"), Empty], ids=["no definition", "definition"])
+def test_messages_without_fields_are_read_with_a_byte_and_without(tmp_path: Path, kind: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # nothing is guessed there
         with BagWriter(tmp_path / "a.mcap") as writer:
-            writer.add_topic("/go", BagTopic("/go", "std_msgs/msg/Empty"))
+            writer.add_topic("/go", kind)
             for number, end in enumerate((b"", b"\0", bytes(4))):
                 writer.write("/go", b"\0\1\0\0" + end, number)
         for number in range(3):
             with BagReader(tmp_path / "a.mcap") as reader:
-                assert len(list(reader.messages(start_ns=number))) == 3 - number
+                found = [item.message for item in reader.messages(start_ns=number)]
+                assert found == [Empty()] * (3 - number)
 
 
 def test_only_a_definition_with_the_recorded_hash_is_taken(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:

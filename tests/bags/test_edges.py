@@ -13,13 +13,11 @@ from mcap.writer import CompressionType, IndexType
 from support.bag_samples import STRING, String, memory_limit, require_error, write_foreign, write_strings
 from zstandard import ZstdCompressor
 
-from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter, mcap_writer
 from rosidl_py_gen.bags.common import BagTopic
 from rosidl_py_gen.bags.storage import storage_api
 from rosidl_py_gen.errors import DecodeError
 
-Empty: Any = get_message("std_msgs/msg/Empty")
 MB = 1 << 20
 
 
@@ -202,15 +200,6 @@ def test_a_damaged_message_is_told_or_left_out_when_that_is_asked_for(tmp_path: 
         assert found == ["a", "b"] and reader.skipped["/s"].count == 1
         with pytest.raises(ValueError, match="on_error"):
             reader.messages(on_error="ignore")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("data", [b"\0\1\0\0", b"\0\1\0\0\0", b"\0\1\0\0\0\0\0\0"])
-def test_empty_messages_are_read_with_and_without_the_byte_of_ros(tmp_path: Path, data: bytes) -> None:
-    with BagWriter(tmp_path / "a.mcap") as writer:
-        writer.add_topic("/e", Empty)
-        writer.write("/e", data, 1)
-    with BagReader(tmp_path / "a.mcap") as reader:
-        assert [item.message for item in reader] == [Empty()]
 
 
 # ------------------------------------------------------------------------------------------------- files beside files
