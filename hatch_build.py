@@ -21,7 +21,7 @@ class MadeForWheels(BuildHookInterface):
         if version == "editable":
             return
         sys.path.insert(0, self.root)
-        from rosidl_py_gen.compiler.codegen.render import environment_of_texts
+        from rosidl_py_gen.compiler.codegen.module_sources import environment_of_texts
         from rosidl_py_gen.compiler.generate import generate_pregenerated
 
         self._folder = TemporaryDirectory()

@@ -103,7 +103,7 @@ RESTRICTED = {
         "ros_cli.message_text",
         "ros_cli.topic.statistics",
         "bags.splitting_writer",
-        "generator_cli.generate",
+        "generator_cli.commands",
         "type_loading.scan_cache",
     ),
     r".*\b(from_address|memmove|memset|PyBytes_FromStringAndSize)": (KNOWS_LAYOUTS,),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 from rosidl_py_gen.base.fieldtype import FieldType
 
@@ -16,6 +16,7 @@ FieldRow = tuple[str, FieldType, str]
 """Name, type and text of the default value, which may be empty."""
 FieldLookup = Callable[[str], Iterable[FieldRow]]
 Description = dict[str, Any]
+T = TypeVar("T")
 
 EMPTY_MESSAGE: tuple[FieldRow, ...] = (("structure_needs_at_least_one_member", FieldType("uint8"), ""),)
 
@@ -29,23 +30,13 @@ def service_rows(name: str) -> tuple[FieldRow, ...]:
 
 def action_rows(name: str) -> tuple[FieldRow, ...]:
     """Return the fields of an action's description."""
-    suffixes = {
-        "goal": "Goal",
-        "result": "Result",
-        "feedback": "Feedback",
-        "send_goal_service": "SendGoal",
-        "get_result_service": "GetResult",
-        "feedback_message": "FeedbackMessage",
-    }
-    return tuple((field, FieldType(f"{name}_{suffix}"), "") for field, suffix in suffixes.items())
+    fields = ("goal", "result", "feedback", "send_goal_service", "get_result_service", "feedback_message")
+    suffixes = ("Goal", "Result", "Feedback", "SendGoal", "GetResult", "FeedbackMessage")
+    return tuple((field, FieldType(f"{name}_{part}"), "") for field, part in zip(fields, suffixes, strict=True))
 
 
 def default_text(value: object) -> str:
-    """Return the text of a default value in a description (docs/internals/protocol.md 3.4).
-
-    Args:
-        value: a scalar, a tuple, or None for no default value.
-    """
+    """Return the text of a scalar, a tuple or None as a default value (docs/internals/protocol.md 3.4)."""
     if value is None:
         return ""
     return value if isinstance(value, str) else repr(value)
@@ -61,23 +52,30 @@ def individual_description(name: str, rows: Iterable[FieldRow]) -> Description:
 
 
 def build_type_description(name: str, lookup: FieldLookup) -> Description:
-    """Return the full description of a type with the types that it refers to, sorted by name.
+    """Return the full description of a type with the types that it refers to, sorted by name."""
+    return full_description(name, lambda part: individual_description(part, lookup(part)))
 
-    Args:
-        name: full name.
-        lookup: returns the fields of a type.
-    """
-    seen: dict[str, Description] = {}
+
+def full_description(name: str, individual: Callable[[str], Description]) -> Description:
+    """Return the full description of a type, made of the descriptions of single types."""
+    top, *referenced = _closure(name, individual, _nested_types).values()
+    return {"type_description": top, "referenced_type_descriptions": referenced}
+
+
+def _nested_types(individual: Description) -> Iterable[str]:
+    return (nested for field in individual["fields"] if (nested := field["type"]["nested_type_name"]))
+
+
+def _closure(name: str, get: Callable[[str], T], below: Callable[[T], Iterable[str]]) -> dict[str, T]:
+    """Return the values of a type and of all types below it, by name: the type, then the others in name order."""
+    found: dict[str, T] = {}
     pending = [name]
     while pending:
         current = pending.pop()
-        if current in seen:
-            continue
-        rows = tuple(lookup(current))
-        seen[current] = individual_description(current, rows)
-        pending.extend(kind.base for _, kind, _ in rows if kind.is_message)
-    top = seen.pop(name)
-    return {"type_description": top, "referenced_type_descriptions": [seen[key] for key in sorted(seen)]}
+        if current not in found:
+            found[current] = get(current)
+            pending += below(found[current])
+    return {name: found.pop(name), **{key: found[key] for key in sorted(found)}}
 
 
 def rihs01(description: Description) -> str:
@@ -103,11 +101,7 @@ def _hash(top: str, referenced: Iterable[str]) -> str:
 
 
 class TypeHasher:
-    """RIHS01 hashes of types that refer to each other; the text of each type is made once.
-
-    Args:
-        lookup: returns the fields of a type.
-    """
+    """RIHS01 hashes of types that refer to each other; the text of each type is made once."""
 
     def __init__(self, lookup: FieldLookup) -> None:
         self._lookup = lookup
@@ -117,15 +111,8 @@ class TypeHasher:
     def of(self, name: str) -> str:
         """Return the hash of a type whose references all exist."""
         if name not in self._hashes:
-            seen: dict[str, str] = {}
-            pending = [name]
-            while pending:
-                current = pending.pop()
-                if current not in seen:
-                    seen[current], below = self._text(current)
-                    pending += below
-            top = seen.pop(name)
-            self._hashes[name] = _hash(top, (seen[key] for key in sorted(seen)))
+            (top, _), *others = _closure(name, self._text, lambda found: found[1]).values()
+            self._hashes[name] = _hash(top, (text for text, _ in others))
         return self._hashes[name]
 
     def _text(self, name: str) -> tuple[str, tuple[str, ...]]:

@@ -44,11 +44,7 @@ ASSUMED_VARIABLE = "ROSIDL_PY_GEN_ASSUMED_DISTRO"
 
 
 def checked_distribution(name: str) -> str:
-    """Return the name of a distribution in lower case; ``rolling`` is read as the newest one.
-
-    Raises:
-        UnknownDistributionError: its definitions are not bundled.
-    """
+    """Return a distribution in lower case, the newest for ``rolling``; raises `UnknownDistributionError`."""
     found = _find(name) if isinstance(name, str) else None
     if found is None:
         text = f"no definitions of the ROS distribution {printable(repr(name), 60)}; expected {_expected()}"
@@ -93,11 +89,7 @@ def command_distribution() -> str | None:
 
 @contextmanager
 def distribution_of_command(distro: str) -> Iterator[None]:
-    """Select a distribution explicitly for all calls without ``distro=`` inside the block.
-
-    Raises:
-        UnknownDistributionError: its definitions are not bundled.
-    """
+    """Select a distribution explicitly for all calls without ``distro=`` inside the block."""
     name = checked_distribution(distro)
     _command_selections.append(name)
     try:

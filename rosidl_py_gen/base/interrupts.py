@@ -41,11 +41,7 @@ class CommandInterrupts:
 
     @contextlib.contextmanager
     def handling(self, is_process: bool) -> Iterator[None]:
-        """Install the handler for a block that runs the command; it remains until the interpreter ends.
-
-        Args:
-            is_process: False if another program calls the command; then no handler is installed.
-        """
+        """Install the handler for a block that runs the command, unless another program calls the command."""
         if not is_process:
             yield
             return

@@ -62,11 +62,7 @@ def is_interface_name(text: str) -> bool:
 
 
 def split_ros_name(text: str, default_kind: str = "") -> RosName:
-    """Split ``pkg/msg/Name``, or with a `default_kind` also ``pkg/Name``, into its components.
-
-    Raises:
-        InvalidNameError: the text has another form, or a component breaks its rule.
-    """
+    """Split ``pkg/msg/Name``, or with a `default_kind` also ``pkg/Name``; raises `InvalidNameError`."""
     parts = text.split("/")
     if len(parts) == 2 and default_kind:
         parts.insert(1, default_kind)

@@ -12,7 +12,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
@@ -61,11 +61,7 @@ def importable_current_folder() -> Iterator[None]:
 
 
 def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:
-    """Return the folders of ``--path``, then those of the project.
-
-    Raises:
-        DefinitionError: pyproject.toml cannot be read, or its table has another key or value.
-    """
+    """Return the folders of ``--path``, then those of the project; raises `DefinitionError`."""
     real = {os.path.realpath(path) for path in paths}
     return (*paths, *(path for path in _project_path() if os.path.realpath(path) not in real))
 

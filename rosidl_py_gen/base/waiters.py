@@ -51,12 +51,9 @@ class Waiters:
         return any(not future.done() for future in tuple(self._futures))
 
     async def wait(self, predicate: Callable[[], object], timeout_s: float | None = None) -> bool:
-        """Wait until a predicate, which is checked at once and after each `wake`, is true.
+        """Wait until a predicate, which is checked at once and after each `wake`, is true; False after the timeout.
 
         The timeout is one `call_later` without a task; with a timeout of 0 the loop runs one iteration.
-
-        Returns:
-            False if the timeout elapsed.
         """
         loop = asyncio.get_running_loop()
         is_over = False

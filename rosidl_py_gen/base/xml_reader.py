@@ -30,12 +30,7 @@ _DECLARATION = re.compile(r"\A\s*<\?xml\b[^>]*\?>")
 
 @dataclass(frozen=True, slots=True)
 class XmlSource:
-    """File that elements were read from.
-
-    Attributes:
-        path: path for errors.
-        lines: the lines, for the source line of a diagnostic.
-    """
+    """File that elements were read from; `lines` has the source line of a diagnostic."""
 
     path: str
     lines: tuple[str, ...] = ()

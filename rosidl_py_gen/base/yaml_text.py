@@ -58,12 +58,7 @@ _NULL = re.compile(r"(?:~|null|Null|NULL|)\Z")
 
 
 class YamlError(RosidlError, ValueError):
-    """A text is not YAML, or exceeds a limit.
-
-    Attributes:
-        place: line and column as ``3:5``, empty if unknown.
-        problem: what was found.
-    """
+    """A text is not YAML, or exceeds a limit; `place` is line and column as ``3:5``, empty if unknown."""
 
     def __init__(self, problem: str, mark: Any = None) -> None:
         self.problem = problem[:300]

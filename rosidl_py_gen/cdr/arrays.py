@@ -42,12 +42,7 @@ singletons; therefore the tests with `is` below are correct."""
 
 
 class FieldValueError(RosidlError, ValueError):
-    """A value does not fit; raised where the field is not known.
-
-    Attributes:
-        index: index of the wrong element, or None.
-        suffix: the index in brackets, for the end of a path; may be empty.
-    """
+    """A value does not fit; raised where the field is not known. `suffix` is the index of an element in brackets."""
 
     def __init__(self, reason: str, index: int | None = None) -> None:
         self.reason = reason
@@ -68,10 +63,8 @@ def short_repr(value: object, width: int = 80) -> str:
 def coerce(value: object, code: str) -> Array:
     """Return any value that a numeric array field accepts as a contiguous one-dimensional array of the wire dtype.
 
-    Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers.
-
-    Raises:
-        FieldValueError: the value has another type, more than one dimension, or an element that the dtype cannot hold.
+    Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers. Raises
+    `FieldValueError`.
     """
     if isinstance(value, (bytes, bytearray)):
         if code not in "Bb":

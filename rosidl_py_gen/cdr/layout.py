@@ -106,8 +106,7 @@ def min_element_size(kind: FieldType) -> int:
 def sequence_end(position: int, count: int, end_of: Callable[[int], int]) -> int:
     """Return the end of `count` elements, of which the first begins at or after a position.
 
-    Args:
-        end_of: returns the end of an element by the position that the previous one ended at.
+    `end_of` returns the end of an element by the position that the previous one ended at.
     """
     if not count:
         return position

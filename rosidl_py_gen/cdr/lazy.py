@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 
 
 def lazy_exports(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` of a package.
-
-    Args:
-        package: `__name__` of the package.
-        modules: module inside the package by exported name.
-    """
+    """Return `__getattr__` and `__dir__` of a package; `modules` has the module inside the package by exported name."""
     return _exports(package, {name: f"{package}.{module}" for name, module in modules.items()})
 
 

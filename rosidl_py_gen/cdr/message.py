@@ -28,6 +28,9 @@ GoalT = TypeVar("GoalT")
 ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
 
+SERVICE_CLASSES = ("Request", "Response", "Event")
+ACTION_CLASSES = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
+"""Attributes of service and action classes, whose names are also suffixes of the classes."""
 _MAX_REPR_ELEMENTS = 8
 
 

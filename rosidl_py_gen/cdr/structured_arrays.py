@@ -38,9 +38,7 @@ class StructuredCodec:
     """Codec for structured arrays of one fixed-size message class.
 
     Attributes:
-        dtype: dtype of the arrays.
-        align: alignment of the first byte of every element.
-        largest: largest alignment of a member.
+        align, largest: alignment of the first byte of every element, and largest alignment of a member.
         phase: position modulo `largest` at which elements have the layout of `dtype`.
         exact: elements at `phase` have the layout of `dtype`.
         plain: exact, and `dtype` has no padding.

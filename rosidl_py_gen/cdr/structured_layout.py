@@ -174,13 +174,7 @@ def _struct(cls: MessageClass, formats: list[Any], offsets: list[int], itemsize:
 
 
 class ElementStride(NamedTuple):
-    """Layout of the elements after the first.
-
-    Attributes:
-        phase: position of an element, modulo the largest alignment.
-        stride: distance from one element to the next.
-        size: size of an element, without the padding after it.
-    """
+    """Layout of the elements after the first: their position modulo the largest alignment, distance, and size."""
 
     phase: int
     stride: int

@@ -12,17 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import PRIMITIVES
-from rosidl_py_gen.cdr.arrays import (
-    BOOL_BYTE,
-    DTYPES,
-    FieldValueError,
-    fixed_converter,
-    sequence_converter,
-    short_repr,
-)
-from rosidl_py_gen.cdr.arrays import (
-    view_of_bools as view_of_bools,
-)
+from rosidl_py_gen.cdr.arrays import BOOL_BYTE, DTYPES, FieldValueError, fixed_converter, sequence_converter, short_repr
+from rosidl_py_gen.cdr.arrays import view_of_bools as view_of_bools
 from rosidl_py_gen.cdr.layout import (
     COUNT_BYTES,
     COUNT_CODE,
@@ -67,29 +58,13 @@ FastPathError = Exception  # objects of the caller may raise any exception from 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too
 BOOL = BOOL_BYTE
 
-bools = sequence_converter("?")
-int8s = sequence_converter("b")
-uint8s = sequence_converter("B")
-int16s = sequence_converter("h")
-uint16s = sequence_converter("H")
-int32s = sequence_converter("i")
-uint32s = sequence_converter("I")
-int64s = sequence_converter("q")
-uint64s = sequence_converter("Q")
-float32s = sequence_converter("f")
-float64s = sequence_converter("d")
-
-fixed_bools = fixed_converter("?")
-fixed_int8s = fixed_converter("b")
-fixed_uint8s = fixed_converter("B")
-fixed_int16s = fixed_converter("h")
-fixed_uint16s = fixed_converter("H")
-fixed_int32s = fixed_converter("i")
-fixed_uint32s = fixed_converter("I")
-fixed_int64s = fixed_converter("q")
-fixed_uint64s = fixed_converter("Q")
-fixed_float32s = fixed_converter("f")
-fixed_float64s = fixed_converter("d")
+# Generated code calls these by the name of a numpy type; the codes are those of `struct`.
+bools, int8s, uint8s, int16s, uint16s = map(sequence_converter, "?bBhH")
+int32s, uint32s, int64s, uint64s = map(sequence_converter, "iIqQ")
+float32s, float64s = map(sequence_converter, "fd")
+fixed_bools, fixed_int8s, fixed_uint8s, fixed_int16s, fixed_uint16s = map(fixed_converter, "?bBhH")
+fixed_int32s, fixed_uint32s, fixed_int64s, fixed_uint64s = map(fixed_converter, "iIqQ")
+fixed_float32s, fixed_float64s = map(fixed_converter, "fd")
 
 _DTYPE_CODES = {one.numpy.upper(): one.code for one in PRIMITIVES.values()}
 NUMPY_NAMES = ("frombuffer", "ndarray", *_DTYPE_CODES)

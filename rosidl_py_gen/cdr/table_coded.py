@@ -49,10 +49,6 @@ class TableTypeInfo(TypeInfo):
         table: JSON with `fields`, rows of name, type and, if there is one, default value; and `constants`, rows of
             name, type and value. The type of a nested message is its position in `classes` and the array suffix.
         classes: the classes of nested messages.
-
-    Attributes:
-        values: explicit default values by field name, tuples for arrays.
-        constants: name, type and value of each constant.
     """
 
     __slots__ = ("constants", "values")

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from rosidl_py_gen.base.descriptions import Description, FieldRow, action_rows, build_type_description, service_rows
-from rosidl_py_gen.cdr.message import Action, Message, Service
+from rosidl_py_gen.cdr.message import ACTION_CLASSES, SERVICE_CLASSES, Action, Message, Service
 from rosidl_py_gen.errors import TypeNotFoundError
-
-_SERVICE_CLASSES = ("Request", "Response", "Event")
-_ACTION_CLASSES = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
 
 
 def _info(subject: object) -> tuple[type, str, str]:
@@ -68,7 +65,7 @@ def referenced_classes(subject: object) -> dict[str, type]:
             if issubclass(cls, Message):
                 pending += [field.cls for field in cls._TYPE.fields if field.cls is not None]
             else:
-                names = _SERVICE_CLASSES if issubclass(cls, Service) else _ACTION_CLASSES
+                names = SERVICE_CLASSES if issubclass(cls, Service) else ACTION_CLASSES
                 pending += [getattr(cls, name) for name in names]
     return classes
 

@@ -13,8 +13,7 @@ from itertools import count
 from pathlib import Path
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.base.generated_files import GENERATED_HEADER
-from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE
+from rosidl_py_gen.base.generated_classes import GENERATED_HEADER, PREGENERATED_PACKAGE
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.codegen.module_sources import package_sources
@@ -27,7 +26,6 @@ from rosidl_py_gen.compiler.codegen.output_folder import (
 )
 from rosidl_py_gen.compiler.codegen.template_model import Target, module_name, module_path
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages, is_absent
-from rosidl_py_gen.compiler.frontend.model import Interface, MessageDef, messages_of
 from rosidl_py_gen.compiler.frontend.partial_selection import drop_unused_invalid_files, split_valid
 from rosidl_py_gen.compiler.frontend.registry import (
     InterfaceRegistry,
@@ -57,14 +55,7 @@ _RESERVED = frozenset({"numpy", "rosidl_py_gen", "cyclonedds", "lark", "jinja2",
 
 @dataclass(frozen=True, slots=True)
 class GenerationResult:
-    """Result of a run.
-
-    Attributes:
-        names: the generated interfaces.
-        changes: changed files in the folder, or with `dry` files that would change.
-        problems: diagnostics of skipped interfaces, with `keep_going`.
-        notes: assumptions about a CMakeLists.txt.
-    """
+    """Result of a run: `problems` of skipped interfaces, and `notes` with assumptions about a CMakeLists.txt."""
 
     names: tuple[RosName, ...]
     changes: Changes
@@ -73,15 +64,7 @@ class GenerationResult:
 
 
 def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Parse and check a selection.
-
-    Args:
-        search: the search path.
-        wanted: names of packages and interfaces; empty for all.
-
-    Raises:
-        DefinitionError: the definitions have problems; contains those of all files.
-    """
+    """Parse and check packages and interfaces, by default all; raises `DefinitionError` with all problems."""
     registry, names = _read(search, wanted)
     if registry.diagnostics.items:
         raise DefinitionError(sorted_diagnostics(registry.diagnostics.items), notes_of(search, names))
@@ -142,9 +125,7 @@ def generate(
     """Generate packages into a folder.
 
     Args:
-        search: the search path.
         wanted: names of packages and interfaces; empty for all.
-        folder: receives the packages.
         dry: only determine the changes.
         keep_going: generate the valid interfaces if others have problems.
         root: import prefix if the folder is itself a package; ends with a dot.
@@ -188,10 +169,7 @@ def _already_generated(search: SearchPath, folder: Path) -> list[RosName]:
 
 
 def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
-    """Return a function that finds the module in `rosidl_py_gen.msgs` with the class of a type.
-
-    The class has the same RIHS01 hash, and the same constants and default values, which the hash does not cover.
-    """
+    """Return a function that finds the module in `rosidl_py_gen.msgs` with the class of the same definition."""
     bundled = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
 
     @cache
@@ -199,20 +177,12 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
         name = RosName(*full_name.split("/"))
         if name.package not in RUNTIME_PACKAGES:
             return None
-        interface, own = registry.interface(name), bundled.interface(name)
-        if interface is None or own is None or registry.type_hash(full_name) != bundled.type_hash(full_name):
+        if registry.interface(name) is None or bundled.interface(name) is None:
             return None
-        return _MSGS + module_path(full_name) if _unhashed_parts(interface) == _unhashed_parts(own) else None
+        is_same = registry.description_and_constants(full_name) == bundled.description_and_constants(full_name)
+        return _MSGS + module_path(full_name) if is_same else None
 
     return find_module
-
-
-def _unhashed_parts(interface: Interface) -> list[object]:
-    def values(message: MessageDef) -> object:
-        fields = [(item.name, item.default) for item in message.fields]
-        return fields, sorted((item.name, str(item.value), type(item.value).__name__) for item in message.constants)
-
-    return [values(message) for message in messages_of(interface)]
 
 
 def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:

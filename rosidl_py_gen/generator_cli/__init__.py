@@ -1,6 +1,6 @@
 """The command line `rosidl-py-gen`: its commands and options, and the exit codes of errors.
 
-Each command is implemented in a module of its own, which is imported when the command runs.
+A command is implemented in `commands` or `diff`, which is imported when the command runs.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ _Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem
 
 
 def _completion(function: str) -> _Complete:
-    """Return a function that completes by one of `completers`, which is imported on demand."""
+    """Return a function that completes by one of `shells`, which is imported on demand."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        from rosidl_py_gen.generator_cli import completers
+        from rosidl_py_gen.generator_cli import shells
 
-        items: list[CompletionItem] = getattr(completers, function)(ctx, param, incomplete)
+        items: list[CompletionItem] = getattr(shells, function)(ctx, param, incomplete)
         return items
 
     return complete
@@ -59,21 +59,13 @@ _PATH = click.option(
     "Searched before those of pyproject.toml, AMENT_PREFIX_PATH and the bundled interfaces.",
 )
 
+_GENERATION_OPTIONS = ("out", "check", "listing", "keep_going")
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 _FILTER = partial(
-    click.option,
-    "--filter",
-    "selection",
-    default="",
-    metavar="NAMES",
-    shell_complete=_completion("complete_selection"),
+    click.option, "--filter", "selection", default="", metavar="NAMES", shell_complete=_completion("complete_selection")
 )
 _OUT = partial(
-    click.option,
-    "--out",
-    metavar="DIR",
-    show_default=True,
-    shell_complete=_completion("complete_directories"),
+    click.option, "--out", metavar="DIR", show_default=True, shell_complete=_completion("complete_directories")
 )
 
 
@@ -82,11 +74,12 @@ def _paths(command: _F) -> _F:
     return _PATH(distro(command))  # type: ignore[no-any-return]
 
 
-def _run(module: str, **arguments: Any) -> None:
+def _run(name: str, /, **arguments: Any) -> None:
     group_options: dict[str, Any] = click.get_current_context().obj or {}
     arguments["paths"] = with_project_path(group_options.get("paths", ()) + arguments["paths"])
     arguments["as_json"] = arguments["as_json"] or group_options.get("as_json", False)
-    code = import_module(f"rosidl_py_gen.generator_cli.{module}").run(**arguments)
+    module = import_module(f"rosidl_py_gen.generator_cli.{'diff' if name == 'diff' else 'commands'}")
+    code = getattr(module, name)(**arguments)
     if code:
         raise click.exceptions.Exit(code)
 
@@ -154,23 +147,23 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
         if action is None:
             if force:
                 context.fail("--force belongs to --install and --uninstall")
-            _run("generate", **arguments)
-            return
-        for name in ("out", "check", "listing", "keep_going"):
-            if _is_typed(context, name):
-                option = "list" if name == "listing" else name.replace("_", "-")
-                context.fail(f"--{option} and --{action} do not go together")
-        chosen = {name: arguments[name] for name in ("paths", "selection", "as_json")}
-        _run("install", action=action, force=force, **chosen)
+            _run("generate_or_list", **arguments)
+        else:
+            _refuse(context, _GENERATION_OPTIONS, f"and --{action} do not go together")
+            chosen = {name: arguments[name] for name in ("paths", "selection", "as_json")}
+            _run("install", action=action, force=force, **chosen)
         return
-    given = [name for name in ("out", "check", "listing", "keep_going", "action", "force") if _is_typed(context, name)]
-    if _is_typed(context, "selection") and context.invoked_subcommand != "check":
-        given.append("selection")
-    if given:
-        named = {"listing": "--list", "selection": "--filter", "action": f"--{arguments['action']}"}
-        option = named.get(given[0], "--" + given[0].replace("_", "-"))
-        context.fail(f"{option} has no meaning for the command {context.invoked_subcommand}")
+    command = context.invoked_subcommand
+    others = ("action", "force", *(("selection",) if command != "check" else ()))
+    _refuse(context, (*_GENERATION_OPTIONS, *others), f"has no meaning for the command {command}")
     context.obj = arguments
+
+
+def _refuse(context: click.Context, names: tuple[str, ...], reason: str) -> None:
+    for name in names:
+        if _is_typed(context, name):
+            words = {"listing": "list", "selection": "filter", "action": context.params["action"]}
+            context.fail(f"--{words.get(name, name.replace('_', '-'))} {reason}")
 
 
 def _has_selection(context: click.Context, arguments: dict[str, Any]) -> bool:

@@ -26,12 +26,7 @@ def print_json(data: Any) -> None:
 
 
 def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
-    """Print one or more lines.
-
-    Args:
-        parts: texts, or pairs of a text and its style: ``"bold"`` or a colour.
-        err: print to standard error.
-    """
+    """Print one or more lines: texts, or pairs of a text and its style, ``"bold"`` or a colour."""
     pairs = (part if isinstance(part, tuple) else (part, "") for part in parts)
     text = "".join(_styled(printable_lines(text), style) for text, style in pairs)
     click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)

@@ -1,31 +1,36 @@
-"""The command `diff`: compare two sets of definitions, and report breaking changes."""
+"""The command `diff`: compare two sets of definitions, report breaking changes, and print them as text or JSON."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.compatibility.compare import ChangeKind, compare, select_names
+from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult
 from rosidl_py_gen.compiler.frontend.registry import split_filter
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.generator_cli import diff_output
-from rosidl_py_gen.generator_cli.diagnostics_output import print_json, print_line
+from rosidl_py_gen.generator_cli.diagnostics_output import echo, print_json, print_line
 from rosidl_py_gen.generator_cli.diff_sources import SourceError, load_sources, parse_source
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from rosidl_py_gen.compiler.compatibility.compare import Comparison, ElementChange, MessageChange, TypeChange
 
 _DEFAULT = ("data", "code")
+_READ = {
+    ReadResult.SAME: "read as before",
+    ReadResult.TRUNCATED: "read without removed fields",
+    ReadResult.RENAMED: "read under new names",
+    ReadResult.DEPENDS_ON_VALUES: "read as before only for some values",
+    ReadResult.FAILS: "not read",
+    ReadResult.MISREAD: "read wrongly, or not at all",
+}
+_SIGNS = {"added": "+", "removed": "-"}
+_COLOURS = {"+": "green", "-": "red", "~": "yellow"}
 
 
-def run(
-    old: str,
-    new: str,
-    paths: tuple[str, ...],
-    selection: str,
-    fail_on: Sequence[str],
-    timeout_s: float,
-    as_json: bool,
+def diff(
+    old: str, new: str, paths: tuple[str, ...], selection: str, fail_on: Sequence[str], timeout_s: float, as_json: bool
 ) -> int:
     """Run the command and return its exit code: 1 for changes of a kind in `fail_on`."""
     old_source, new_source = parse_source(old), parse_source(new)
@@ -48,11 +53,11 @@ def run(
     breaking = sorted(one.value for one in comparison.consequences() & _failing(fail_on or _DEFAULT))
     notes = [*before.notes, *after.notes]
     if as_json:
-        print_json(diff_output.document(old, new, comparison, breaking, notes))
+        print_json(_document(old, new, comparison, breaking, notes))
     else:
         for note in notes:
             print_line(f"note: {printable(note)}", "yellow")
-        diff_output.show(comparison, breaking)
+        _show(comparison, breaking)
     return 1 if breaking else 0
 
 
@@ -60,3 +65,122 @@ def _failing(chosen: Sequence[str]) -> frozenset[ChangeKind]:
     if "nothing" in chosen:
         return frozenset()
     return frozenset(ChangeKind if "any" in chosen else map(ChangeKind, chosen))
+
+
+def _show(found: Comparison, breaking: Sequence[str]) -> None:
+    """Print a comparison."""
+    for name in found.removed:
+        _line(f"- {name}", "red")
+    for name in found.added:
+        _line(f"+ {name}", "green")
+    for one in found.changed:
+        _line(f"~ {one.name}", "yellow")
+        for text, colour in _details(one):
+            _line(f"    {text}", colour)
+    if found.not_compared:
+        names = ", ".join(found.not_compared)
+        _line(f"not compared, as only one side has them: {names}")
+    counts = (
+        f"{len(found.changed)} changed, {len(found.added)} added, {len(found.removed)} removed, "
+        f"{len(found.same)} unchanged"
+    )
+    consequences = ", ".join(sorted(one.value for one in found.consequences()))
+    parts = [counts, *([f"changes of {consequences}"] if consequences else [])]
+    _line("; ".join([*parts, f"breaking: {', '.join(breaking)}" if breaking else "not breaking"]))
+
+
+def _line(text: str, colour: str = "") -> None:
+    echo((printable(text), colour))
+
+
+def _details(change: TypeChange) -> Iterator[tuple[str, str]]:
+    is_one = [one.name for one in change.messages] == [change.name]
+    if not is_one:
+        yield from _hashes(change)
+    for message in change.messages:
+        indent = "" if is_one else "  "
+        if not is_one:
+            yield message.name.removeprefix(f"{change.name}_"), "yellow"
+        for text, colour in _message_lines(message):
+            yield indent + text, colour
+    if change.used_by:
+        yield f"changes with it: {', '.join(change.used_by)}", ""
+
+
+def _hashes(change: TypeChange | MessageChange) -> Iterator[tuple[str, str]]:
+    if change.old_hash == change.new_hash:
+        yield f"hash      {change.old_hash}, as before", ""
+    else:
+        yield f"hash      {change.old_hash}", ""
+        yield f"       -> {change.new_hash}", ""
+
+
+def _message_lines(change: MessageChange) -> Iterator[tuple[str, str]]:
+    yield from _hashes(change)
+    for kind, changes in (("field   ", change.fields), ("constant", change.constants)):
+        for one in changes:
+            sign, text = _sign_and_text(one)
+            yield f"{kind}  {sign} {text}{f'  ({one.place})' if one.place else ''}", _COLOURS[sign]
+    if change.through:
+        yield f"contains  ~ {', '.join(change.through)}", ""
+    yield f"old data  {_READ[change.old_data.reading]}", "" if change.old_data.reading is ReadResult.SAME else "red"
+    for reason in change.old_data.reasons:
+        yield f"          {reason}", ""
+
+
+def _sign_and_text(one: ElementChange) -> tuple[str, str]:
+    match one.what:
+        case "added" | "removed":
+            return _SIGNS[one.what], f"{one.name}: {one.after or one.before}"
+        case "renamed":
+            return "~", f"{one.after}: was {one.before}, probably"
+        case "moved":
+            return "~", f"{one.name}: moved from place {one.before} to {one.after}"
+        case "type" | "changed":
+            return "~", f"{one.name}: {one.before} -> {one.after}"
+        case _:
+            return "~", f"{one.name}: {one.what} {one.before or 'none'} -> {one.after or 'none'}"
+
+
+def _document(old: str, new: str, found: Comparison, breaking: Sequence[str], notes: Sequence[str]) -> dict[str, Any]:
+    """Return a comparison as JSON values."""
+    return {
+        "old": old,
+        "new": new,
+        "added": list(found.added),
+        "removed": list(found.removed),
+        "changed": [
+            {
+                "name": one.name,
+                "old_hash": one.old_hash,
+                "new_hash": one.new_hash,
+                "sorts": sorted(consequence.value for consequence in one.consequences()),
+                "used_by": list(one.used_by),
+                "messages": [_message(message) for message in one.messages],
+            }
+            for one in found.changed
+        ],
+        "not_compared": list(found.not_compared),
+        "unchanged": len(found.same),
+        "sorts": sorted(consequence.value for consequence in found.consequences()),
+        "breaking": list(breaking),
+        "notes": list(notes),
+    }
+
+
+def _message(change: MessageChange) -> dict[str, Any]:
+    return {
+        "name": change.name,
+        "old_hash": change.old_hash,
+        "new_hash": change.new_hash,
+        "fields": [_entry(one) for one in change.fields],
+        "constants": [_entry(one) for one in change.constants],
+        "contains": list(change.through),
+        "old_data": {"reading": change.old_data.reading.value, "reasons": list(change.old_data.reasons)},
+    }
+
+
+def _entry(one: ElementChange) -> dict[str, Any]:
+    entry = one._asdict()
+    entry["sort"] = entry.pop("consequence").value
+    return entry

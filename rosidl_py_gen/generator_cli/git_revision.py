@@ -45,17 +45,12 @@ class _GitTreeEntry(NamedTuple):
 
 @contextmanager
 def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | None, str, list[str]]]:
-    """Write the definitions of ``REVISION`` or ``REVISION:PATH`` to a temporary folder.
+    """Write the definitions of ``REVISION`` or ``REVISION:PATH`` to a temporary folder; raises `RevisionError`.
 
-    Args:
-        text: the revision.
-        folder_in_repository: a folder in the repository; without PATH, its definitions are written.
+    Without PATH, these are the definitions of `folder_in_repository`.
 
     Yields:
         The folder, or None if the revision lacks it; its display name; notes for the user.
-
-    Raises:
-        RevisionError: the repository, revision or path does not exist, or the definitions are too large.
     """
     revision, path = _split(text)
     place = Path(folder_in_repository)

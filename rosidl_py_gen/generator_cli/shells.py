@@ -1,4 +1,4 @@
-"""Completion scripts of bash, zsh and fish for both command lines.
+"""Completion scripts of bash, zsh and fish for both command lines, and completion of `rosidl-py-gen`.
 
 The scripts of click insert values without quotes. Values may be from other nodes or from files, so a shell must not
 expand them: they are quoted for bash and zsh, fish quotes them itself. A value that is not printable is not offered.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import (
@@ -22,6 +22,11 @@ from click.shell_completion import (
     get_completion_class,
     split_arg_string,
 )
+
+from rosidl_py_gen.errors import RosidlError
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.compiler.frontend.search_path import Package
 
 # bash splits COMP_WORDS at ":" and "=", so the typed line is passed as well. `read` keeps values with "*" or blanks.
 _BASH = r"""%(complete_func)s() {
@@ -184,3 +189,42 @@ def _last_word(line: str) -> str:
 def items(values: Any, incomplete: str) -> list[CompletionItem]:
     """Return completions for the values that begin with `incomplete`."""
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]
+
+
+# --- rosidl-py-gen ----------------------------------------------------------------------------------------------------
+
+
+def complete_packages(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the name of a package."""
+    return items((package.name for package in _packages(ctx)), incomplete)
+
+
+def complete_interfaces(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the name of a message, service or action."""
+    return items((str(name) for package in _packages(ctx) for name in package.files), incomplete)
+
+
+def complete_packages_and_interfaces(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """Complete the name of a package; once a ``/`` is typed, of an interface in it."""
+    complete = complete_interfaces if "/" in incomplete else complete_packages
+    return complete(ctx, param, incomplete)
+
+
+def complete_selection(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the last of several names that are separated by ``:`` or ``;``."""
+    *_, last = re.split("[:;]", incomplete)
+    before = incomplete.removesuffix(last)
+    found = complete_packages_and_interfaces(ctx, param, last)
+    return items((before + item.value for item in found), incomplete)
+
+
+def _packages(ctx: click.Context) -> list[Package]:
+    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+
+    above = ctx.parent.params.get("paths") if ctx.parent else None
+    try:
+        return list(scan_search_path((*(above or ()), *(ctx.params.get("paths") or ()))).packages.values())
+    except (RosidlError, OSError):
+        return []

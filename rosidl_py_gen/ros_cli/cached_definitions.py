@@ -14,7 +14,7 @@ from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions, written_messages
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.type_loading.description_cache import cached_descriptions
+from rosidl_py_gen.type_loading.disk_cache import cached_descriptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

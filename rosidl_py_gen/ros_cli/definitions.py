@@ -31,7 +31,7 @@ def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:
     """Return the interfaces of a package, or of all packages. Raises `CommandError` for an unknown package."""
-    from rosidl_py_gen.type_loading.generated_definitions import generated_names
+    from rosidl_py_gen.type_loading.from_description import generated_names
 
     generated = [
         name for name in generated_names() if name.package not in search.packages and package in ("", name.package)
@@ -72,7 +72,7 @@ def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, R
 
 
 def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
-    from rosidl_py_gen.type_loading.generated_definitions import registry_of_generated_class
+    from rosidl_py_gen.type_loading.from_description import registry_of_generated_class
 
     if (definition := registry_of_generated_class(text)) is None:
         return None

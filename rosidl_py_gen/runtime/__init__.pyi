@@ -1,5 +1,5 @@
-from rosidl_py_gen.base.registration import Registration as Registration
-from rosidl_py_gen.base.signatures import CallbackSignatureError as CallbackSignatureError
+from rosidl_py_gen.base.callbacks import CallbackSignatureError as CallbackSignatureError
+from rosidl_py_gen.base.callbacks import Registration as Registration
 from rosidl_py_gen.errors import ClosedError as ClosedError
 from rosidl_py_gen.errors import DecodeError as DecodeError
 from rosidl_py_gen.errors import EncodeError as EncodeError

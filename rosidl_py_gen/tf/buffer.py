@@ -11,7 +11,7 @@ import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.blocking import blocking
-from rosidl_py_gen.base.registration import Registration, RegistrationSet
+from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.message_filters.filters import NoNodeScope, call_all

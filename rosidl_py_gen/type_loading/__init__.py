@@ -1,5 +1,5 @@
 """Classes of types at run time: by name, by definition, or by the type description of another node.
 
 `class_lookup` finds classes or compiles definitions, `from_description` compiles type descriptions, which
-`description_cache` stores, and `import_hook` makes message packages importable without generated files.
+`disk_cache` stores, and `import_hook` makes message packages importable without generated files.
 """

@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.distributions import DEFAULT, DistributionChoice, selected
-from rosidl_py_gen.base.installed_classes import (
+from rosidl_py_gen.base.generated_classes import (
     MSGS_PACKAGE,
     PREGENERATED_PACKAGE,
     find_installed_class,
@@ -183,13 +183,8 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
     """Return a loaded class of a name, or a class of the search path or of any distribution; None if no class fits.
 
     Args:
-        name: full name.
         fits: returns True for the RIHS01 hashes of the requested type and of all types that it refers to, by name.
-        path: searched first, as by `get_message`.
-
-    Raises:
-        DefinitionError: `path` cannot be read.
-        InvalidNameError: the name is invalid.
+        path: searched first, as by `get_message`; raises `DefinitionError` if it cannot be read.
     """
     split_ros_name(name)
     with _lock:
@@ -215,12 +210,7 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
 
 
 def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
-    """Return the class that `get_message`, `get_service` or `get_action` returns for a full name; None if none exists.
-
-    Raises:
-        DefinitionError: the definition has problems, or `path` cannot be read.
-        InvalidNameError: the name is invalid.
-    """
+    """Return the class that `get_message`, `get_service` or `get_action` returns for a full name; else None."""
     try:
         return _get(name, "", object, path, distro)
     except TypeNotFoundError:
@@ -228,13 +218,7 @@ def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None 
 
 
 class DistributionDefinition(NamedTuple):
-    """A definition of a type that not all distributions share.
-
-    Attributes:
-        type_name: full name of the type.
-        type_hash: its RIHS01 hash.
-        distributions: the distributions with this definition, oldest first.
-    """
+    """A definition of a type that not all distributions share, with the distributions that have it, oldest first."""
 
     type_name: str
     type_hash: str
@@ -246,15 +230,10 @@ class DistributionDefinition(NamedTuple):
 
 
 def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
-    """Return the different definitions that the bundled distributions have of a type.
+    """Return the different definitions that the bundled distributions have of a type, which may be derived.
 
-    The lookup is in a generated table; nothing is compiled. Constants and default values are not compared.
-
-    Args:
-        name: full name of a message, service or action, which may be derived (``pkg/srv/X_Request``).
-
-    Returns:
-        A definition for each hash; empty for a type that is the same in all distributions, or in none.
+    The lookup is in a generated table; nothing is compiled. Constants and default values are not compared. A type that
+    is the same in all distributions, or in none, has no definition here.
     """
     from rosidl_py_gen.msgs.distribution_hashes import HASHES
 
@@ -285,13 +264,7 @@ def definition_origin(cls: type[Any], *, path: SearchFolders = (), distro: str |
 
 
 def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: SearchFolders = ()) -> type[Any]:
-    """Return the class of a checked type, made of existing classes of the same hash where possible.
-
-    Args:
-        registry: contains the type and all types that it refers to.
-        name: name of the type.
-        path: as for `find_class`.
-    """
+    """Return the class of a checked type, made of existing classes of the same hash where possible."""
 
     def find(registry: InterfaceRegistry, part: RosName) -> type | None:
         text, wanted = str(part), registry.type_hash(str(part))
@@ -419,14 +392,11 @@ def load_compiler() -> None:
     """Import the compiler and numpy, to save time when the first class is compiled. Thread: any."""
     import numpy  # noqa: F401
 
-    from rosidl_py_gen.compiler.codegen import module_sources, render  # noqa: F401
-    from rosidl_py_gen.compiler.frontend import (
-        registry,  # noqa: F401
-        search_path,
-    )
+    from rosidl_py_gen.compiler.codegen import module_sources
+    from rosidl_py_gen.compiler.frontend import registry, search_path  # noqa: F401
 
     search_path.preload()
-    render.preload()
+    module_sources.preload()
 
 
 def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> type:

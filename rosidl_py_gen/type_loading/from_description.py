@@ -1,27 +1,38 @@
-"""Classes from type descriptions of other nodes.
+"""Classes from type descriptions of other nodes, and definitions from classes, for types that are not on the search
+path.
 
 A loaded class of the same name and hash is used without a compilation, also for nested types. The limits on
-descriptions are those of `compiler/frontend/type_description_reader.py`.
+descriptions are those of `compiler/frontend/type_description_reader.py`. A generated class has names, types, bounds and
+default values of its fields, but no comments and no types of constants.
 """
 
 from __future__ import annotations
 
+import os
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import individual_descriptions
-from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.generated_classes import find_installed_class, is_generated
+from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_description, type_name
-from rosidl_py_gen.errors import TypeNotFoundError
+from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
+from rosidl_py_gen.errors import InvalidNameError, TypeNotFoundError, display_path
 from rosidl_py_gen.type_loading.class_lookup import class_of_registry, registry_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rosidl_py_gen.base.descriptions import Description
+    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
-
 _EVENT = "_Event"
+_EXPORTS = re.compile(r"__all__ = \[([^\]]*)\]")
 
 
 def described_hashes(name: str, individuals: Mapping[str, Description], *, is_service: bool = False) -> dict[str, str]:
@@ -48,7 +59,6 @@ def compile_described(
         individuals: the description of each type alone, by name; those of derived messages may be missing.
         sources: type name -> encoding and text; they add constants, comments and defaults if they have the same fields.
         is_service: the type is a service, which ``pkg/action/X_SendGoal`` does not show.
-        path: as for `get_message`.
 
     Raises:
         DefinitionError: the description is invalid or too large.
@@ -64,11 +74,8 @@ def definition_text(cls: type[Any]) -> str:
     """Return the definition of a class with all types that it uses, for bags; `compile_definition` reads it.
 
     The text is that of the file with comments and constants, if the search path has the same definition; otherwise it
-    is made of the class. Derived messages, such as ``X_Event``, have the text of their service or action.
-
-    Raises:
-        TypeNotFoundError: the class is not a generated message, service or action; or it is derived from a service or
-            action that is not on the search path, and is not an event of a service.
+    is made of the class. Derived messages, such as ``X_Event``, have the text of their service or action; raises
+    `TypeNotFoundError` if that is not on the search path.
     """
     from rosidl_py_gen.compiler.frontend.definition_text import full_text
     from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
@@ -83,3 +90,47 @@ def definition_text(cls: type[Any]) -> str:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
         registry = registry_from_descriptions(name, individual_descriptions(type_description(cls)), {}, is_event)
     return full_text(registry, registry.owner(name) or name)
+
+
+def generated_names() -> dict[RosName, Path]:
+    """Return the interfaces of importable generated packages with the packages' folders, without an import."""
+    found: dict[RosName, Path] = {}
+    current = [finder.folder for finder in sys.meta_path if isinstance(finder, GeneratedPackages)]
+    for entry in map(Path, [*sys.path, *current]):
+        try:
+            folders = [Path(one.path) for one in os.scandir(entry) if one.name.isidentifier()]
+        except OSError:  # a zip file, or nothing
+            continue
+        for folder, kind in ((folder, kind) for folder in folders for kind in KINDS):
+            file = folder / kind / "__init__.py"
+            if is_generated(file):
+                exports = _EXPORTS.search(file.read_text(encoding="utf-8", errors="replace"))
+                stems = re.findall(r'"([A-Za-z0-9]+)_?"', exports[1]) if exports else []
+                for stem in stems:
+                    found.setdefault(RosName(folder.name, kind, stem), folder)
+    return found
+
+
+def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, str] | None:
+    """Return the definition of the generated class of ``pkg/kind/Name``, or of ``pkg/Name`` of any kind.
+
+    Returns:
+        The definition, its full name, and a note about its origin; None if no such class can be imported.
+    """
+    for kind in KINDS if text.count("/") == 1 else ("msg",):
+        try:
+            name = split_ros_name(text, kind)
+        except InvalidNameError:
+            return None
+        cls = find_installed_class(name, "")
+        if cls is not None:
+            individuals = individual_descriptions(type_description(cls))
+            is_service = name.kind == "srv" and "_" not in name.name
+            file = import_module(cls.__module__).__file__ or ""
+            note = f"{name} is not on the search path: this is its generated class in {display_path(file)}"
+            return (
+                registry_from_descriptions(name, individuals, {}, is_service),
+                name,
+                f"{note}, without comments and constants",
+            )
+    return None

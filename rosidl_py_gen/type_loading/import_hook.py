@@ -18,11 +18,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
+from rosidl_py_gen.base.callbacks import Registration
 from rosidl_py_gen.base.distributions import DistributionChoice, selected
-from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, RosName
-from rosidl_py_gen.base.registration import Registration
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import RosName, py_name, snake_case, split_ros_name
-from rosidl_py_gen.type_loading import code_cache
+from rosidl_py_gen.type_loading import disk_cache
 from rosidl_py_gen.type_loading.class_lookup import get_action, get_message, get_service
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Interfaces:
             module.__dict__[py_name(name.name + part)] = get(f"{name}{part}", path=self._folders, distro=self._distro)
         module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 
-    def code(self, name: RosName) -> tuple[code_cache.Parts, CodeType]:
+    def code(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
         """Return the interfaces and the code of a module of rclpy's API, from the cache if possible.
 
         Raises:
@@ -95,10 +95,10 @@ class Interfaces:
         """
         with self._lock:
             text_digest = self._digest(str(name))
-            found = code_cache.load(str(name), text_digest, self._digest)
+            found = disk_cache.load_code(str(name), text_digest, self._digest)
             if found is None:
                 found = self._compiled(name)
-                code_cache.store(str(name), text_digest, *found)
+                disk_cache.store_code(str(name), text_digest, *found)
             return found
 
     def _digest(self, interface: str) -> str:
@@ -108,10 +108,10 @@ class Interfaces:
                 content = f"{file.suffix}\n".encode() + file.read_bytes() if file is not None else b""
             except OSError:
                 content = b""
-            self._digests[interface] = code_cache.digest(content) if content else ""
+            self._digests[interface] = disk_cache.digest(content) if content else ""
         return self._digests[interface]
 
-    def _compiled(self, name: RosName) -> tuple[code_cache.Parts, CodeType]:
+    def _compiled(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:
         from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
         from rosidl_py_gen.compiler.codegen.module_sources import module_source
         from rosidl_py_gen.compiler.codegen.template_model import Target, module_path

@@ -14,9 +14,9 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rosidl_py_gen.base.descriptions import individual_descriptions, rihs01
+from rosidl_py_gen.base.descriptions import full_description, individual_descriptions, rihs01
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.base.installed_classes import find_installed_class
+from rosidl_py_gen.base.generated_classes import find_installed_class
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
@@ -66,20 +66,11 @@ class SampleConverter(NamedTuple):
     convert: Callable[[Any], Any]
 
     def encode(self, data: Any) -> bytes:
-        """Return a sample of the new definition.
-
-        Raises:
-            DecodeError: the data is not a message of the old definition.
-            EncodeError: a value does not fit the new definition.
-        """
+        """Return a sample of the new definition; raises `DecodeError`, or `EncodeError` if a value does not fit."""
         return self.convert(self.old._decode(data))._encode()  # type: ignore[no-any-return]
 
     def __call__(self, data: Any) -> bytes:
-        """Return a sample of the new definition.
-
-        Raises:
-            DecodeError: the data is not a message of the old definition, or a value does not fit the new one.
-        """
+        """Return a sample of the new definition; raises `DecodeError`, also for a value that does not fit."""
         try:
             return self.encode(data)
         except EncodeError as error:
@@ -94,11 +85,7 @@ def peer_definitions(cls: type[Message]) -> Mapping[str, PeerDefinition]:
 
 
 def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | None:
-    """Return the class of a type that the nodes of a distribution use, by all that is known here; None without one.
-
-    Raises:
-        DefinitionError: the definition has problems, or `path` cannot be read.
-    """
+    """Return the class of a type that the nodes of a distribution use, by all that is known here; None without one."""
     cls = find_named_class(name, path=path, distro=distro)
     if cls is None or not issubclass(cls, Message) or find_installed_class(split_ros_name(name)) is not cls:
         return cls
@@ -111,12 +98,7 @@ def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | No
 
 
 def converter_from(definition: PeerDefinition, cls: type[Message]) -> SampleConverter:
-    """Return the conversion of a peer's samples to those of a class.
-
-    Raises:
-        UnconvertibleDefinitionError: a field cannot be converted.
-        DefinitionError: the definition cannot be compiled.
-    """
+    """Return the conversion of a peer's samples to those of a class; raises `UnconvertibleDefinitionError`."""
     with _lock:
         return _converter(_peer_class(definition), cls)
 
@@ -129,8 +111,8 @@ def converter_to(definition: PeerDefinition, cls: type[Message]) -> SampleConver
 
 def part_of(definition: PeerDefinition, name: str) -> PeerDefinition:
     """Return the definition of a type that another one refers to, such as the request of a service."""
-    individuals = definition.individuals
-    return PeerDefinition(name, rihs01(_full_description(name, individuals)), definition.distros, individuals)
+    full = full_description(name, definition.individuals.__getitem__)
+    return definition._replace(type_name=name, type_hash=rihs01(full))
 
 
 def fits_exactly(cls: type[Message], data: Any) -> bool:
@@ -158,7 +140,7 @@ def _peer_definitions(name: str, own_hash: str, cls: type[Message]) -> Mapping[s
 def _find(name: str, own_hash: str, individuals: Mapping[str, Description]) -> dict[str, PeerDefinition]:
     found: dict[str, PeerDefinition] = {}
     for distro, replaced in _replaced_descriptions(individuals).items():
-        full = _full_description(name, {**individuals, **replaced})
+        full = full_description(name, {**individuals, **replaced}.__getitem__)
         type_hash = rihs01(full)
         if type_hash == own_hash:
             continue
@@ -183,18 +165,6 @@ def _fields(description: Description) -> list[tuple[object, object]]:
     return [(field["name"], field["type"]) for field in description["fields"]]
 
 
-def _full_description(name: str, individuals: Mapping[str, Description]) -> Description:
-    seen: dict[str, Description] = {}
-    pending = [name]
-    while pending:
-        current = pending.pop()
-        if current not in seen:
-            seen[current] = individuals[current]
-            pending += [nested for field in seen[current]["fields"] if (nested := field["type"]["nested_type_name"])]
-    top = seen.pop(name)
-    return {"type_description": top, "referenced_type_descriptions": [seen[key] for key in sorted(seen)]}
-
-
 _peer_classes: dict[tuple[str, str], type[Message]] = {}
 
 
@@ -217,8 +187,7 @@ def _converter(old: type[Message], new: type[Message]) -> SampleConverter:
 
 
 def _new_converter(old: type[Message], new: type[Message]) -> SampleConverter:
-    from rosidl_py_gen.compiler.compatibility.field_conversion import fields_of, message_converter
-    from rosidl_py_gen.compiler.compatibility.migration import MigrationError, plan
+    from rosidl_py_gen.compiler.compatibility.migration import MigrationError, fields_of, message_converter, plan
 
     try:
         plans = plan(fields_of(old), fields_of(new), old._TYPE.name, None)

@@ -22,7 +22,7 @@ from rosidl_py_gen.base.scanned_paths import note, recorded, stamp
 from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath, holds_packages, scan_search_path
 from rosidl_py_gen.compiler.frontend.workspace import Workspace
 from rosidl_py_gen.errors import Diagnostic
-from rosidl_py_gen.type_loading import code_cache
+from rosidl_py_gen.type_loading import disk_cache
 
 _MAX_FILES = 200
 _MIN_AGE_NS = 2_000_000_000
@@ -87,17 +87,17 @@ def cached(settings: object, scan: Callable[[], Any]) -> Any:
         place = os.getcwd()
     except OSError:  # it was deleted
         place = ""
-    folder = code_cache.own_folder()
+    folder = disk_cache.own_folder()
     if folder is None or not place:
         return scan()
-    words = f"{code_cache.version()} {place} {settings!r}"
-    file = folder / f"{code_cache.digest(words.encode(errors='surrogatepass'))}.scan"
+    words = f"{disk_cache.version()} {place} {settings!r}"
+    file = folder / f"{disk_cache.digest(words.encode(errors='surrogatepass'))}.scan"
     with suppress(OSError, ValueError, EOFError, TypeError):
-        stamps, result = marshal.loads(code_cache.read_checked(file))
+        stamps, result = marshal.loads(disk_cache.read_checked(file))
         if all(stamp(path) == old for path, old in stamps.items()):
             return result
     stamps, result = recorded(scan)
     newest = max((max(one[:2]) for one in stamps.values() if one is not None), default=0)
     if newest < time_ns() - _MIN_AGE_NS:
-        code_cache.store_checked(file, marshal.dumps((stamps, result)), max_files=_MAX_FILES)
+        disk_cache.store_checked(file, marshal.dumps((stamps, result)), max_files=_MAX_FILES)
     return result

@@ -28,15 +28,7 @@ class SetupSyntaxError(RosidlError):
 
 
 def setup_calls(text: str, folder: Path) -> list[dict[str, object]]:
-    """Return the keyword arguments of each call of `setup`.
-
-    Args:
-        text: content of the setup.py.
-        folder: the folder that `glob` searches.
-
-    Raises:
-        SetupSyntaxError: the text is not Python.
-    """
+    """Return the keyword arguments of each call of `setup`; raises `SetupSyntaxError`."""
     try:
         tree = ast.parse(text)
         return _Reader(folder).calls(tree)

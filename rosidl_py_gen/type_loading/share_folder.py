@@ -25,7 +25,7 @@ from pathlib import Path
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
-from rosidl_py_gen.type_loading.cache_files import cache_home
+from rosidl_py_gen.type_loading.disk_cache import cache_home
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 
 _LIST_END = re.compile(
@@ -75,8 +75,7 @@ class Install:
 def cmake_installs(folder: Path, script: CMakeScript | None = None) -> list[Install]:
     """Return what the CMakeLists.txt of a package installs; its regular expressions are taken to match all files.
 
-    Raises:
-        UnreadableError: the file cannot be read, or lists more than a package can have.
+    Raises `UnreadableError`.
     """
     found = []
     for name, words in (script or CMakeScript(folder, read_text(folder, "CMakeLists.txt"))).calls:
@@ -111,10 +110,7 @@ def setup_installs(folder: Path, given: Mapping[str, object]) -> list[Install]:
 def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | None = None) -> Path:
     """Return the share folder of a source package: `folder` itself, or one of links.
 
-    Args:
-        name: name of the package.
-        folder: its source folder.
-        interfaces: its interface files, if some are in other folders.
+    `interfaces` are its interface files, if some are in other folders.
     """
     tree: _Tree = {entry: folder / entry for entry in _names(folder)}
     is_same = interfaces is None

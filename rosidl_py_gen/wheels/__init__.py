@@ -1,4 +1,4 @@
 """Message packages as pip packages: a wheel for each, made of its definitions and installed by pip.
 
-`manifest` reads package.xml, `build` makes wheels, `environment` installs and uninstalls them.
+`build` reads package.xml and makes wheels, `environment` installs and uninstalls them.
 """

@@ -17,18 +17,19 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import ENTRY_POINTS
-from rosidl_py_gen.compiler.frontend.search_path import INSTALLED
+from rosidl_py_gen.base.xml_reader import read_xml
+from rosidl_py_gen.compiler.frontend.search_path import BUNDLED, INSTALLED
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
-from rosidl_py_gen.wheels.manifest import PackageManifest, read_manifest
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath
 
 _IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
-_BUNDLED = "bundled"
 _EARLIEST = (1980, 1, 1, 0, 0, 0)
 """Time of files without SOURCE_DATE_EPOCH: the first time of zip files."""
+_VERSION = re.compile(r"\d+(\.\d+){0,3}((a|b|rc)\d+)?(\.post\d+)?(\.dev\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,16 +42,12 @@ class BuiltWheel:
 
 
 def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
-    """Return the names of the requested packages; without a request, those of the given folders.
-
-    Raises:
-        DefinitionError: a package does not exist, or none is requested and there are only bundled ones.
-    """
+    """Return the names of the requested packages, else those of the given folders; raises `DefinitionError`."""
     for name in wanted:
         if name not in search.packages:
             known = ", ".join(search.packages)[:300]
             raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; expected one of {known}"))
-    found = wanted or [name for name, one in search.packages.items() if one.origin not in (_BUNDLED, INSTALLED)]
+    found = wanted or [name for name, one in search.packages.items() if one.origin not in (BUNDLED, INSTALLED)]
     if not found:
         raise DefinitionError(
             Diagnostic("wheel", 0, 0, "name packages, such as std_msgs, or give the folder of your own with --path")
@@ -61,10 +58,7 @@ def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
 def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:
     """Write the wheels of packages, and of their dependencies that are not installed as wheels, into a folder.
 
-    Raises:
-        DefinitionError: definitions or manifests have problems.
-        OutputError: the temporary folder cannot be written.
-        OSError: `out` cannot be written.
+    Raises `DefinitionError` for problems of definitions or manifests, and OSError if `out` cannot be written.
     """
     files, uses = _generated(search, packages)
     chosen = [
@@ -94,7 +88,7 @@ def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[
 
 
 def _declared(search: SearchPath, name: str) -> set[str]:
-    return set(read_manifest(search.packages[name].folder, name).depends) & search.packages.keys()
+    return set(read_manifest(search.packages[name].folder).depends) & search.packages.keys()
 
 
 def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], dict[str, set[str]]]:
@@ -114,10 +108,10 @@ def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: 
     from flit_core.common import Metadata, Module
     from flit_core.wheel import WheelBuilder
 
-    manifest = read_manifest(package.folder, package.name)
+    manifest = read_manifest(package.folder)
     requires = [_compatible_versions(__version__)]
     for used in sorted(uses | _declared(search, package.name)):
-        version = read_manifest(search.packages[used].folder, used).version
+        version = read_manifest(search.packages[used].folder).version
         requires.append(f"{used.replace('_', '-')}=={version}")
     contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
     contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
@@ -163,3 +157,48 @@ def _metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict
     for one in manifest.maintainers[:1]:
         found["maintainer_email" if "<" in one else "maintainer"] = one
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class PackageManifest:
+    """A package.xml with a valid version for pip; each maintainer is ``name <address>``, name or address."""
+
+    version: str
+    description: str
+    license: str
+    maintainers: tuple[str, ...]
+    urls: tuple[tuple[str, str], ...]
+    depends: tuple[str, ...]
+
+
+def read_manifest(folder: Path) -> PackageManifest:
+    """Return the manifest of a package; raises `DefinitionError`, also for a version that pip refuses."""
+    path = folder / "package.xml"
+    if not path.exists():
+        raise DefinitionError(Diagnostic(str(path), 0, 0, "there is no such file; a wheel needs its name and version"))
+    root = read_xml(str(path))
+    elements = [*root.elements]
+
+    def texts(*tags: str) -> list[str]:
+        return [_line(one.text) for tag in tags for one in elements if one.tag == tag]
+
+    version = next(iter(texts("version")), "")
+    if not _VERSION.fullmatch(version):
+        raise root.error(f'the version is "{version[:80]}"; pip needs one such as 1.2.3')
+    return PackageManifest(
+        version,
+        next(iter(texts("description")), ""),
+        " AND ".join(texts("license")),
+        tuple(_person(one) for one in elements if one.tag == "maintainer"),
+        tuple((one.attributes.get("type") or "website", _line(one.text)) for one in elements if one.tag == "url"),
+        tuple(texts("depend", "build_depend", "exec_depend", "build_export_depend")),
+    )
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _person(element: XmlElement) -> str:
+    name, address = _line(element.text), _line(element.attributes.get("email", ""))
+    return f"{name} <{address}>" if name and address else name or address

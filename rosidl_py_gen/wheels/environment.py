@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.wheels.build import build
@@ -41,15 +41,9 @@ def installed_packages() -> dict[str, Distribution]:
 
 
 def install(search: SearchPath, packages: list[str], *, force: bool = False) -> list[str]:
-    """Make wheels of packages and of their dependencies, and install them by pip.
+    """Make wheels of packages and of their dependencies, install them by pip, and return ``name version`` of each.
 
-    Args:
-        search: the search path.
-        packages: names of the packages.
-        force: install although rclpy is importable, and replace packages of other tools.
-
-    Returns:
-        ``name version`` of each installed package.
+    With `force`, packages of other tools are replaced, and an importable rclpy does not matter.
 
     Raises:
         OutputError: packages of other tools conflict, or pip failed.
@@ -64,14 +58,9 @@ def install(search: SearchPath, packages: list[str], *, force: bool = False) -> 
 
 
 def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]:
-    """Uninstall message packages by pip; all installed ones if none is named.
+    """Uninstall message packages by pip; all installed ones if none is named, modified ones only with `force`.
 
-    Args:
-        packages: names of ROS packages.
-        force: also remove modified packages.
-
-    Raises:
-        OutputError: a package is not installed or has modified files, or pip failed.
+    Raises `OutputError` if a package is not installed or has modified files, or pip failed.
     """
     known = installed_packages()
     for name in packages:

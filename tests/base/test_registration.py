@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from rosidl_py_gen.base.registration import Registration, RegistrationSet
+from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 
 
 def test_what_is_added_stays_in_order_until_it_is_closed() -> None:

@@ -197,31 +197,6 @@ def test_bools_that_are_neither_0_nor_1_are_true_as_in_lists() -> None:
     assert data[12] == 2
 
 
-def test_a_big_endian_message_gives_the_native_dtype() -> None:
-    cls = box("Point[]")
-    data = bytes.fromhex("00000000 00000001 00000000 3ff0000000000000 4000000000000000 4008000000000000")
-    held = decode(cls, data, arrays=True).v
-    assert held.dtype == dtype(part("Point")) and held.tolist() == [(1, 2, 3)]
-    assert not held.flags.writeable and decode(cls, data, arrays=True, copy=True).v.flags.writeable
-
-
-def test_arrays_are_found_at_any_depth_and_the_rest_stays_lists() -> None:
-    text = f"Row[] rows\nHeavyRow heavy\nstring[] names\n{LINE}\nMSG: rows/Row\nstring name\nPoint[] points\n"
-    text += f"{LINE}\nMSG: rows/Point\nfloat64 x\n{LINE}\nMSG: rows/HeavyRow\n"
-    text += "".join(f"string s{n}\n" for n in range(60)) + "Point[2] pair\nRow row\nRow[2] two"
-    cls = compile_definition("rows/msg/Deep", text)
-    data = encode(cls())
-    row = cls._TYPE.fields[0].cls
-    inner = row._TYPE.fields[1].cls
-    data = encode(cls(rows=[row(name="a", points=[inner(1.0)]), row()]))
-    held = decode(cls, data, arrays=True)
-    assert type(held.rows) is list and held.rows[0].points["x"].tolist() == [1]
-    assert held.rows[1].points.shape == (0,) and held.rows[1].points.dtype == dtype(inner)
-    assert held.heavy.pair.shape == (2,) and held.heavy.row.points.shape == (0,)
-    assert isinstance(held.heavy.two[1].points, np.ndarray)
-    assert encode(held) == data
-
-
 # --- wrong bytes ----------------------------------------------------------------------------------------------------
 
 COUNT = "00010000 ffffffff"
@@ -351,13 +326,6 @@ def test_an_array_does_not_stand_for_messages_that_vary_in_size() -> None:
     ):
         encode(message)
     assert message != path() and "poses=" in repr(message)
-
-
-def test_padding_in_memory_is_not_written() -> None:
-    cls = box("Tail[]")
-    values = np.frombuffer(bytearray(b"\xff" * 32), dtype(part("Tail")))
-    values["x"], values["y"] = 1, 2
-    assert encode(cls(v=values)) == encode(cls(v=[part("Tail")(1.0, 2)] * 2))
 
 
 # --- between the forms ----------------------------------------------------------------------------------------------

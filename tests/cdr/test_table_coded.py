@@ -29,7 +29,7 @@ from rosidl_py_gen import (
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr.table_coded import TableCodedMessage
 from rosidl_py_gen.cdr.type_queries import constants, type_description
-from rosidl_py_gen.compiler.codegen import message_properties, template_model
+from rosidl_py_gen.compiler.codegen import layout_planner, template_model
 from rosidl_py_gen.compiler.frontend import idl_parser
 from rosidl_py_gen.type_loading import class_lookup
 
@@ -75,7 +75,7 @@ def parts_of(cls: Any) -> list[Any]:
 
 
 def test_table_coded_classes_read_and_write_every_recorded_value(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(message_properties, "MAX_CODEC_LEAVES", 0)
+    monkeypatch.setattr(layout_planner, "MAX_CODEC_LEAVES", 0)
     monkeypatch.setattr(template_model, "_MAX_EMITTED", 0)
     oracle, rows = reference(), vectors_by_type()
     for name in sorted(rows):

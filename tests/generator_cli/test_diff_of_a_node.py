@@ -12,7 +12,7 @@ from support.interface_packages import write
 from support.node_fixtures import start_process
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.generator_cli.node_definitions import NodeDefinitionsError, definitions_of_node
+from rosidl_py_gen.generator_cli.diff_sources import NodeDefinitionsError, definitions_of_node
 
 if TYPE_CHECKING:
     from support.node_fixtures import World

@@ -12,8 +12,7 @@ from support.node_fixtures import World
 
 from rosidl_py_gen import ros_cli
 from rosidl_py_gen.cdr.codec import encode
-from rosidl_py_gen.type_loading.cache_files import VARIABLE
-from rosidl_py_gen.type_loading.description_cache import store_description
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, store_description
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -125,11 +125,7 @@ _SECURED_FAST_DDS = {
 }
 CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
     "Fast DDS": {
-        "Humble": {
-            **of_rclpy("humble"),
-            "type hash": NOT_SUPPORTED,
-            **_SECURED_FAST_DDS,
-        },
+        "Humble": {**of_rclpy("humble"), "type hash": NOT_SUPPORTED, **_SECURED_FAST_DDS},
         "Jazzy": {**of_rclpy("jazzy"), **_SECURED_FAST_DDS},
         "Kilted": of_rclpy("kilted"),
         "Lyrical": {

@@ -214,13 +214,7 @@ class World:
         return context
 
     def node(
-        self,
-        name: str = "",
-        namespace: str = "",
-        *,
-        context: Context | None = None,
-        args: str = "",
-        **options: Any,
+        self, name: str = "", namespace: str = "", *, context: Context | None = None, args: str = "", **options: Any
     ) -> Node:
         """Return a node, in a new context unless one is given."""
         name = name or f"node{next(self._numbers)}"

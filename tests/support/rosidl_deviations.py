@@ -215,10 +215,7 @@ DEVIATIONS = (
     ),
     Deviation(
         *("idl", "struct of another name or module than the file's", "generators go by the file's", "they"),
-        (
-            "struct Other { long x; };",
-            "module inner { struct Sample { long x; }; };",
-        ),
+        ("struct Other { long x; };", "module inner { struct Sample { long x; }; };"),
         problem=r"expected the structs? |expected \w+ in module ",
     ),
     Deviation(

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from rosidl_py_gen.type_loading import description_cache
-from rosidl_py_gen.type_loading.cache_files import VARIABLE
-from rosidl_py_gen.type_loading.description_cache import cache_folder, load_description, store_description
+from rosidl_py_gen.type_loading import disk_cache
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, cache_folder, load_description, store_description
 
 HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
 
@@ -38,7 +37,7 @@ def test_the_folder_is_the_one_of_the_platform_or_the_chosen_one(
 
 def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "new" / "folder"))
-    monkeypatch.setattr(description_cache, "MAX_FILES", 3)
+    monkeypatch.setattr(disk_cache, "MAX_DESCRIPTIONS", 3)
     for age, one in enumerate(HASHES):
         assert load_description(one) is None
         store_description(one, one.encode())
@@ -49,16 +48,16 @@ def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: py
 
 def test_large_ones_and_odd_folders_are_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    store_description(HASHES[0], bytes(description_cache.MAX_BYTES + 1))
+    store_description(HASHES[0], bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
     assert list(tmp_path.iterdir()) == []
-    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(description_cache.MAX_BYTES + 1))
+    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
     (tmp_path / f"{HASHES[1]}.cdr").mkdir()
     assert load_description(HASHES[0]) is load_description(HASHES[1]) is None
     store_description(HASHES[1], b"x")
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{HASHES[0]}.cdr", f"{HASHES[1]}.cdr"]
     for odd in ("\0", str(tmp_path / f"{HASHES[0]}.cdr"), "/proc/nowhere"):
         with monkeypatch.context() as patch:
-            patch.setattr(description_cache, "cache_folder", lambda odd=odd: Path(odd))
+            patch.setattr(disk_cache, "cache_folder", lambda odd=odd: Path(odd))
             store_description(HASHES[2], b"x")
             assert load_description(HASHES[2]) is None
 

@@ -18,8 +18,8 @@ from support.rclpy_messages import hooked
 from rosidl_py_gen import DefinitionError, ImportHookWarning, get_message, install_import_hook
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
-from rosidl_py_gen.type_loading import code_cache
-from rosidl_py_gen.type_loading.cache_files import VARIABLE
+from rosidl_py_gen.type_loading import disk_cache
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE
 
 PACKAGE_XML = "<package><name>{}</name></package>"
 APIS = pytest.mark.parametrize("message_api", ["native", "rclpy"])
@@ -293,9 +293,9 @@ def test_parts_of_rosidl_parser_are_there_when_it_is_not() -> None:
 def made(definitions: Path) -> bool:
     """Return True if the import of a message compiled it; False if it came from the cache."""
     calls: list[object] = []
-    keep = code_cache.store
+    keep = disk_cache.store_code
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(code_cache, "store", lambda *arguments: (calls.append(arguments), keep(*arguments)))
+        patch.setattr(disk_cache, "store_code", lambda *arguments: (calls.append(arguments), keep(*arguments)))
         with hooked(message_api="rclpy", path=definitions):
             point = import_module("hooked_msgs.msg").Point
             assert point.decode(point(x=1.5).encode()).x == 1.5

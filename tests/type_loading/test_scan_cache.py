@@ -18,7 +18,7 @@ from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from rosidl_py_gen.compiler.frontend.workspace import Workspace
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.type_loading import scan_cache
-from rosidl_py_gen.type_loading.cache_files import VARIABLE
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE
 from rosidl_py_gen.type_loading.scan_cache import search, workspace_packages
 
 JAZZY = DistributionChoice("jazzy", False)

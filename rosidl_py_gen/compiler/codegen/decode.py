@@ -19,7 +19,7 @@ from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plu
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.message_api import MessageApi
+    from rosidl_py_gen.compiler.codegen.statements import MessageApi
 
 
 class DecoderView(NamedTuple):
@@ -60,8 +60,7 @@ class _DecoderEmitter:
     Attributes:
         header: the next run starts with the encapsulation header.
         is_after_string: the position is ``end + 1``, after the NUL of a string, and ``pos`` is not updated yet.
-        objects: local variables of nested messages and elements, by number.
-        counts: local variables of lengths.
+        objects, counts: local variables of nested messages and elements by number, and of lengths.
     """
 
     api: MessageApi

@@ -19,18 +19,13 @@ from rosidl_py_gen.compiler.codegen.statements import Structs, block, check, plu
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.message_api import MessageApi
+    from rosidl_py_gen.compiler.codegen.statements import MessageApi
 
 Content = ir.StringContent | ir.NumberArray | ir.StringArray | ir.Loop
 
 
 class EncoderView(NamedTuple):
-    """The encoder for the template.
-
-    Attributes:
-        body: the statements.
-        result: the expression of the bytes; empty if the body collects segments in a list.
-    """
+    """The encoder for the template: statements, and the expression of the bytes unless the body collects them."""
 
     body: str
     result: str
@@ -84,9 +79,7 @@ class _EncoderEmitter:
     Attributes:
         collect: segments are appended to a list; otherwise they are collected here and joined at the end.
         header: the next run starts with the encapsulation header.
-        objects: local variables of nested messages and elements, by number.
-        contents: strings, arrays and sequences of the steps, by field.
-        values: local variables of converted contents.
+        objects, values: local variables of nested messages and elements by number, and of converted contents.
     """
 
     api: MessageApi

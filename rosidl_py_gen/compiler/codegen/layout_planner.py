@@ -1,9 +1,11 @@
-"""Plan the wire layout of a message.
+"""Plan the wire layout of a message, and decide how code is generated for it: inline, by call, or from a table.
 
 The rules of CDR are in `cdr/layout.py`. This module applies them to fields; encoder and decoder emit code for its steps
-and never count bytes. A struct has no alignment of its own: a nested message is laid out at its position.
+and never count bytes. A struct has no alignment of its own: a nested message is laid out at its position. The planner
+tracks what is known of the position: an absolute offset, or position = remainder (mod modulus).
 
-The planner tracks what is known of the position: an absolute offset, or position = remainder (mod modulus).
+Generated code stays in proportion to the definition: its size is that of the leaves, the fields of a message after
+nested messages are flattened.
 """
 
 from __future__ import annotations
@@ -11,7 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import py_name
@@ -24,16 +27,26 @@ from rosidl_py_gen.cdr.layout import (
     element_alignment,
     fixed_count,
     has_count,
+    has_fixed_size,
     known_modulus,
     min_element_size,
 )
 from rosidl_py_gen.compiler.codegen import layout_ir as ir
-from rosidl_py_gen.compiler.codegen.message_properties import MessageProperties, cached_per_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rosidl_py_gen.compiler.frontend.model import MessageDef
+
+MAX_INLINE_FIELDS = 48
+"""Maximum leaves of a nested message that is emitted inline. It bounds the generated code to a multiple of the
+definition; every common message (Odometry has 22 leaves, Marker 43) stays flat."""
+MAX_INLINE_DEPTH = 12
+MAX_INLINE_LOOPS = 5
+"""Maximum nested loops that are emitted inline: CPython accepts 20, and each is planned up to four times."""
+MAX_CODEC_LEAVES = 500
+"""Leaves above which a message has no generated codec, but that of `cdr.table_coded`: CPython takes 40 kB to compile
+the code for one string. Messages of public packages have up to 70 fields."""
 
 BLOCK_BYTES = 1024
 """Maximum bytes of a fixed array in a run; a larger array is joined instead of copied through a struct."""
@@ -41,23 +54,97 @@ _CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
 _RCLPY_CODES = {**_CODES, "byte": "c"}
 """Struct codes by primitive for rclpy's API, in which a byte is bytes of length 1."""
 
+_Result = TypeVar("_Result")
 
-class LayoutPlanner(MessageProperties):
-    """Layout plans by message name.
+
+def _cached_per_name(method: Callable[[LayoutPlanner, str], _Result]) -> Callable[[LayoutPlanner, str], _Result]:
+    """Cache the result of a method for each message name."""
+
+    @wraps(method)
+    def cached(self: LayoutPlanner, name: str) -> _Result:
+        results = self.results.setdefault(method.__name__, {})
+        if name not in results:
+            results[name] = method(self, name)
+        result: _Result = results[name]
+        return result
+
+    return cached
+
+
+class LayoutPlanner:
+    """Layout plans, and the properties by which code is generated, by message name.
 
     Args:
-        lookup: as for `MessageProperties`.
         rclpy: plan for classes in which `byte` is bytes of length 1.
-        max_leaves: as for `MessageProperties`.
+        max_leaves: leaves of all messages together that get a codec of their own; all others are coded from a table.
     """
 
     def __init__(
         self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False, max_leaves: float = math.inf
     ) -> None:
-        super().__init__(lookup, max_leaves)
+        self._lookup = lookup
+        self._leaves_left = max_leaves
         self.rclpy, self.codes = rclpy, _RCLPY_CODES if rclpy else _CODES
+        self.results: dict[str, dict[str, Any]] = {}
 
-    @cached_per_name
+    def message(self, name: str) -> MessageDef:
+        """Return the definition of a message that exists."""
+        message = self._lookup(name)
+        assert message is not None, name  # references were checked before
+        return message
+
+    def is_outlined(self, name: str) -> bool:
+        """Return True if the codec of the message is called where other messages contain it."""
+        levels, loops = self.nesting_depth(name)
+        return self.inline_size(name) > MAX_INLINE_FIELDS or levels > MAX_INLINE_DEPTH or loops > MAX_INLINE_LOOPS
+
+    @_cached_per_name
+    def is_table_coded(self, name: str) -> bool:
+        """Return True if a codec of its own would be out of proportion to the definition."""
+        weight = self.inline_size(name)
+        is_table_coded = weight > min(MAX_CODEC_LEAVES, self._leaves_left)
+        self._leaves_left -= 0 if is_table_coded else weight
+        return is_table_coded
+
+    @_cached_per_name
+    def nesting_depth(self, name: str) -> tuple[int, int]:
+        """Return the levels of nested messages, and of loops over them, that are emitted inline in a message."""
+        levels = loops = 0
+        for item in self.message(name).fields:
+            if item.type.is_message:
+                below, within = (0, 0) if self.is_outlined(item.type.base) else self.nesting_depth(item.type.base)
+                levels = max(levels, below + 1)
+                loops = max(loops, within + (item.type.arity is not Arity.SCALAR))
+        return levels, loops
+
+    @_cached_per_name
+    def inline_size(self, name: str) -> int:
+        """Return the leaves of a message after flattening; a nested message that is called counts as one."""
+        total = 0
+        for item in self.message(name).fields:
+            is_inline = item.type.is_message and not self.is_outlined(item.type.base)
+            total += self.inline_size(item.type.base) if is_inline else 1
+        return max(1, total)
+
+    @_cached_per_name
+    def is_fixed(self, name: str) -> bool:
+        """Return True if every message of the type has the same shape."""
+        return all(
+            has_fixed_size(item.type) and (not item.type.is_message or self.is_fixed(item.type.base))
+            for item in self.message(name).fields
+        )
+
+    @_cached_per_name
+    def has_structured_arrays(self, name: str) -> bool:
+        """Return True if a message contains sequences or arrays of fixed-size messages, at any depth."""
+        return any(
+            (item.type.arity is not Arity.SCALAR and self.is_fixed(item.type.base))
+            or self.has_structured_arrays(item.type.base)
+            for item in self.message(name).fields
+            if item.type.is_message
+        )
+
+    @_cached_per_name
     def plan(self, name: str) -> ir.LayoutPlan:
         """Return the plan of a message whose references all exist."""
         is_outlined = self.is_outlined(name)
@@ -68,7 +155,7 @@ class LayoutPlanner(MessageProperties):
         builder.close()
         return ir.LayoutPlan(name, tuple(builder.steps), is_outlined, self.has_structured_arrays(name))
 
-    @cached_per_name
+    @_cached_per_name
     def min_size(self, name: str) -> int:
         """Return the minimum bytes of a message without padding."""
         total = 0

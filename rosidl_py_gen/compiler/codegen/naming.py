@@ -44,11 +44,9 @@ class Imports:
     _aliases: set[str] = field(default_factory=set)
 
     def use(self, module: str, name: str, *, for_typing: bool = False, in_class: bool = True) -> str:
-        """Import a name and return its alias.
+        """Import a name of a module, or with an empty name the module, and return its alias.
 
         Args:
-            module: the module that defines the name.
-            name: empty for the module itself.
             for_typing: only type checkers need the name.
             in_class: a class body mentions the name, not only methods.
         """

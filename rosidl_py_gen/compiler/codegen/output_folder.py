@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.errors import OutputError
 
 
@@ -27,16 +27,7 @@ class Changes:
 
 
 def plan_changes(folder: Path, files: dict[str, str], removed: list[str]) -> Changes:
-    """Compare a folder with its intended files.
-
-    Args:
-        folder: does not have to exist.
-        files: relative path -> text.
-        removed: relative paths of generated files without a definition.
-
-    Raises:
-        OutputError: files exist that this tool did not write; the text lists all of them.
-    """
+    """Compare a folder, which may be missing, with its files; raises `OutputError` for files of another origin."""
     written: list[str] = []
     foreign: list[str] = []
     for name, text in files.items():
@@ -60,11 +51,7 @@ def plan_changes(folder: Path, files: dict[str, str], removed: list[str]) -> Cha
 
 
 def apply_changes(folder: Path, files: dict[str, str], changes: Changes) -> None:
-    """Write and remove the files of `plan_changes`.
-
-    Raises:
-        OutputError: the folder cannot be written.
-    """
+    """Write and remove the files of `plan_changes`; raises `OutputError`."""
     try:
         for name in changes.written:
             _write(folder / name, files[name])
@@ -94,11 +81,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def generated_files_below(folder: Path, packages: Iterable[str]) -> list[str]:
-    """Return the relative paths of the generated files in some packages, innermost first.
-
-    Raises:
-        OutputError: a folder cannot be read.
-    """
+    """Return the relative paths of the generated files in some packages, innermost first; raises `OutputError`."""
     found: list[str] = []
     try:
         for package in packages:

@@ -50,12 +50,7 @@ class ConstantView(NamedTuple):
 def field_view(
     item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool], *, for_typing: bool
 ) -> FieldView:
-    """Return the view of a field.
-
-    Args:
-        classes: full name of each nested message -> its name in the module.
-        for_typing: only type checkers see the field.
-    """
+    """Return the view of a field, which only type checkers see if `for_typing`."""
     kind = item.type
     name = py_name(item.name)
     # A field may have the name of a method of the base class, and then hides the method.

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.names import RosName, py_name, snake_case
+from rosidl_py_gen.cdr.message import ACTION_CLASSES, SERVICE_CLASSES
 from rosidl_py_gen.compiler.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.compiler.codegen.encode import EncoderView, encoder_view
-from rosidl_py_gen.compiler.codegen.message_api import MessageApi, RclpyMessageApi
 from rosidl_py_gen.compiler.codegen.naming import Imports, sort_key
 from rosidl_py_gen.compiler.codegen.python_literals import py_string, visible
 from rosidl_py_gen.compiler.codegen.pytypes import (
@@ -21,8 +21,15 @@ from rosidl_py_gen.compiler.codegen.pytypes import (
     field_view,
     rclpy_defaults,
 )
-from rosidl_py_gen.compiler.codegen.statements import Structs
-from rosidl_py_gen.compiler.frontend.model import ActionDef, Interface, MessageDef, ServiceDef, messages_of
+from rosidl_py_gen.compiler.codegen.statements import MessageApi, RclpyMessageApi, Structs
+from rosidl_py_gen.compiler.frontend.model import (
+    ActionDef,
+    Interface,
+    MessageDef,
+    ServiceDef,
+    derived_name,
+    messages_of,
+)
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
@@ -307,18 +314,19 @@ def _struct_functions(structs: Structs, imports: Imports) -> tuple[tuple[str, st
 
 
 def _groups(interface: Interface, imports: Imports, target: Target) -> Iterable[GroupView]:
+    name = interface.name
     match interface:
         case ServiceDef():
-            yield _service(interface, interface.request.comment, imports, target)
+            yield _group(name, "Service", 2, SERVICE_CLASSES, interface.request.comment, imports, target)
         case ActionDef():
-            name = interface.name
-            yield _service(interface.send_goal, (f"Service that sends a goal of {name}.",), imports, target)
-            yield _service(interface.get_result, (f"Service that returns the result of {name}.",), imports, target)
-            yield _action(interface, imports, target)
+            for service, what in ((interface.send_goal, "sends a goal"), (interface.get_result, "returns the result")):
+                doc = (f"Service that {what} of {name}.",)
+                yield _group(service.name, "Service", 2, SERVICE_CLASSES, doc, imports, target)
+            yield _group(name, "Action", 3, ACTION_CLASSES, interface.goal.comment, imports, target)
 
 
 def _group(
-    name: RosName, base: str, parameters: int, parts: list[tuple[str, RosName]], doc: tuple[str, ...], imports: Imports,
+    name: RosName, base: str, parameters: int, parts: Iterable[str], doc: tuple[str, ...], imports: Imports,
     target: Target,
 ) -> GroupView:  # fmt: skip
     names = {
@@ -326,29 +334,10 @@ def _group(
         "TypeAlias": imports.use("typing", "TypeAlias", for_typing=True),
         "ServiceInfo": imports.use(_CDR, "ServiceInfo"),
     }
-    spelled = [(part, py_name(full.name)) for part, full in parts]
+    spelled = tuple((part, py_name(derived_name(name, part).name)) for part in parts)
     generic = ", ".join(cls for _, cls in spelled[:parameters])
-    cls, base = py_name(name.name), imports.use(_CDR, base)
-    return GroupView(cls, base, generic, str(name), target.hashes(str(name)), doc, tuple(spelled), names)
-
-
-def _service(service: ServiceDef, doc: tuple[str, ...], imports: Imports, target: Target) -> GroupView:
-    parts = [("Request", service.request.name), ("Response", service.response.name), ("Event", service.event.name)]
-    return _group(service.name, "Service", 2, parts, visible(doc) or (f"{service.name}.",), imports, target)
-
-
-def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
-    parts = [
-        ("Goal", action.goal.name),
-        ("Result", action.result.name),
-        ("Feedback", action.feedback.name),
-        ("FeedbackMessage", action.feedback_message.name),
-        ("SendGoal", action.send_goal.name),
-        ("GetResult", action.get_result.name),
-    ]
-    return _group(
-        action.name, "Action", 3, parts, visible(action.goal.comment) or (f"{action.name}.",), imports, target
-    )
+    cls, base, doc = py_name(name.name), imports.use(_CDR, base), visible(doc) or (f"{name}.",)
+    return GroupView(cls, base, generic, str(name), target.hashes(str(name)), doc, spelled, names)
 
 
 def _rclpy_group(group: GroupView, imports: Imports, target: Target) -> GroupView:

@@ -38,28 +38,16 @@ class ChangeKind(Enum):
     ADDITION = "addition"
 
 
-class FieldChange(NamedTuple):
-    """A change of a field.
+class ElementChange(NamedTuple):
+    """A change of a field or constant.
 
     Attributes:
-        what: added, removed, renamed (probably), type, moved, default or unit.
-        name: the new name; the old name of a removed field.
-        before: the old type, default, unit, place or name; empty if there was none.
+        what: added or removed; renamed (probably), type, moved, default or unit of a field; changed for a constant.
+        name: the new name; the old name of a removed element.
+        before: the old type, default, unit, place or name, ``type value`` of a constant; empty if there was none.
         after: the new one.
-        place: location of the new definition, or of the old one of a removed field.
-        consequence: consequence of the change.
+        place: location of the new definition, or of the old one of a removed element.
     """
-
-    what: str
-    name: str
-    before: str
-    after: str
-    place: str
-    consequence: ChangeKind
-
-
-class ConstantChange(NamedTuple):
-    """A change of a constant: added, removed or changed; `before` and `after` are ``type value``."""
 
     what: str
     name: str
@@ -73,18 +61,14 @@ class ConstantChange(NamedTuple):
 class MessageChange:
     """Changes of a message, or of a section of a service or action.
 
-    Attributes:
-        fields: changes of its own fields.
-        constants: changes of its own constants.
-        through: full names of changed types that it contains.
-        old_data: result of reading old messages with the new definition.
+    `through` has the changed types that it contains, `old_data` the result of reading old messages.
     """
 
     name: str
     old_hash: str
     new_hash: str
-    fields: tuple[FieldChange, ...]
-    constants: tuple[ConstantChange, ...]
+    fields: tuple[ElementChange, ...]
+    constants: tuple[ElementChange, ...]
     through: tuple[str, ...]
     old_data: ReadVerdict
 
@@ -100,12 +84,7 @@ class MessageChange:
 
 @dataclass(frozen=True, slots=True)
 class TypeChange:
-    """A changed interface.
-
-    Attributes:
-        messages: changes of the message, or of sections of the service or action.
-        used_by: interfaces that contain it, and so change with it.
-    """
+    """A changed interface with its changed messages, and the interfaces that contain it."""
 
     name: str
     old_hash: str
@@ -120,12 +99,7 @@ class TypeChange:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Result of a comparison; names are sorted full names of interfaces.
-
-    Attributes:
-        not_compared: types that only one set has, if neither set is complete.
-        same: types without changes.
-    """
+    """Result of a comparison: sorted full names; `not_compared` has only one set, if neither set is complete."""
 
     added: tuple[str, ...]
     removed: tuple[str, ...]
@@ -163,12 +137,7 @@ def select_names(comparison: Comparison, names: Iterable[str]) -> Comparison:
 def compare(
     old: DefinitionSet, new: DefinitionSet, *, old_is_whole: bool = True, new_is_whole: bool = True
 ) -> Comparison:
-    """Compare two sets of definitions.
-
-    Args:
-        old_is_whole: the old set is complete: a type that only the new one has was added.
-        new_is_whole: the new set is complete: a type that only the old one has was removed.
-    """
+    """Compare two sets of definitions; a type that only one has was added or removed if the other set is whole."""
     only_new = sorted(set(new.interfaces) - set(old.interfaces))
     only_old = sorted(set(old.interfaces) - set(new.interfaces))
     both = sorted(set(old.interfaces) & set(new.interfaces))
@@ -185,7 +154,7 @@ def compare(
 def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> Iterator[TypeChange]:
     wire = WireCompatibility(old.messages, new.messages)
     owners = {message: name for name in names for message in old.interfaces[name]}
-    own: dict[str, tuple[tuple[FieldChange, ...], tuple[ConstantChange, ...]]] = {}
+    own: dict[str, tuple[tuple[ElementChange, ...], tuple[ElementChange, ...]]] = {}
     for message in {*old.messages} & {*new.messages}:
         found = _field_changes(wire, old.messages[message], new.messages[message])
         constants = tuple(_constant_changes(old.messages[message].constants, new.messages[message].constants))
@@ -235,34 +204,36 @@ def _dependents(
 # ------------------------------------------------------------------------------------------------------------- fields
 
 
-def _field_changes(wire: WireCompatibility, old: MessageDefinition, new: MessageDefinition) -> tuple[FieldChange, ...]:
+def _field_changes(
+    wire: WireCompatibility, old: MessageDefinition, new: MessageDefinition
+) -> tuple[ElementChange, ...]:
     then, now = {one.name: one for one in old.fields}, {one.name: one for one in new.fields}
     renamed = _probable_renames(old.fields, new.fields)
     moved = _reordered([one.name for one in old.fields if one.name in now], [one.name for one in new.fields])
     found = [
-        FieldChange("removed", one.name, str(one.type), "", one.place, ChangeKind.CODE)
+        ElementChange("removed", one.name, str(one.type), "", one.place, ChangeKind.CODE)
         for one in old.fields
         if one.name not in now and one.name not in renamed.values()
     ]
     for one in new.fields:
         before = then.get(one.name) or then.get(renamed.get(one.name, ""))
         if before is None:
-            found.append(FieldChange("added", one.name, "", str(one.type), one.place, ChangeKind.ADDITION))
+            found.append(ElementChange("added", one.name, "", str(one.type), one.place, ChangeKind.ADDITION))
             continue
         if before.name != one.name:
-            found.append(FieldChange("renamed", one.name, before.name, one.name, one.place, ChangeKind.CODE))
+            found.append(ElementChange("renamed", one.name, before.name, one.name, one.place, ChangeKind.CODE))
         if canonical_type(before.type) != canonical_type(one.type):
             is_same = wire.field(before.type, one.type).reading is ReadResult.SAME
             consequence = ChangeKind.HASH if is_same else ChangeKind.CODE
-            found.append(FieldChange("type", one.name, str(before.type), str(one.type), one.place, consequence))
+            found.append(ElementChange("type", one.name, str(before.type), str(one.type), one.place, consequence))
         if one.name in moved:
             places = str(_place(old.fields, one.name)), str(_place(new.fields, one.name))
-            found.append(FieldChange("moved", one.name, *places, one.place, ChangeKind.HASH))
+            found.append(ElementChange("moved", one.name, *places, one.place, ChangeKind.HASH))
         if before.default != one.default:
-            found.append(FieldChange("default", one.name, before.default, one.default, one.place, ChangeKind.DEFAULT))
+            found.append(ElementChange("default", one.name, before.default, one.default, one.place, ChangeKind.DEFAULT))
         # Texts of bags and nodes may lack comments.
         if before.unit and one.unit and before.unit != one.unit:
-            found.append(FieldChange("unit", one.name, before.unit, one.unit, one.place, ChangeKind.UNIT))
+            found.append(ElementChange("unit", one.name, before.unit, one.unit, one.place, ChangeKind.UNIT))
     return tuple(found)
 
 
@@ -315,17 +286,17 @@ def _reordered(old: Sequence[str], new: Sequence[str]) -> set[str]:
 
 def _constant_changes(
     old: tuple[ConstantDefinition, ...] | None, new: tuple[ConstantDefinition, ...] | None
-) -> Iterator[ConstantChange]:
+) -> Iterator[ElementChange]:
     if old is None or new is None:  # unknown
         return
     then, now = {one.name: one for one in old}, {one.name: one for one in new}
     for name, one in then.items():
         if name not in now:
-            yield ConstantChange("removed", name, f"{one.type} {one.value}", "", one.place, ChangeKind.CODE)
+            yield ElementChange("removed", name, f"{one.type} {one.value}", "", one.place, ChangeKind.CODE)
     for name, one in now.items():
         before = then.get(name)
         after = f"{one.type} {one.value}"
         if before is None:
-            yield ConstantChange("added", name, "", after, one.place, ChangeKind.ADDITION)
+            yield ElementChange("added", name, "", after, one.place, ChangeKind.ADDITION)
         elif before[:3] != one[:3]:
-            yield ConstantChange("changed", name, f"{before.type} {before.value}", after, one.place, ChangeKind.CODE)
+            yield ElementChange("changed", name, f"{before.type} {before.value}", after, one.place, ChangeKind.CODE)

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.compiler.frontend.model import MessageDef, messages_of, nested_types, sections_of
+from rosidl_py_gen.compiler.frontend.model import (
+    DERIVED_TYPES_PACKAGES,
+    MessageDef,
+    messages_of,
+    nested_types,
+    sections_of,
+)
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -19,10 +25,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.compiler.frontend.model import Location
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
-
-
-_IMPLIED_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
-"""Packages of types that every service or action refers to."""
 
 
 class AmbiguousTypeError(RosidlError):
@@ -114,7 +116,7 @@ def collect_with_dependencies(registry: InterfaceRegistry, top: RosName) -> Defi
         interface = registry.interface(name)
         assert interface is not None, name
         for nested in map(split_ros_name, sorted(nested_types(interface))):
-            if name.kind == "msg" or nested.package not in _IMPLIED_PACKAGES:
+            if name.kind == "msg" or nested.package not in DERIVED_TYPES_PACKAGES:
                 pending.append(registry.owner(nested) or nested)
     return collect(registry, needed)
 
@@ -126,14 +128,7 @@ def as_recorded(definitions: DefinitionSet) -> DefinitionSet:
 
 
 def merge(parts: Iterable[tuple[str, DefinitionSet]]) -> DefinitionSet:
-    """Return the union of several sets.
-
-    Args:
-        parts: sets with the names of their origins, such as topics.
-
-    Raises:
-        AmbiguousTypeError: two sets have different definitions of a type.
-    """
+    """Return the union of sets with the names of their origins; raises `AmbiguousTypeError`."""
     interfaces: dict[str, tuple[str, ...]] = {}
     messages: dict[str, MessageDefinition] = {}
     hashes: dict[str, str] = {}

@@ -1,8 +1,12 @@
-"""Plan of the conversion of messages from old definitions to new ones, field by field.
+"""Conversion of messages from old definitions to new ones, field by field: the plan, and the converter of it.
 
 A value is assigned to the field that a rule names, else to the field of its name. Fields without a target are dropped,
-fields without a source get their default value; the plan lists both. Conversions that would change a value are refused:
-here by type, and during the conversion by value. Text is never converted to a number, nor a number to text.
+fields without a source get their default value; the plan lists both. Text is never converted to a number, nor a number
+to text.
+
+No value changes silently: conversions that would change one are refused by type in the plan, and by value with
+`EncodeError` and the path of the field, here or when the message is encoded. The only exception is float64 to float32,
+which is rounded.
 """
 
 from __future__ import annotations
@@ -10,11 +14,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rosidl_py_gen.base.fieldtype import Arity
+import numpy as np
+
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.cdr.type_queries import referenced_classes
+from rosidl_py_gen.errors import EncodeError, RosidlError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
@@ -28,12 +35,7 @@ class MigrationError(RosidlError):
 
 
 class RenameRule(NamedTuple):
-    """Rename rule of a type or field, with its location in the rules file.
-
-    Attributes:
-        target: the new name; empty to drop a field.
-        place: ``file:line:column``, for errors.
-    """
+    """Rename rule of a type or field, with an empty target to drop a field; `place` is ``file:line:column``."""
 
     target: str
     place: str
@@ -41,12 +43,7 @@ class RenameRule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MigrationRules:
-    """Renames that the definitions do not show.
-
-    Attributes:
-        types: rules by the old full name of a type.
-        fields: rules by field, by the old full name of a message.
-    """
+    """Renames that the definitions do not show, by the old full name of the type or message."""
 
     types: Mapping[str, RenameRule] = field(default_factory=dict)
     fields: Mapping[str, Mapping[str, RenameRule]] = field(default_factory=dict)
@@ -79,10 +76,7 @@ class FieldConversion(NamedTuple):
 class MessagePlan:
     """Conversion of the messages of one type to those of another.
 
-    Attributes:
-        dropped: old fields without a target.
-        dropped_by_rule: those that a rule drops.
-        defaulted: new fields without a source.
+    Old fields without a target are dropped, some by a rule; new fields without a source are defaulted.
     """
 
     old: str
@@ -107,8 +101,6 @@ def plan(old: Types, new: Types, top: str, rules: MigrationRules | None) -> dict
     """Plan the conversion of the messages of a type, with all that they contain.
 
     Args:
-        old: the old type and all types that it refers to.
-        new: the new type and all types that it refers to.
         top: the old name of the type.
         rules: the renames; None if nobody can write any, and errors do not suggest it.
 
@@ -184,11 +176,7 @@ class _NotConvertibleError(RosidlError):
 
 
 def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules | None) -> ConversionKind:
-    """Return the conversion between two types, without bounds and lengths, which depend on the values.
-
-    Raises:
-        _NotConvertibleError: values of the types cannot be converted.
-    """
+    """Return the conversion between two types, regardless of bounds and lengths; raises `_NotConvertibleError`."""
     if (old.arity is Arity.SCALAR) is not (new.arity is Arity.SCALAR):
         raise _NotConvertibleError(f"{old} cannot become {new}")
     if old.is_message or new.is_message:
@@ -209,3 +197,116 @@ def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules | Non
     if order.index(one.python) > order.index(other.python):
         raise _NotConvertibleError(f"{old} cannot become {new}")
     return ConversionKind.NUMBER
+
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.base.fieldtype import FieldType
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.compiler.compatibility.migration import FieldConversion, Plans
+
+    Converter = Callable[[Any], Any]
+
+
+def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, FieldType]]]:
+    """Return the fields of a message and of all types in it, as input of `plan`."""
+    classes: dict[str, Any] = referenced_classes(cls)
+    return {name: [(one.ros_name, one.type) for one in planned._TYPE.fields] for name, planned in classes.items()}
+
+
+def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> Callable[[Any], Any]:
+    """Return a function that converts messages of the old class to the new one, or raises `EncodeError`."""
+    makers: dict[tuple[str, str], Converter] = {}
+    old_classes, new_classes = referenced_classes(old), referenced_classes(new)
+
+    def maker(pair: tuple[str, str]) -> Converter:
+        if pair not in makers:
+            makers[pair] = _maker(pair)
+        return makers[pair]
+
+    def converter_of(step: FieldConversion, path: str) -> Converter | None:
+        return None if step.kind is ConversionKind.MESSAGE and is_same(step) else _field_converter(step, path, maker)
+
+    def is_same(step: FieldConversion) -> bool:
+        pair = step.old_type.base, step.new_type.base
+        nested = (field for field in plans[pair].steps if field.kind is ConversionKind.MESSAGE)
+        same_class = old_classes[pair[0]] is new_classes[pair[1]]
+        return same_class and not plans[pair].is_conversion and all(map(is_same, nested))
+
+    def _maker(pair: tuple[str, str]) -> Converter:
+        old_class: Any = old_classes[pair[0]]
+        cls: Any = new_classes[pair[1]]
+        old_fields = {field.ros_name: field for field in old_class._TYPE.fields}
+        new_fields = {field.ros_name: field for field in cls._TYPE.fields}
+        steps = [
+            (old_fields[step.old], new_fields[step.new], converter_of(step, f"{pair[1]}.{step.new}"))
+            for step in plans[pair].steps
+        ]
+
+        def convert(message: Any) -> Any:
+            converted = cls()
+            for source, target, converter in steps:
+                value = message._get_plain(source)
+                converted._set_plain(target, value if converter is None else converter(value))
+            return converted
+
+        return convert
+
+    return maker((old._TYPE.name, new._TYPE.name))
+
+
+def _field_converter(
+    step: FieldConversion, path: str, maker: Callable[[tuple[str, str]], Converter]
+) -> Converter | None:
+    """Return a converter, None if the value is copied; array sizes are checked when the message is encoded."""
+    is_scalar = step.new_type.arity is Arity.SCALAR
+    match step.kind:
+        case ConversionKind.COPY:
+            return None
+        case ConversionKind.MESSAGE:
+            field = maker((step.old_type.base, step.new_type.base))
+            return field if is_scalar else lambda values: [field(value) for value in values]
+        case ConversionKind.NUMBER:
+            assert step.new_type.primitive is not None
+            primitive = step.new_type.primitive
+            if is_scalar:
+                return _scalar(primitive.python, path)
+            return _array(np.dtype(primitive.numpy), primitive.code, path)
+
+
+def _scalar(kind: str, path: str) -> Converter:
+    if kind == "int":  # its range is looked at when it is encoded
+        return int
+
+    def real(value: Any) -> float:
+        array = float(value)
+        if isinstance(value, int) and array != value:
+            raise EncodeError(path, f"{value} cannot be represented exactly as a float")
+        return array
+
+    return real
+
+
+def _array(dtype: np.dtype[Any], code: str, path: str) -> Converter:
+    def convert(values: Any) -> Any:
+        array = np.asarray(values)
+        if not array.size:
+            return array.astype(dtype)
+        if code in INTEGER_RANGES:
+            low, high = INTEGER_RANGES[code]
+            if int(array.min()) < low or int(array.max()) > high:
+                raise EncodeError(path, f"expected {low} to {high}, found {int(array.min())} to {int(array.max())}")
+            return array.astype(dtype)
+        with np.errstate(over="ignore", invalid="ignore"):
+            converted = array.astype(dtype)
+            if array.dtype.kind == "f":
+                is_right = np.isinf(converted) == np.isinf(array)
+            else:
+                # As Python's numbers where they are large: numpy would compare both as floating point.
+                is_right = converted.astype(object) == array.astype(object) if array.dtype.itemsize > 2 else True
+        if not np.all(is_right):
+            raise EncodeError(path, f"has values that {dtype} cannot represent")
+        return converted
+
+    return convert

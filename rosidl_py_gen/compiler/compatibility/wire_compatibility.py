@@ -51,12 +51,7 @@ _SAME = ReadVerdict(ReadResult.SAME)
 
 
 class WireCompatibility:
-    """Compares the messages of two sets of definitions.
-
-    Args:
-        old: old messages by name, with all messages that they refer to.
-        new: new messages.
-    """
+    """Compares the messages of two sets of definitions, which have all messages that they refer to."""
 
     def __init__(self, old: Mapping[str, MessageDefinition], new: Mapping[str, MessageDefinition]) -> None:
         self._old, self._new = old, new

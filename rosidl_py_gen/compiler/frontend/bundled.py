@@ -14,7 +14,7 @@ from typing import NamedTuple
 from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, layers
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.frontend.derived_interfaces import IMPLIED
+from rosidl_py_gen.compiler.frontend.model import IMPLIED
 
 _NEEDED = frozenset(package for packages in IMPLIED.values() for package in packages)
 """Packages that services and actions need in any distribution: classes of events refer to `service_msgs`."""

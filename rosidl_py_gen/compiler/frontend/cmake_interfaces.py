@@ -10,7 +10,7 @@ import os
 import posixpath
 from pathlib import Path
 
-from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.names import KINDS, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.cmake_reader import GENERATE, UNKNOWN, CMakeArgument, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface, read_source
@@ -31,8 +31,7 @@ class CMakeInterfaceList:
     Attributes:
         files: files by interface name, in name order.
         complete: True for the list of CMakeLists.txt; False for all files below the package folder.
-        problems: listed files that do not exist.
-        notes: assumptions and skipped files.
+        problems, notes: listed files that do not exist; assumptions and skipped files.
     """
 
     def __init__(self, package: str, folder: Path) -> None:

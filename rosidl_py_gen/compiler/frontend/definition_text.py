@@ -74,10 +74,7 @@ def expanded_lines(
 ) -> list[str]:
     """Return the lines of a definition, with the definition of its type below each field.
 
-    Without comments there are no empty lines.
-
-    Raises:
-        DefinitionError: there are more than `MAX_LINES` lines.
+    Without comments there are no empty lines. Raises `DefinitionError` for more than `MAX_LINES`.
     """
     lines = [*islice(_expanded(registry, name, comments, nested_comments), MAX_LINES + 1)]
     if len(lines) > MAX_LINES:

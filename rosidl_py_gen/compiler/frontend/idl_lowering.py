@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import RosName, is_interface_name, is_package_name, py_name
-from rosidl_py_gen.compiler.frontend.derived_interfaces import assemble, section_names
-from rosidl_py_gen.compiler.frontend.idl_ast import (
+from rosidl_py_gen.compiler.frontend.idl_parser import (
     IdlAnnotation,
     IdlConst,
     IdlDeclarator,
@@ -22,8 +21,8 @@ from rosidl_py_gen.compiler.frontend.idl_ast import (
     IdlStruct,
     IdlType,
     IdlTypedef,
+    parse_idl,
 )
-from rosidl_py_gen.compiler.frontend.idl_parser import parse_idl
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, decode_idl_string, python_value
 from rosidl_py_gen.compiler.frontend.model import (
     ConstantDef,
@@ -34,8 +33,11 @@ from rosidl_py_gen.compiler.frontend.model import (
     Location,
     MessageDef,
     SourceText,
+    SyntaxProblem,
+    Token,
+    assemble,
+    section_names,
 )
-from rosidl_py_gen.compiler.frontend.syntax import SyntaxProblem, Token
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.model import Scalar

@@ -1,7 +1,8 @@
-"""Parser of .idl files: from text to syntax trees. It checks nothing beyond the grammar."""
+"""Parser of .idl files: from text to syntax trees with positions. It checks nothing beyond the grammar."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
@@ -11,20 +12,7 @@ from lark import Token as LarkToken
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedEOF, UnexpectedInput, UnexpectedToken, VisitError
 
 from rosidl_py_gen.base.resources import grammar_text
-from rosidl_py_gen.compiler.frontend.idl_ast import (
-    IdlAnnotation,
-    IdlConst,
-    IdlDeclarator,
-    IdlDefinition,
-    IdlEnum,
-    IdlExpression,
-    IdlMember,
-    IdlModule,
-    IdlStruct,
-    IdlType,
-    IdlTypedef,
-)
-from rosidl_py_gen.compiler.frontend.syntax import SyntaxProblem, Token
+from rosidl_py_gen.compiler.frontend.model import SyntaxProblem, Token
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -66,12 +54,85 @@ _UNSUPPORTED = {
 """Features of IDL that rosidl does not support, by the token that shows them."""
 
 
-def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
-    """Return the definitions of an .idl file.
+@dataclass(frozen=True, slots=True)
+class IdlExpression:
+    """A literal or a name; `kind` is number, boolean, string, wide_string or name, `text` joins adjacent literals."""
 
-    Raises:
-        SyntaxProblem: the text breaks the grammar, or is too large.
+    kind: str
+    text: str
+    at: Token = field(compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class IdlType:
+    """A type; `kind` is base, string, sequence or name, `words` are the keywords or modules and name, `size` is a
+    bound.
     """
+
+    kind: str
+    words: tuple[str, ...]
+    element: IdlType | None
+    size: IdlExpression | None
+    at: Token = field(compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class IdlAnnotation:
+    name: str
+    value: IdlExpression | None
+    arguments: dict[str, IdlExpression]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlDeclarator:
+    name: Token
+    sizes: tuple[IdlExpression, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlMember:
+    annotations: tuple[IdlAnnotation, ...]
+    type: IdlType
+    declarators: tuple[IdlDeclarator, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlStruct:
+    annotations: tuple[IdlAnnotation, ...]
+    name: Token
+    members: tuple[IdlMember, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlConst:
+    annotations: tuple[IdlAnnotation, ...]
+    type: IdlType
+    name: Token
+    value: IdlExpression
+
+
+@dataclass(frozen=True, slots=True)
+class IdlTypedef:
+    type: IdlType
+    declarator: IdlDeclarator
+
+
+@dataclass(frozen=True, slots=True)
+class IdlEnum:
+    name: Token
+
+
+@dataclass(frozen=True, slots=True)
+class IdlModule:
+    name: Token
+    definitions: tuple[IdlDefinition, ...]
+
+
+IdlDefinition = IdlModule | IdlStruct | IdlConst | IdlTypedef | IdlEnum
+
+
+def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
+    """Return the definitions of an .idl file; raises `SyntaxProblem`, also for a text that is too large."""
     try:
         return _parse(text)
     except LarkError as error:

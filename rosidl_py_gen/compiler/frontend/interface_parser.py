@@ -11,8 +11,15 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import is_interface_name
-from rosidl_py_gen.compiler.frontend.derived_interfaces import assemble, section_names
-from rosidl_py_gen.compiler.frontend.model import SECTIONS, Diagnostics, Interface, Location, SourceText
+from rosidl_py_gen.compiler.frontend.model import (
+    SECTIONS,
+    Diagnostics,
+    Interface,
+    Location,
+    SourceText,
+    assemble,
+    section_names,
+)
 from rosidl_py_gen.compiler.frontend.msg_parser import parse_section
 from rosidl_py_gen.errors import Diagnostic
 
@@ -46,16 +53,7 @@ def read_source(path: Path, display: str, diagnostics: Diagnostics) -> SourceTex
 
 
 def parse_interface(name: RosName, source: SourceText, diagnostics: Diagnostics) -> Interface | None:
-    """Parse an interface.
-
-    Args:
-        name: name by the place of the file.
-        source: the text; its format selects the parser.
-        diagnostics: receives the problems.
-
-    Returns:
-        The interface; None if it cannot be used, with a diagnostic.
-    """
+    """Parse an interface; returns None if it cannot be used, with a diagnostic."""
     if source.text.startswith("\ufeff"):
         diagnostics.add(Location(source, 1, 1), "found a byte order mark; save the file as UTF-8 without one")
         source = source._replace(text=source.text[1:])

@@ -32,11 +32,7 @@ class LiteralProblem(ValueError):
 
 
 def parse_default(kind: FieldType, text: str) -> Default:
-    """Return the default value of a field.
-
-    Raises:
-        LiteralProblem: the text is not a value of the type, or the type cannot have a default.
-    """
+    """Return the default value of a field; raises `LiteralProblem`."""
     if kind.is_message:
         raise LiteralProblem(f'a field of type "{kind}" cannot have a default')
     if kind.arity is Arity.SCALAR:
@@ -57,11 +53,7 @@ def parse_default(kind: FieldType, text: str) -> Default:
 
 
 def parse_scalar(kind: FieldType, text: str) -> Scalar:
-    """Return the value of a constant, a scalar field or an array element.
-
-    Raises:
-        LiteralProblem: the text is not a value of the type.
-    """
+    """Return the value of a constant, a scalar field or an array element; raises `LiteralProblem`."""
     if kind.is_string:
         return _through_idl(_check_bound(kind, _unquote(text)))  # the bound counts characters of the file, with escapes
     match PRIMITIVES[kind.base].python:
@@ -215,8 +207,7 @@ def _quiet_escape(found: re.Match[str]) -> str:
 def decode_idl_string(text: str, wide: bool = False) -> str:
     """Return the value of an IDL string literal without its quotes (IDL 4.2 table 7-9, as rosidl reads it).
 
-    Raises:
-        LiteralProblem: an escape is not complete.
+    Raises `LiteralProblem` for an incomplete escape.
     """
     try:
         value = (_IDL_WIDE_ESCAPE if wide else _IDL_ESCAPE).sub(_idl_character, text)

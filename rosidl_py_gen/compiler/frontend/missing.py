@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.distributions import DEFAULT, DISTRIBUTIONS, selected
-from rosidl_py_gen.base.generated_files import is_generated
+from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
@@ -34,13 +34,9 @@ class _Place(NamedTuple):
 
 
 def missing_package(search: SearchPath, package: str, subject: str, type_name: str = "") -> str:
-    """Return an error text for a package that the search path lacks.
+    """Return an error text for a package that the search path lacks, which begins with `subject`.
 
-    Args:
-        search: the search path.
-        package: the package's name.
-        subject: beginning of the text, as ``no package "x_msgs"``.
-        type_name: full name of the interface that was requested; empty for the whole package.
+    `type_name` is the full name of the interface that was requested; empty for the whole package.
     """
     where = f"(searched: {', '.join(search.searched) or 'nothing'})"
     if note := other_distributions_note(package):

@@ -1,19 +1,19 @@
-"""Contents of interface files as plain values, and diagnostics about them.
+"""Contents of interface files as plain values, diagnostics about them, and the messages that ROS derives from services
+and actions (docs/internals/protocol.md 1.6).
 
-`interface_parser` builds these values, `derived_interfaces` adds the messages that ROS derives from services and
-actions, `registry` checks the references. Types of fields have full names (``pkg/msg/Name``).
+`interface_parser` builds these values, `registry` checks the references. Types of fields have full names
+(``pkg/msg/Name``).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.errors import Diagnostic
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.base.fieldtype import FieldType
-    from rosidl_py_gen.base.names import RosName
 
 MAX_PROBLEMS = 100
 """Maximum diagnostics of a file: a suggestion costs more time than reading the line."""
@@ -23,19 +23,47 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "action": ("Goal", "Result", "Feedback"),
 }
 """Suffixes of the messages that an interface file defines, by kind."""
-
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
+_UUID = "unique_identifier_msgs/msg/UUID"
+_TIME = "builtin_interfaces/msg/Time"
+_INFO = "service_msgs/msg/ServiceEventInfo"
+IMPLIED = {
+    "msg": (),
+    "srv": ("service_msgs",),
+    "action": ("unique_identifier_msgs", "builtin_interfaces", "action_msgs", "service_msgs"),
+}
+"""Packages that every interface of a kind depends on, though its file does not name them."""
+DERIVED_TYPES_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
+"""Packages of the types that derived messages refer to; type descriptions may lack them."""
+_Fields = Sequence[tuple[str, FieldType, str]]
+"""Name, type and comment of fields."""
+
+
+class SyntaxProblem(Exception):
+    """A definition breaks a rule of its language; `line` and `column` are 1-based."""
+
+    def __init__(self, line: int, column: int, text: str) -> None:
+        self.line = line
+        self.column = column
+        self.text = text
+        super().__init__(text)
+
+
+class Token(NamedTuple):
+    """A lexical token with its 1-based position."""
+
+    text: str
+    line: int
+    column: int
+
+    def problem(self, text: str) -> SyntaxProblem:
+        """Return an exception for the token."""
+        return SyntaxProblem(self.line, self.column, text)
 
 
 class SourceText(NamedTuple):
-    """The text of a definition.
-
-    Attributes:
-        path: for display; a name in angle brackets for text that is not from a file.
-        text: the whole file.
-        format: msg, srv, action or idl; ``implicit`` for a type description without text.
-    """
+    """The text of a definition with the path for display; the format is msg, srv, action, idl, or ``implicit``."""
 
     path: str
     text: str
@@ -166,3 +194,89 @@ class Diagnostics:
     def is_full(self, location: Location) -> bool:
         """Return True if further diagnostics of the location's file are not reported."""
         return self._counts.get(location.source.path, 0) > MAX_PROBLEMS
+
+
+def derived_name(name: RosName, suffix: str) -> RosName:
+    """Return the name of a derived message: ``pkg/srv/X`` and ``Request`` -> ``pkg/srv/X_Request``."""
+    return RosName(name.package, name.kind, f"{name.name}_{suffix}")
+
+
+def section_names(name: RosName, kind: str) -> list[RosName]:
+    """Return the names of the messages that the file of an interface defines."""
+    return [derived_name(name, suffix) if suffix else name for suffix in SECTIONS[kind]]
+
+
+def service(name: RosName, request: MessageDef, response: MessageDef, source: SourceText) -> ServiceDef:
+    """Return a service with its event message."""
+    pair = [("request", str(request.name)), ("response", str(response.name))]
+    event = _message(
+        derived_name(name, "Event"),
+        [
+            ("info", FieldType(_INFO), "Type, time, client and number of the call."),
+            *(
+                (word, FieldType(kind, Arity.BOUNDED, 1), f"The {word}; empty if contents are not published.")
+                for word, kind in pair
+            ),
+        ],
+        source,
+        f"Event of service introspection for {name}.",
+    )
+    return ServiceDef(name, request, response, event, source)
+
+
+def action(name: RosName, goal: MessageDef, result: MessageDef, feedback: MessageDef, source: SourceText) -> ActionDef:
+    """Return an action with its feedback message and its two services."""
+    goal_id = ("goal_id", FieldType(_UUID), "ID of the goal.")
+    send_goal = _service(
+        derived_name(name, "SendGoal"),
+        [goal_id, ("goal", FieldType(str(goal.name)), "The goal.")],
+        [
+            ("accepted", FieldType("bool"), "True if the server accepts the goal."),
+            ("stamp", FieldType(_TIME), "Time of the acceptance."),
+        ],
+        source,
+    )
+    get_result = _service(
+        derived_name(name, "GetResult"),
+        [goal_id],
+        [
+            ("status", FieldType("int8"), "A value of action_msgs/msg/GoalStatus."),
+            ("result", FieldType(str(result.name)), "The result; default values unless the goal has finished."),
+        ],
+        source,
+    )
+    feedback_message = _message(
+        derived_name(name, "FeedbackMessage"),
+        [goal_id, ("feedback", FieldType(str(feedback.name)), "The feedback.")],
+        source,
+        f"Feedback message of {name}.",
+    )
+    return ActionDef(name, goal, result, feedback, feedback_message, send_goal, get_result, source)
+
+
+def assemble(name: RosName, messages: list[MessageDef], source: SourceText) -> Interface:
+    """Return the interface of one message, two sections of a service, or three of an action."""
+    match messages:
+        case [message]:
+            return message
+        case [request, response]:
+            return service(name, request, response, source)
+        case [goal, result, feedback]:
+            return action(name, goal, result, feedback, source)
+        case _:
+            raise AssertionError(len(messages))
+
+
+def _service(name: RosName, request: _Fields, response: _Fields, source: SourceText) -> ServiceDef:
+    return service(
+        name,
+        _message(derived_name(name, "Request"), request, source, f"Request of {name}."),
+        _message(derived_name(name, "Response"), response, source, f"Response of {name}."),
+        source,
+    )
+
+
+def _message(name: RosName, fields: _Fields, source: SourceText, comment: str) -> MessageDef:
+    at = Location(source, 1, 1)
+    defs = tuple(FieldDef(field, kind, None, (text,), "", at) for field, kind, text in fields)
+    return MessageDef(name, defs, (), (comment,), source)

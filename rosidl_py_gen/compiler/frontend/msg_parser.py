@@ -1,5 +1,9 @@
 """Parser of a .msg section: from its lines to a message (docs/internals/protocol.md 1.3).
 
+The language of a field or constant is regular, so a table defines it: the pattern of each token, and the tokens that
+may follow. Spaces separate type, name and default, so they are tokens, too. Names and values are checked later, where
+an error can state the rule.
+
 Quirks of rosidl are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the
 line a constant, blanks before an element are an error.
 """
@@ -9,7 +13,7 @@ from __future__ import annotations
 import re
 import textwrap
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.base.names import (
@@ -24,13 +28,23 @@ from rosidl_py_gen.base.names import (
     is_package_name,
 )
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_default, parse_scalar
-from rosidl_py_gen.compiler.frontend.model import ConstantDef, Diagnostics, FieldDef, Location, MessageDef, SourceText
-from rosidl_py_gen.compiler.frontend.msg_line_parser import parse_element
-from rosidl_py_gen.compiler.frontend.syntax import SyntaxProblem, Token
+from rosidl_py_gen.compiler.frontend.model import (
+    ConstantDef,
+    Diagnostics,
+    FieldDef,
+    Location,
+    MessageDef,
+    SourceText,
+    SyntaxProblem,
+    Token,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+
+_TYPE, _SIZE = r"[^\s/<=\[\]]+", r"[^\s<=\[\]]+"
+_END = "the end"
 _TYPES = (*(name for name in PRIMITIVES if name not in ("idl_char", "wchar")), "string", "wstring")
 FOREIGN_TYPES = {
     "float": "float32 or float64",
@@ -53,17 +67,76 @@ _MAX_SIZE = 2**64 - 1
 """Maximum capacity: uint64 in a type description."""
 
 
+class _Rule(NamedTuple):
+    """Pattern of a token, its name in errors, and the tokens that may follow: no two of them begin alike."""
+
+    pattern: str
+    display: str
+    following: tuple[str, ...]
+
+
+_RULES = {
+    "start": _Rule("", "", ("type",)),
+    "type": _Rule(_TYPE, "a type", ("space", "slash", "at most", "open")),
+    "slash": _Rule("/", '"/"', ("member",)),
+    "member": _Rule(_TYPE, "a type", ("space", "at most", "open")),
+    "at most": _Rule("<=", '"<="', ("bound",)),
+    "bound": _Rule(_SIZE, "a number", ("space", "open")),
+    "open": _Rule(r"\[", '"["', ("close", "fixed", "limit")),
+    "limit": _Rule("<=", '"<="', ("bounded",)),
+    "bounded": _Rule(_SIZE, "a number", ("close",)),
+    "fixed": _Rule(_SIZE, "a number", ("close",)),
+    "close": _Rule(r"\]", '"]"', ("space",)),
+    "space": _Rule(r" \s*", "a space", ("name",)),
+    "name": _Rule(r"[^\s=]+", "a name", ("blank", "equals", _END)),
+    "blank": _Rule(r" \s*", "a space", ("default", "equals")),
+    "default": _Rule(r"[^\s=][^=]*", "a default value", (_END,)),
+    "equals": _Rule(r"=\s*", '"="', ("value", _END)),
+    "value": _Rule(r"\S.*", "a value", (_END,)),
+    _END: _Rule(r"\Z", _END, ()),
+}
+_FOLLOWING = {
+    kind: re.compile("|".join(f"({_RULES[one].pattern})" for one in rule.following)) for kind, rule in _RULES.items()
+}
+"""Pattern of the tokens that may follow a token: one group for each."""
+
+
+def parse_element(text: str, line: int, start: int = 0) -> dict[str, Token]:
+    """Return the tokens of an element line by their kinds; raises `SyntaxProblem`.
+
+    ``member`` is the name of a type after its package, which is ``type`` then. A constant has ``equals``, and ``value``
+    unless it is empty.
+    """
+    tokens: dict[str, Token] = {}
+    kind, position = "start", start
+    while kind != _END:
+        match = _FOLLOWING[kind].match(text, position)
+        if match is None or match.lastindex is None:
+            raise _problem(kind, text, line, position)
+        kind = _RULES[kind].following[match.lastindex - 1]
+        tokens[kind] = Token(match[0], line, position + 1)
+        position = match.end()
+    return tokens
+
+
+def _problem(kind: str, text: str, line: int, position: int) -> SyntaxProblem:
+    following = _RULES[kind].following
+    expected = " or ".join(sorted({_RULES[one].display for one in following}))
+    if position < len(text):
+        message = f'expected {expected}, found "{text[position]}"'
+    elif "space" in following:
+        message = "expected a type, a space and a name, found no name"
+    else:
+        message = f"expected {expected}, found the end of the line"
+    return SyntaxProblem(line, position + 1, message)
+
+
 def parse_section(
     name: RosName, lines: Sequence[str], first_line: int, source: SourceText, diagnostics: Diagnostics
 ) -> MessageDef:
-    """Return the message of a whole .msg, or of one section of a .srv or .action.
+    """Return the message of a whole .msg, or of one section of a .srv or .action, without lines that have a problem.
 
-    Args:
-        name: name of the message.
-        lines: lines of the section.
-        first_line: 1-based number of the first line in the file.
-        source: the file, for locations.
-        diagnostics: receives the problems; lines with a problem are missing in the result.
+    `first_line` is the 1-based number of the first line in the file.
     """
     lines = [line.replace("\t", " ") for line in lines]
     count = next((index for index, line in enumerate(lines) if not line.startswith("#")), len(lines))

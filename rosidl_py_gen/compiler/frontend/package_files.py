@@ -66,13 +66,10 @@ def _is_inside(folder: Path, path: str) -> bool:
 
 
 def files_below(folder: Path) -> list[str]:
-    """Return the files of a package by their sorted paths below its folder.
+    """Return the files of a package by their sorted paths below its folder; raises `UnreadableError`.
 
     Hidden files, the folders ``build``, ``install`` and ``log``, ignored folders and other packages are skipped. Links
     to folders are followed only for msg, srv and action of the package itself.
-
-    Raises:
-        UnreadableError: a folder cannot be read, or there are too many files.
     """
     found: list[str] = []
     folders = [""]

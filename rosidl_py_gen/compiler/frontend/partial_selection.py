@@ -33,9 +33,6 @@ def drop_unused_invalid_files(
         registry: contains the diagnostics of `check` over the names.
         names: a selection that has all its dependencies.
         wanted: full names that must not be dropped.
-
-    Returns:
-        The remaining names.
     """
     packages = registry.search.packages
     listings = {package: packages[package].listing for package in {name.package for name in names}}
@@ -64,15 +61,7 @@ def drop_unused_invalid_files(
 
 
 def split_valid(registry: InterfaceRegistry, names: list[RosName]) -> tuple[list[RosName], list[Diagnostic]]:
-    """Separate the valid interfaces from those with problems.
-
-    Args:
-        registry: contains the diagnostics of `check` for the names.
-        names: a selection with all its dependencies.
-
-    Returns:
-        The valid interfaces in the order of `names`, and a diagnostic for each interface that only needs a wrong one.
-    """
+    """Return the valid interfaces of a checked selection, and a diagnostic for each that only needs a wrong one."""
     wrong = _with_problems(registry, names)
     if not wrong:
         return names, []

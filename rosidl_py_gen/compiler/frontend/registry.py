@@ -23,10 +23,10 @@ from rosidl_py_gen.base.descriptions import (
 )
 from rosidl_py_gen.base.names import INTERFACE_RULE, KINDS, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.frontend.bundled import other_distributions_note
-from rosidl_py_gen.compiler.frontend.derived_interfaces import IMPLIED
 from rosidl_py_gen.compiler.frontend.interface_parser import may_be_file, parse_interface, read_source
 from rosidl_py_gen.compiler.frontend.missing import missing_interface, missing_package
 from rosidl_py_gen.compiler.frontend.model import (
+    IMPLIED,
     ActionDef,
     Diagnostics,
     FieldDef,
@@ -50,12 +50,7 @@ _DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMe
 
 
 class InterfaceRegistry:
-    """Interfaces by name, parsed on first use.
-
-    Attributes:
-        search: the search path.
-        diagnostics: problems of the files that were read.
-    """
+    """Interfaces by name, parsed on first use, with the diagnostics of the files that were read."""
 
     def __init__(self, search: SearchPath) -> None:
         self.search = search
@@ -130,11 +125,7 @@ class InterfaceRegistry:
         return name._replace(name=stem)
 
     def field_rows(self, full_name: str) -> Iterable[FieldRow]:
-        """Return the fields of a message, service or action for a type description.
-
-        Raises:
-            TypeNotFoundError: there is no such type.
-        """
+        """Return the fields of a message, service or action for a type description; raises `TypeNotFoundError`."""
         message = self.message(full_name)
         if message is not None:
             return [(item.name, item.type, default_text(item.default)) for item in message.fields]
@@ -157,15 +148,13 @@ class InterfaceRegistry:
         """Return the name of a type, then the sorted names of the types that it refers to."""
         return [*individual_descriptions(build_type_description(full_name, self.field_rows))]
 
-    def constants(self, full_name: str) -> dict[str, str]:
-        """Return the constants of a message as name -> repr of the Python value; empty for services and actions."""
-        message = self.message(full_name)
-        return {item.name: repr(item.value) for item in message.constants} if message else {}
-
     def description_and_constants(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
-        """Return the full description of a type with defaults, and the constants of all its types."""
+        """Return the full description of a type with defaults, and the constants of all its types, by their `repr`."""
         description = build_type_description(full_name, self.field_rows)
-        return description, {name: self.constants(name) for name in individual_descriptions(description)}
+        found = {name: self.message(name) for name in individual_descriptions(description)}
+        return description, {
+            name: {item.name: repr(item.value) for item in one.constants} if one else {} for name, one in found.items()
+        }
 
     def _store(self, name: RosName, interface: Interface | None) -> Interface | None:
         self._interfaces[name] = interface
@@ -178,9 +167,7 @@ class InterfaceRegistry:
 def resolve_name(search: SearchPath, text: str) -> RosName:
     """Return the interface of a text: ``pkg/msg/Name``, ``pkg/Name`` of any kind, or ``Name`` if one package has it.
 
-    Raises:
-        InvalidNameError: the text is not a name.
-        TypeNotFoundError: several interfaces have the name.
+    Raises `InvalidNameError`, and `TypeNotFoundError` if several interfaces have the name.
     """
     if "/" in text:
         kinds = (kind for kind in KINDS if search.file(split_ros_name(text, kind)) is not None)
@@ -197,13 +184,10 @@ def split_filter(text: str) -> list[str]:
 
 
 def select(registry: InterfaceRegistry, wanted: list[str]) -> list[RosName]:
-    """Return the interfaces of a filter with their dependencies, in name order.
+    """Return the interfaces of a filter with their dependencies, in name order; raises `DefinitionError`.
 
     A package name selects the whole package and the packages that it depends on. A full name selects one interface and
     the interfaces that it depends on. An empty filter selects all packages.
-
-    Raises:
-        DefinitionError: a package or interface of the filter does not exist.
     """
     names, problems = select_valid_names(registry, wanted)
     if problems:
@@ -355,9 +339,7 @@ def raise_diagnostics(registry: InterfaceRegistry) -> None:
 def read_checked(registry: InterfaceRegistry, name: RosName) -> RosName:
     """Read and check an interface, and return its name; X for a derived name such as ``X_Request``.
 
-    Raises:
-        TypeNotFoundError: the interface does not exist.
-        DefinitionError: the interface or a type that it uses has problems.
+    Raises `TypeNotFoundError`, and `DefinitionError` for problems of the interface or of a type that it uses.
     """
     owner = registry.owner(name)
     if owner is None:

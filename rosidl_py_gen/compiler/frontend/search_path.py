@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.distributions import DEFAULT, selected
-from rosidl_py_gen.base.installed_classes import ROS_PACKAGE_INDEX, has_installed_ros_packages
+from rosidl_py_gen.base.generated_classes import ROS_PACKAGE_INDEX, has_installed_ros_packages
 from rosidl_py_gen.base.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.base.scanned_paths import note
@@ -49,8 +49,6 @@ class Package:
     """An interface package.
 
     Attributes:
-        name: name of the package.
-        folder: contains ``msg``, ``srv``, ``action``.
         origin: the search path entry that contains the package, for display.
         from_source: the folder has a package.xml and may have a CMakeLists.txt that lists the files.
     """
@@ -222,8 +220,7 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
     """Return the directory entries of a folder by name; none if it does not exist.
 
-    Raises:
-        DefinitionError: the folder cannot be read; if it were ignored, definitions would be lost.
+    Raises `DefinitionError` for an unreadable folder: if it were ignored, definitions would be lost.
     """
     note(folder)
     try:

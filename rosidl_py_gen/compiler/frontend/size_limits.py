@@ -2,7 +2,7 @@
 
 A definition is untrusted, and a few hundred bytes can define a type of any size: by types that contain the next one
 twice, by fixed arrays, or by thousands of fields. The limits bound the time of the compiler and the memory of a new
-message; `compiler/codegen/message_properties.py` bounds the generated code. The largest message of ROS packages has a
+message; `compiler/codegen/layout_planner.py` bounds the generated code. The largest message of ROS packages has a
 hundredth of each limit.
 """
 
@@ -28,7 +28,7 @@ MAX_BYTES = 1 << 28
 """Maximum bytes of fixed arrays of numbers in a new message."""
 
 _MAX_INLINE_FIELDS = 48
-"""Fields up to which a nested message counts with its fields: at least `message_properties.MAX_INLINE_FIELDS`."""
+"""Fields up to which a nested message counts with its fields: at least `layout_planner.MAX_INLINE_FIELDS`."""
 
 
 class _TypeSize(NamedTuple):

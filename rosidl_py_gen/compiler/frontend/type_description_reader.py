@@ -14,10 +14,10 @@ from functools import cache
 from rosidl_py_gen.base.descriptions import EMPTY_MESSAGE, Description, individual_description
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, STRINGS, Arity, FieldType
 from rosidl_py_gen.base.names import RosName, py_name, split_ros_name
-from rosidl_py_gen.compiler.frontend.derived_interfaces import assemble, section_names
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.literal_values import LiteralProblem, parse_scalar, python_value
 from rosidl_py_gen.compiler.frontend.model import (
+    DERIVED_TYPES_PACKAGES,
     Default,
     Diagnostics,
     FieldDef,
@@ -26,7 +26,9 @@ from rosidl_py_gen.compiler.frontend.model import (
     MessageDef,
     Scalar,
     SourceText,
+    assemble,
     messages_of,
+    section_names,
 )
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
@@ -46,8 +48,6 @@ Sources = Mapping[str, tuple[str, str]]
 
 _FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z", re.ASCII)
 _WSTRINGS = 22 + Arity.BOUNDED.value
-_IMPLIED_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
-"""Packages of the types of derived messages, which other descriptions may lack."""
 _BASES = {1: "", **{one.type_id: name for name, one in PRIMITIVES.items() if name != "char"}}
 _BOUNDED = (21, 22)
 _BASES |= {number: name for name, number in STRINGS.items()} | dict(zip(_BOUNDED, STRINGS, strict=True))
@@ -65,10 +65,8 @@ def registry_from_descriptions(
     """Return a checked registry of an interface and all types that it refers to.
 
     Args:
-        name: name of the interface.
         individuals: descriptions of single types by name; others than the needed ones are ignored.
         sources: texts of the types.
-        is_service: the interface is a service.
 
     Raises:
         DefinitionError: no definition can have this description, or it is too large.
@@ -104,7 +102,7 @@ def _check_size(name: RosName, individuals: Mapping[str, Description]) -> None:
 @cache
 def _implied_packages() -> SearchPath:
     found = scan_search_path((), ament="")
-    return SearchPath({name: found.packages[name] for name in _IMPLIED_PACKAGES}, [], ["the description"])
+    return SearchPath({name: found.packages[name] for name in DERIVED_TYPES_PACKAGES}, [], ["the description"])
 
 
 def _reachable(start: Iterable[MessageDef], individuals: Mapping[str, Description]) -> Iterator[str]:

@@ -80,14 +80,10 @@ def package_around(place: Path) -> Path | None:
 
 
 def workspace_around(place: Path) -> Workspace | None:
-    """Return the workspace of a file or a folder.
+    """Return the workspace of a file or a folder; None for a script outside of packages.
 
-    Args:
-        place: a script or a folder in a package; or a folder of packages, such as ``src`` or its parent.
-
-    Returns:
-        The folder ``src`` above the package, else the package and its siblings; for a folder outside of packages its
-        ``src``, else the folder itself. None for a script outside of packages.
+    It is the folder ``src`` above the package, else the package and its siblings; for a folder outside of packages its
+    ``src``, else the folder itself.
     """
     package = package_around(place)
     if package is not None:

@@ -180,8 +180,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen import type_hash
     from rosidl_py_gen.bags.definition_lookup import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
-    from rosidl_py_gen.compiler.compatibility.field_conversion import fields_of, message_converter
-    from rosidl_py_gen.compiler.compatibility.migration import plan
+    from rosidl_py_gen.compiler.compatibility.migration import fields_of, message_converter, plan
     from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
 
     if channel.message_encoding != "cdr":

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.registration import RegistrationSet
-from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.base.callbacks import RegistrationSet, require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.entities.entity_scope import Entity
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_callable
@@ -17,7 +16,7 @@ from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_calla
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.base.callbacks import Registration
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
 
 

@@ -11,7 +11,7 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.registration import RegistrationSet
+from rosidl_py_gen.base.callbacks import RegistrationSet
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
 from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, type_hashes_differ

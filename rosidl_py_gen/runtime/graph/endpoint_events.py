@@ -10,7 +10,7 @@ import asyncio
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.base.callbacks import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.base.callbacks import Registration
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.transport.api import Reader, Writer
 

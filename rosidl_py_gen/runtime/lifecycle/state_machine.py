@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rosidl_py_gen.base.callbacks import require_signature
 from rosidl_py_gen.base.distributions import DEFAULT as DEFAULT_DISTRO
 from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.lifecycle_msgs import msg
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import (

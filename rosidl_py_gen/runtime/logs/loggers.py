@@ -15,7 +15,7 @@ import time
 import traceback
 from typing import TYPE_CHECKING, TypedDict
 
-from rosidl_py_gen.base.registration import Registration, RegistrationSet
+from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.names.validation import validate_node_name
 

@@ -21,7 +21,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rosidl_py_gen.base.registration import RegistrationSet
+from rosidl_py_gen.base.callbacks import RegistrationSet
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import report_failure
@@ -31,7 +31,7 @@ from rosidl_py_gen.runtime.loop.shared_loop import SharedLoop
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.base.callbacks import Registration
     from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
     from rosidl_py_gen.runtime.transport.api import Participant, Sink
 

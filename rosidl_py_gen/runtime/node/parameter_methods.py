@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
-from rosidl_py_gen.base.registration import Registration, RegistrationSet
+from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.node.sim_time import TimeSource

@@ -11,8 +11,7 @@ import inspect
 from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from rosidl_py_gen.base.registration import RegistrationSet
-from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.base.callbacks import RegistrationSet, require_signature
 from rosidl_py_gen.runtime.loop.user_callback import is_async
 from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.values import (
@@ -26,7 +25,7 @@ from rosidl_py_gen.runtime.parameters.values import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.base.callbacks import Registration
 
     Commit: TypeAlias = Callable[[], None]
 

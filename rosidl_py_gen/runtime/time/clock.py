@@ -11,8 +11,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.registration import RegistrationSet
-from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.base.callbacks import RegistrationSet, require_signature
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.time.clock_timer import TimerSchedule, sleep_until_due
 from rosidl_py_gen.runtime.time.values import (
@@ -29,7 +28,7 @@ from rosidl_py_gen.runtime.time.values import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.base.callbacks import Registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)

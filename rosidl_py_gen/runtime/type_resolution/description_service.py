@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
-from rosidl_py_gen.base.installed_classes import PREGENERATED_PACKAGE
+from rosidl_py_gen.base.generated_classes import PREGENERATED_PACKAGE
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.cdr.type_queries import referenced_classes, type_description, type_hash, type_name

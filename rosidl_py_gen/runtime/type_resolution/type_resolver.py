@@ -44,7 +44,7 @@ from rosidl_py_gen.runtime.type_resolution.description_client import (
     decode_description,
     request_type_description,
 )
-from rosidl_py_gen.type_loading.description_cache import MAX_BYTES, load_description, store_description
+from rosidl_py_gen.type_loading.disk_cache import MAX_DESCRIPTION_BYTES, load_description, store_description
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -398,8 +398,10 @@ class _TypeResolver:
         """Store a description; raises `TypeDescriptionError` if it describes another type. Thread: any."""
         from rosidl_py_gen import to_dict
 
-        if len(data) > MAX_BYTES:
-            raise TypeDescriptionError(f"{sender} describes {name} in {len(data)} bytes; expected at most {MAX_BYTES}")
+        if len(data) > MAX_DESCRIPTION_BYTES:
+            raise TypeDescriptionError(
+                f"{sender} describes {name} in {len(data)} bytes; expected at most {MAX_DESCRIPTION_BYTES}"
+            )
         response = decode_description(sender, data)
         description = to_dict(response.type_description)
         described, found_hash = description["type_description"]["type_name"], rihs01(description)

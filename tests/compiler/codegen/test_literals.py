@@ -141,7 +141,7 @@ def test_names_of_one_module_are_imported_together() -> None:
     for name in ("recover", "Message", "TypeInfo", "Action", "CONSTANT"):
         imports.use("rosidl_py_gen.cdr", name)
     assert imports.lines() == [
-        "from rosidl_py_gen.cdr import Action as _Action, CONSTANT, Message as _Message, TypeInfo, recover",
+        "from rosidl_py_gen.cdr import Action as _Action, CONSTANT, Message as _Message, TypeInfo, recover"
     ]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from support.interface_packages import problems_of, write
 
-from rosidl_py_gen.base.generated_files import GENERATED_HEADER
+from rosidl_py_gen.base.generated_classes import GENERATED_HEADER
 from rosidl_py_gen.base.names import RosName, split_ros_name
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select, split_filter
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
@@ -221,8 +221,7 @@ def test_packages_of_actions_and_an_empty_selection(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "parts"),
-    [("a:b;c", ["a", "b", "c"]), (" a ; ;b:", ["a", "b"]), ("", []), ("a/msg/B:c", ["a/msg/B", "c"])],
+    ("text", "parts"), [("a:b;c", ["a", "b", "c"]), (" a ; ;b:", ["a", "b"]), ("", []), ("a/msg/B:c", ["a/msg/B", "c"])]
 )
 def test_a_filter_is_split_at_colons_and_semicolons(text: str, parts: list[str]) -> None:
     assert split_filter(text) == parts

@@ -12,7 +12,7 @@ from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from support.node_fixtures import until, wait_until
 
-from rosidl_py_gen.base.signatures import CallbackSignatureError
+from rosidl_py_gen.base.callbacks import CallbackSignatureError
 from rosidl_py_gen.errors import ClosedError, EncodeError
 from rosidl_py_gen.runtime import (
     AlreadyRespondedError,
