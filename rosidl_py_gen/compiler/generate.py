@@ -223,20 +223,16 @@ def _distribution_table() -> str:
         if [*found.values()] != [[*DISTRIBUTIONS]]:
             texts = "".join(f'        "{text}": "{" ".join(distros)}",\n' for text, distros in found.items())
             rows += f'    "{name}": {{\n{texts}    }},\n'
-    return f"""{GENERATED_HEADER}. Do not edit.
-\"\"\"RIHS01 hashes and their distributions, oldest first, of the bundled types that not all distributions share.\"\"\"
-
-HASHES = {{
-{rows}}}
-"""
+    text = "RIHS01 hashes and their distributions, oldest first, of the bundled types that not all distributions share."
+    return _hashes_module(text, rows)
 
 
 def _hash_table(registry: InterfaceRegistry, names: list[RosName]) -> str:
     hashes = {name: text for top in names for name, text in registry.all_hashes(str(top)).items()}
     rows = "".join(f'    "{name}": "{hashes[name]}",\n' for name in sorted(hashes))
-    return f"""{GENERATED_HEADER}. Do not edit.
-\"\"\"RIHS01 hashes by type name, for use without the import of the class, which takes longer.\"\"\"
+    text = "RIHS01 hashes by type name, for use without the import of the class, which takes longer."
+    return _hashes_module(text, rows)
 
-HASHES = {{
-{rows}}}
-"""
+
+def _hashes_module(description: str, rows: str) -> str:
+    return f'{GENERATED_HEADER}. Do not edit.\n"""{description}"""\n\nHASHES = {{\n{rows}}}\n'

@@ -20,6 +20,7 @@ from rosidl_py_gen.base.generated_classes import find_installed_class
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
+from rosidl_py_gen.cdr.structured_layout import cached_per_class
 from rosidl_py_gen.cdr.type_queries import type_description
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.type_loading.class_lookup import distribution_definitions, find_named_class
@@ -177,16 +178,8 @@ def _peer_class(definition: PeerDefinition) -> type[Message]:
     return _peer_classes[key]
 
 
-_converters: dict[tuple[type[Any], type[Any]], SampleConverter] = {}
-
-
+@cached_per_class
 def _converter(old: type[Message], new: type[Message]) -> SampleConverter:
-    if (old, new) not in _converters:
-        _converters[old, new] = _new_converter(old, new)
-    return _converters[old, new]
-
-
-def _new_converter(old: type[Message], new: type[Message]) -> SampleConverter:
     from rosidl_py_gen.compiler.compatibility.migration import MigrationError, fields_of, message_converter, plan
 
     try:
