@@ -159,9 +159,7 @@ def requested_transition(state: State, transition_id: int = 0, label: str = "") 
 def finished_transition(state: State, outcome: TransitionCallbackReturn) -> Transition:
     """Return the transition that follows a callback of the transition state `state` with the result `outcome`.
 
-    Raises:
-        TransitionError: no callback runs in that state.
-        TypeError: an argument is not a `State` or not a `TransitionCallbackReturn`.
+    Raises `TransitionError` if no callback runs in that state, `TypeError` for other objects.
     """
     if not isinstance(state, State) or not isinstance(outcome, TransitionCallbackReturn):
         raise TypeError(f"expected a State and a TransitionCallbackReturn, got {state!r:.100} and {outcome!r:.100}")

@@ -89,7 +89,6 @@ class ConsoleHandler(logging.Handler):
         self.settings = settings or ConsoleSettings()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print a record, unless Python's root logger has handlers."""
         if logging.getLogger().handlers:
             return
         stream = sys.stdout if self.settings.use_stdout else sys.stderr
@@ -181,14 +180,12 @@ class LogFile(logging.Handler):
             ) from error
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record."""
         try:
             self._stream.write(format_record(record, self._format) + "\n")
         except Exception:
             self.handleError(record)
 
     def close(self) -> None:
-        """Close the file; may be called twice."""
         self._stream.close()
         super().close()
 
