@@ -145,7 +145,7 @@ def test_ctrl_c_ends_it_as_python_does(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_in_a_callback_whose_exceptions_python_ignores_ends_it(tmp_path: Path) -> None:
-    """As in those of the import system, while a program starts."""
+    """The import system has such callbacks, while a program starts."""
     program = """
         import os, signal, time, weakref
         class Thing: pass

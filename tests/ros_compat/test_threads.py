@@ -35,3 +35,46 @@ def test_a_call_that_its_executor_cannot_answer_is_logged(tmp_path: Path) -> Non
     done = run("program.py", cwd=tmp_path, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     assert (done.returncode, done.stdout) == (0, "None\n"), done.stderr
     assert done.stderr.count("call of answer in a callback: its executor cannot receive the response") == 1
+
+
+FEEDBACK_AFTER_THE_RESULT = """
+import asyncio
+import rclpy
+from rclpy.action import ActionClient, ActionServer
+from example_interfaces.action import Fibonacci
+
+def execute(goal):
+    goal.publish_feedback(Fibonacci.Feedback(sequence=[1]))
+    goal.succeed()
+    return Fibonacci.Result()
+
+rclpy.init()
+server, node = rclpy.create_node("server"), rclpy.create_node("client")
+goals = []
+ActionServer(server, Fibonacci, "count", execute, handle_accepted_callback=goals.append)
+client = ActionClient(node, Fibonacci, "count")
+spin = lambda one: rclpy.spin_once(one, timeout_sec=0.05)
+while not client.server_is_ready():
+    spin(node)
+received = []
+accepted = client.send_goal_async(Fibonacci.Goal(), feedback_callback=received.append)
+while not accepted.done():
+    spin(server)
+    spin(node)
+result = accepted.result().get_result_async()
+goals[0].execute()
+taken = {}
+while not taken.keys() >= {"feedback", "result"}:  # one thread takes the feedback, another one the result
+    spin(server)
+    taken |= client.take_data()
+later = {kind: taken.pop(kind) for kind in ("feedback", "callback")}
+asyncio.run(client.execute(taken))
+asyncio.run(client.execute(later))
+print(result.done(), len(received), len(client._feedback_callbacks))
+"""
+
+
+def test_feedback_that_is_handled_after_the_result_is_delivered(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(FEEDBACK_AFTER_THE_RESULT)
+    done = run("program.py", cwd=tmp_path, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    assert (done.returncode, done.stdout) == (0, "True 1 0\n"), done.stderr

@@ -24,7 +24,8 @@ class TransformListener:
     Args:
         qos: profile or depth for ``/tf``. [default: depth 100]
         static_qos: profile or depth for ``/tf_static``. [default: depth 100, transient local]
-        tf_topic, tf_static_topic: other names of these topics.
+        tf_topic: other name of ``/tf``.
+        tf_static_topic: other name of ``/tf_static``.
     """
 
     def __init__(

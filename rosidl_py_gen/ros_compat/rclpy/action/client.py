@@ -136,21 +136,25 @@ class ActionClient(ActionWaitable):
         )
 
     def take_data(self) -> dict[str, Any]:
-        """Return one item of each kind that arrived: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``."""
+        """Return one item of each kind that arrived: ``goal``, ``cancel``, ``result``, ``feedback``, ``status``.
+
+        With feedback there is its ``callback``, if the goal has one.
+        """
+        callbacks = self._feedback_callbacks.copy()  # another thread may receive the result after this feedback
         with self._rosidl_endpoints:
-            items = {kind: requests.take() for kind, requests in self._rosidl_requests.items()}
+            items: dict[str, Any] = {kind: one.take() for kind, one in self._rosidl_requests.items()}
             items |= {"feedback": self._rosidl_feedback.take(), "status": self._rosidl_status.take()}
+        if items["feedback"] is not None:
+            key = bytes(items["feedback"].goal_id.uuid)
+            items["callback"] = callbacks.get(key, self._feedback_callbacks.get(key))
         return {kind: item for kind, item in items.items() if item is not None}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
         for kind in ("goal", "cancel", "result"):
             if kind in taken_data:
                 self._rosidl_take_response(kind, *taken_data[kind])
-        if "feedback" in taken_data:
-            message = taken_data["feedback"]
-            callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
-            if callback is not None:
-                await await_or_execute(callback, message)
+        if "callback" in taken_data:
+            await await_or_execute(taken_data["callback"], taken_data["feedback"])
         while self._rosidl_ended_goal_ids:  # not earlier, as feedback that arrived with the result has to be delivered
             self._feedback_callbacks.pop(self._rosidl_ended_goal_ids.pop(), None)
         if "status" in taken_data:
