@@ -20,7 +20,6 @@ from rosidl_py_gen.base.generated_classes import find_installed_class, is_genera
 from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.base.project import GeneratedPackages
 from rosidl_py_gen.cdr.type_queries import hashes_of, type_description, type_name
-from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
 from rosidl_py_gen.errors import InvalidNameError, TypeNotFoundError, display_path
 from rosidl_py_gen.type_loading.class_lookup import class_of_registry, registry_of
 
@@ -35,14 +34,20 @@ _EVENT = "_Event"
 _EXPORTS = re.compile(r"__all__ = \[([^\]]*)\]")
 
 
+def _registry(
+    name: RosName, individuals: Mapping[str, Description], sources: Mapping[str, tuple[str, str]], is_service: bool
+) -> InterfaceRegistry:
+    from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
+
+    return registry_from_descriptions(name, individuals, sources, is_service)
+
+
 def described_hashes(name: str, individuals: Mapping[str, Description], *, is_service: bool = False) -> dict[str, str]:
     """Return the RIHS01 hashes of a described type and of all types that belong to it or that it refers to.
 
     Arguments and errors as for `compile_described`.
     """
-    from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
-
-    return registry_from_descriptions(split_ros_name(name), individuals, {}, is_service).all_hashes(name)
+    return _registry(split_ros_name(name), individuals, {}, is_service).all_hashes(name)
 
 
 def compile_described(
@@ -64,10 +69,8 @@ def compile_described(
         DefinitionError: the description is invalid or too large.
         InvalidNameError: a name is invalid.
     """
-    from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
-
     top = split_ros_name(name)
-    return class_of_registry(registry_from_descriptions(top, individuals, sources, is_service), top, path=path)
+    return class_of_registry(_registry(top, individuals, sources, is_service), top, path=path)
 
 
 def definition_text(cls: type[Any]) -> str:
@@ -78,7 +81,6 @@ def definition_text(cls: type[Any]) -> str:
     `TypeNotFoundError` if that is not on the search path.
     """
     from rosidl_py_gen.compiler.frontend.definition_text import full_text
-    from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions
 
     name = split_ros_name(type_name(cls))
     registry = registry_of(name)
@@ -88,7 +90,7 @@ def definition_text(cls: type[Any]) -> str:
             name = name._replace(name=name.name.removesuffix(_EVENT))
         elif "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
-        registry = registry_from_descriptions(name, individual_descriptions(type_description(cls)), {}, is_event)
+        registry = _registry(name, individual_descriptions(type_description(cls)), {}, is_event)
     return full_text(registry, registry.owner(name) or name)
 
 
@@ -128,9 +130,5 @@ def registry_of_generated_class(text: str) -> tuple[InterfaceRegistry, RosName, 
             is_service = name.kind == "srv" and "_" not in name.name
             file = import_module(cls.__module__).__file__ or ""
             note = f"{name} is not on the search path: this is its generated class in {display_path(file)}"
-            return (
-                registry_from_descriptions(name, individuals, {}, is_service),
-                name,
-                f"{note}, without comments and constants",
-            )
+            return _registry(name, individuals, {}, is_service), name, f"{note}, without comments and constants"
     return None

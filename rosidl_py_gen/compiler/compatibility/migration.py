@@ -16,15 +16,19 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
+from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import EncodeError, RosidlError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.base.fieldtype import FieldType
+    from rosidl_py_gen.cdr import Message
+
+    Converter = Callable[[Any], Any]
 
 Types = Mapping[str, Sequence[tuple[str, "FieldType"]]]
 """Names and types of fields by the full name of their message."""
@@ -197,16 +201,6 @@ def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules | Non
     if order.index(one.python) > order.index(other.python):
         raise _NotConvertibleError(f"{old} cannot become {new}")
     return ConversionKind.NUMBER
-
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rosidl_py_gen.base.fieldtype import FieldType
-    from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.compiler.compatibility.migration import FieldConversion, Plans
-
-    Converter = Callable[[Any], Any]
 
 
 def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, FieldType]]]:
