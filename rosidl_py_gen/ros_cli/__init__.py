@@ -1,8 +1,8 @@
 """``rosidl-py``: commands for a running ROS 2 system and for recordings.
 
-This module has the list of commands, the entry point, and the handling of errors. A group of commands is a package;
-its ``__init__.py`` has their names and short help. The module of a command declares its options and implements it. It
-is imported only for that command, and its functions import what help and completion do not need.
+This module has the entry point and the handling of errors, `groups` the table of commands. The module of a command
+declares its options and implements it. It is imported only for that command, its group's help and completion; its
+functions import what these do not need.
 
 Exit codes: 0 success, 1 failure (the reason is on standard error), 2 wrong command line, 3 success, but damaged parts
 of a recording were skipped (topics and times are on standard error), 130 interrupted, 141 the reader of the output has
@@ -37,29 +37,6 @@ if TYPE_CHECKING:
 
     import click
 
-COMMANDS = {
-    "action": ("action", "Actions: list, info, send goals."),
-    "bag": ("bag", "Recordings: record, play, info, convert, migrate, reindex, table, sql, plot."),
-    "completion": ("completion_script", "Print the completion script of a shell."),
-    "doctor": ("doctor.check", "Check this installation, the settings, the network and its peers."),
-    "foxglove": ("foxglove.command", "Show topics, parameters and services live in Foxglove or Lichtblick."),
-    "graph": ("graph.command", "Nodes and topics as text, Mermaid or SVG."),
-    "interface": ("interface", "Definitions of messages, services and actions."),
-    "launch": ("launch.command", "Run a launch file without building its workspace."),
-    "lifecycle": ("lifecycle", "Lifecycle nodes: list, get and set their states."),
-    "log": ("log.follow", "Print the log messages of all nodes."),
-    "node": ("node", "Nodes: list, info."),
-    "param": ("param", "Parameters: list, get, set, describe, dump, load, delete."),
-    "prefix": ("prefix.command", "Create an ament prefix of a workspace, without a build."),
-    "run": ("program_runner.command", "Run a program written for rclpy without changes."),
-    "security": ("security", "Keystores for secured networks (SROS2): keys, certificates, permissions, policies."),
-    "service": ("service", "Services: list, type, call, info, echo."),
-    "test": ("program_runner.command", "Run the pytest tests of a package."),
-    "tf": ("tf", "Transforms: the tree of frames, one transform, rates and delays."),
-    "topic": ("topic", "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find."),
-    "zenoh-router": ("zenoh_router", "Run a Zenoh router for nodes on rmw_zenoh."),
-}
-
 DAMAGED = 3
 """Exit code of a command that skipped damaged parts of a recording."""
 _BROKEN_PIPE = 141
@@ -70,25 +47,12 @@ class CommandError(RosidlError):
     """Raised if a command cannot do what the user requests; the text has the reason and the fix."""
 
 
-_HELP = """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
-
-\b
-rosidl-py topic list -t
-rosidl-py topic echo /chatter
-rosidl-py service call /add_two_ints '{a: 1, b: 2}'
-
-ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discovery of each command replace them.
-"""
-
-
 @cache
 def root() -> click.Group:
     """Return the group of all commands."""
-    from rosidl_py_gen.ros_cli.groups import LazyGroup
+    from rosidl_py_gen.ros_cli.groups import root_group
 
-    settings = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
-    group = LazyGroup(package=__name__, verbs=COMMANDS, context_settings=settings, help=_HELP)
-    return click_module().version_option(__version__, prog_name="rosidl-py")(group)  # type: ignore[no-any-return]
+    return click_module().version_option(__version__, prog_name="rosidl-py")(root_group())  # type: ignore[no-any-return]
 
 
 def click_module() -> Any:
@@ -100,19 +64,20 @@ def click_module() -> Any:
 
 @dataclass(frozen=True)
 class AsyncCommand:
-    """Command that runs on an event loop; `main` returns its exit code.
+    """Command that runs on an event loop; `main` returns its exit code, None for 0.
 
     Attributes:
         endless: the command runs until it is interrupted, and its exit code is 0 then.
     """
 
-    main: Coroutine[Any, Any, int]
+    main: Coroutine[Any, Any, int | None]
     endless: bool = False
 
 
 def verb(function: Callable[..., Any]) -> Callable[..., None]:
-    """Decorate the callback of a click command, which returns an exit code or an `AsyncCommand`, or is a coroutine.
+    """Decorate the callback of a click command.
 
+    It returns an exit code (None for 0) or an `AsyncCommand`, or is a coroutine.
     A context discovers peers while the callback imports what it needs, unless the command reads a recording.
     """
 
@@ -141,9 +106,12 @@ def run_async_command(command: AsyncCommand) -> int:
     """Run a command and return its exit code, also after a signal."""
     from rosidl_py_gen.runtime import run
 
+    async def main() -> int:
+        return await command.main or 0
+
     command_interrupts.ignores_first = True
     try:
-        code = run(command.main)
+        code = run(main())
     finally:
         command_interrupts.ignores_first = False
     if code is None:  # a signal

@@ -11,10 +11,9 @@ import signal
 import sys
 import threading
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.options import NetworkOptions as NetworkOptions
 from rosidl_py_gen.runtime import Context
 
 if TYPE_CHECKING:
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.runtime import Node
 
 T = TypeVar("T")
@@ -50,6 +48,16 @@ _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
     "parameter_events": False,
     "parameter_overrides": {"start_type_description_service": False},
 }
+
+
+class NetworkOptions(TypedDict, total=False):
+    """Values of `options.node_options`; `context_opened_early` adds an open context, or the error of opening it."""
+
+    domain_id: int | None
+    discovery: str | None
+    spin_time_s: float | None
+    context: Context
+    failure: Exception
 
 
 def now_s() -> float:
@@ -233,33 +241,6 @@ class CommandNode:
 _NO_PEERS_HINT = (
     "; none exist in this domain; check ROS_DOMAIN_ID, and run `rosidl-py doctor` to see other participants"
 )
-
-
-async def list_graph(
-    network: NetworkOptions,
-    rows_of: Callable[[Node], list[dict[str, Any]]],
-    *,
-    hidden: bool = True,
-    type_name: RosName | None = None,
-) -> list[dict[str, Any]]:
-    """Return rows about the discovered graph for a ``list`` or ``find`` command.
-
-    Args:
-        rows_of: returns rows with ``name`` and ``types``.
-        hidden: include names with a part that begins with an underscore.
-        type_name: include only names of this type.
-    """
-    from rosidl_py_gen.ros_cli.name_lookup import is_hidden
-
-    async with CommandNode(network) as command_node:
-        await command_node.wait_for_discovery()
-        rows = rows_of(command_node.node)
-        command_node.note_if_alone()
-    return [
-        row
-        for row in rows
-        if (hidden or not is_hidden(row["name"])) and (type_name is None or str(type_name) in row["types"])
-    ]
 
 
 async def results_by_name(requests: dict[str, Coroutine[Any, Any, T]]) -> dict[str, T]:

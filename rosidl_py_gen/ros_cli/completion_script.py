@@ -8,7 +8,7 @@ from rosidl_py_gen.ros_cli import root, verb
 @click.command("completion")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @verb
-def completion(shell: str) -> int:
+def completion(shell: str) -> None:
     """Print the completion script of a shell. Names of topics, services and nodes come from the live graph.
 
     \b
@@ -18,4 +18,3 @@ def completion(shell: str) -> int:
     from rosidl_py_gen.generator_cli import shells
 
     click.echo(shells.script(shell, root(), "rosidl-py"))
-    return 0

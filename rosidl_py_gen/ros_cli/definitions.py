@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.names import KINDS
 from rosidl_py_gen.compiler.frontend.missing import missing_package
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, resolve_name
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
@@ -17,16 +18,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
-KINDS = {"msg": "Messages", "srv": "Services", "action": "Actions"}
-
 
 def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
     """Return types or packages, for completion."""
     search = scan_search_path(paths)
     names = names_of(search, "", KINDS)
-    return (
-        sorted({*search.packages, *(name.package for name in names)}) if what == "packages" else list(map(str, names))
-    )
+    if what == "packages":
+        return sorted({*search.packages, *(name.package for name in names)})
+    return list(map(str, names))
 
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:

@@ -1,4 +1,4 @@
-"""Groups of commands that import a command's module when the command is used."""
+"""Table of all commands, and groups that import the module of a command when it is used."""
 
 from __future__ import annotations
 
@@ -12,48 +12,127 @@ if TYPE_CHECKING:
 
     from click.shell_completion import CompletionItem
 
+COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
+    "action": ("Actions: list, find, type, info, send_goal.", {"find info list send_goal type": "action"}),
+    "bag": (
+        "Recordings: record, play, info, convert, migrate, reindex; as tables: table, sql; as a plot: plot.\n\n"
+        "Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.",
+        {
+            **{name: f"bag.{name}" for name in ("convert", "info", "migrate", "plot", "reindex", "sql", "table")},
+            "play": "playback.command",
+            "record": "recording.command",
+        },
+    ),
+    "completion": ("Print the completion script of a shell.", "completion_script"),
+    "doctor": ("Check this installation, the settings, the network and its peers.", "doctor.check"),
+    "foxglove": ("Show topics, parameters and services live in Foxglove or Lichtblick.", "foxglove.command"),
+    "graph": ("Nodes and topics as text, Mermaid or SVG.", "graph.command"),
+    "interface": (
+        "Definitions of messages, services and actions: those bundled, of AMENT_PREFIX_PATH and of --path.",
+        {"hash list package packages proto show": "interface"},
+    ),
+    "launch": ("Run a launch file without building its workspace.", "launch.command"),
+    "lifecycle": (
+        "Lifecycle nodes: list them, get and set their states, list their transitions.",
+        {"get list nodes set": "lifecycle"},
+    ),
+    "log": ("Print the log messages of all nodes.", "log"),
+    "node": ("Nodes: list, info.", {"info list": "node"}),
+    "param": (
+        "Parameters: list, get, set, describe, dump, load, delete.",
+        {"delete describe dump get list load set": "param"},
+    ),
+    "prefix": ("Create an ament prefix of a workspace, without a build.", "prefix.command"),
+    "run": ("Run a program written for rclpy without changes.", "program_runner.command"),
+    "security": (
+        "Keystores for secured networks (SROS2): keys, certificates, permissions, policies.",
+        {
+            "create_enclave create_keystore create_permission generate_artifacts list_enclaves": "security.commands",
+            "generate_policy": "security.generate_policy",
+        },
+    ),
+    "service": ("Services: list, find, type, info, call, echo.", {"call echo find info list type": "service"}),
+    "test": ("Run the pytest tests of a package.", "program_runner.command"),
+    "tf": (
+        "Transforms: frames as a tree, one transform, rates and delays.",
+        {name: f"tf.{name}" for name in ("echo", "monitor", "tree")},
+    ),
+    "topic": (
+        "Topics: list, info, echo, pub, hz, bw, delay, plot, type, find.",
+        {
+            "bw delay hz": "topic.measure",
+            "find info list type": "topic.info",
+            **{name: f"topic.{name}" for name in ("echo", "plot", "pub")},
+        },
+    ),
+    "zenoh-router": ("Run a Zenoh router for nodes on rmw_zenoh.", "zenoh_router"),
+}
+"""Help of each command, and its module in this package; for a group the modules of its verbs."""
+
+_HELP = """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
+
+\b
+rosidl-py topic list -t
+rosidl-py topic echo /chatter
+rosidl-py service call /add_two_ints '{a: 1, b: 2}'
+
+ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discovery of each command replace them.
+"""
+
+
+def root_group() -> click.Group:
+    """Return the group of all commands."""
+    settings = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
+    return LazyGroup(None, COMMANDS, context_settings=settings, help=_HELP)
+
 
 class LazyGroup(click.Group):
-    """Group of commands, each of which is declared and implemented in one module.
+    """Group of commands, whose modules are imported when they are used; a module may declare several commands.
 
     Args:
-        package: package of the modules.
-        verbs: names of the commands, each with its module relative to `package` (``.x.y`` is a sibling of the package)
-            and the first sentence of its help. A module may declare several commands.
+        table: as `COMMANDS`; without a text, the short help is that of the command.
     """
 
-    def __init__(self, *arguments: Any, package: str, verbs: Mapping[str, tuple[str, str]], **settings: Any) -> None:
-        settings["no_args_is_help"] = True
-        super().__init__(*arguments, **settings)
-        self._package = package
-        self.verbs = dict(sorted(verbs.items()))
+    def __init__(
+        self, name: str | None, table: Mapping[str, tuple[str, str | dict[str, str]]], **settings: Any
+    ) -> None:
+        super().__init__(name, no_args_is_help=True, **settings)
+        self._table = dict(sorted(table.items()))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.verbs)
+        return list(self._table)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in self.verbs:
+        if cmd_name not in self._table:
             return None
-        module = import_module(f".{self.verbs[cmd_name][0]}", self._package)
-        for value in vars(module).values():
-            if isinstance(value, click.Command) and value.name == cmd_name:
-                return value
-        raise AssertionError(f"{module.__name__} has no command {cmd_name}")
+        text, where = self._table[cmd_name]
+        if isinstance(where, dict):
+            modules = {verb: ("", module) for verbs, module in where.items() for verb in verbs.split()}
+            return LazyGroup(cmd_name, modules, help=text)
+        declared = vars(import_module(f"rosidl_py_gen.ros_cli.{where}")).values()
+        return next(one for one in declared if isinstance(one, click.Command) and one.name == cmd_name)
+
+    def _short_help(self, ctx: click.Context) -> dict[str, str]:
+        texts = {}
+        for name, (text, _) in self._table.items():
+            command = None if text else self.get_command(ctx, name)
+            texts[name] = command.get_short_help_str(1000) if command else text.partition("\n")[0]
+        return texts
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in self.verbs.items()])
+            formatter.write_dl([*self._short_help(ctx).items()])
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem
 
-        commands = [CompletionItem(name, help=text) for name, (_, text) in self.verbs.items()]
+        commands = [CompletionItem(name, help=text) for name, text in self._short_help(ctx).items()]
         fitting = [item for item in commands if item.value.startswith(incomplete)]
         return [*fitting, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
-        if args and args[0] not in self.verbs:
+        if args and args[0] not in self._table:
             from rosidl_py_gen.base.names import did_you_mean
 
-            ctx.fail(f'no command "{args[0]}"{did_you_mean(args[0], self.verbs)}')
+            ctx.fail(f'no command "{args[0]}"{did_you_mean(args[0], self._table)}')
         return super().resolve_command(ctx, args)

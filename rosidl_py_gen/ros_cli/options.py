@@ -5,32 +5,56 @@ Help and completion import this module, so it imports nothing that takes time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from dataclasses import field, fields
+from functools import partial, wraps
 from importlib import import_module
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
 
 from rosidl_py_gen.generator_cli.distro_option import distro
+from rosidl_py_gen.ros_cli import CommandError, verb
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from rosidl_py_gen.runtime import Context
+    from rosidl_py_gen.ros_cli.command_node import NetworkOptions as NetworkOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
 _Completer: TypeAlias = "Callable[[click.Context, click.Parameter, str], list[CompletionItem]]"
 
 
-class NetworkOptions(TypedDict, total=False):
-    """Values of `node_options`, and what `context_opened_early` adds: an open context, or the error of opening it."""
+def all_of(*options: Callable[[F], F]) -> Callable[[F], F]:
+    """Add options in this order."""
 
-    domain_id: int | None
-    discovery: str | None
-    spin_time_s: float | None
-    context: Context
-    failure: Exception
+    def add(command: F) -> F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+def declared(option: Callable[[str], Callable[[F], F]]) -> Any:
+    """Declare an option as the field of a dataclass, whose name it gets."""
+    return field(metadata={"option": option})
+
+
+def option(*names: str, **settings: Any) -> Any:
+    """Declare an option as the field of a dataclass, with names and settings of click."""
+    return declared(partial(click.option, *names, **settings))
+
+
+def flag(*names: str, help: str) -> Any:
+    """Declare an option without a value as the field of a dataclass."""
+    return option(*names, is_flag=True, help=help)
+
+
+def options_of(cls: type[Any]) -> Callable[[F], F]:
+    """Add the options that the fields of a dataclass declare."""
+    return all_of(*(one.metadata["option"](one.name) for one in fields(cls) if "option" in one.metadata))
 
 
 def _complete_directories(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -103,34 +127,26 @@ _TEXT_FORMATS = {".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".
 
 def output_format_options(picture: str) -> Callable[[F], F]:
     """Add ``--format`` (text, Mermaid, JSON, or a `picture` of this format), ``--json`` and ``--output``."""
-
-    def add(command: F) -> F:
-        for option in (
-            click.option(
-                "-o",
-                "--output",
-                metavar="FILE",
-                type=click.Path(dir_okay=False),
-                help=f"Write a file; its suffix selects the format: .{picture}, .mmd, .md (Mermaid), .json, .txt.",
-            ),
-            click.option("--json", "as_json", is_flag=True, help="Print JSON for programs, as --format json."),
-            click.option(
-                "--format",
-                "kind",
-                type=click.Choice(["text", "mermaid", picture, "json"]),
-                help="Output format.  [default: text]",
-            ),
-        ):
-            command = option(command)
-        return command
-
-    return add
+    return all_of(
+        click.option(
+            "--format",
+            "kind",
+            type=click.Choice(["text", "mermaid", picture, "json"]),
+            help="Output format.  [default: text]",
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Print JSON for programs, as --format json."),
+        click.option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            type=click.Path(dir_okay=False),
+            help=f"Write a file; its suffix selects the format: .{picture}, .mmd, .md (Mermaid), .json, .txt.",
+        ),
+    )
 
 
 def output_format(picture: str, kind: str | None, as_json: bool, output: str | None) -> str:
     """Return the format that `output_format_options` select; raises `CommandError` for another suffix."""
-    from rosidl_py_gen.ros_cli import CommandError
-
     if as_json or kind is not None or output is None:
         return "json" if as_json else kind or "text"
     formats = {f".{picture}": picture, **_TEXT_FORMATS}
@@ -141,13 +157,6 @@ def output_format(picture: str, kind: str | None, as_json: bool, output: str | N
     return formats[suffix]
 
 
-def node_options(command: F) -> F:
-    """Add the options of every command that has a node, passed as `network` (`NetworkOptions`)."""
-    for option in reversed(_NODE_OPTIONS):
-        command = option(command)
-    return command
-
-
 def _into_network(ctx: click.Context, param: click.Parameter, value: Any) -> None:
     ctx.params.setdefault("network", {})[param.name] = value
 
@@ -156,7 +165,7 @@ def _network_option(*names: str, **settings: Any) -> Callable[[F], F]:
     return click.option(*names, expose_value=False, callback=_into_network, **settings)
 
 
-_NODE_OPTIONS = (
+node_options = all_of(
     _network_option(
         "--domain",
         "domain_id",
@@ -184,37 +193,53 @@ _NODE_OPTIONS = (
         help="No effect; accepted for compatibility with ros2, as there is no daemon.",
     ),
 )
+"""Options of every command that has a node, passed as `network` (`NetworkOptions`)."""
+
+
+def node_verb(function: Callable[..., Coroutine[Any, Any, int | None]]) -> Callable[..., None]:
+    """Decorate the callback of a command with `node_options`; it gets a `CommandNode` instead of `network`."""
+
+    @wraps(function)
+    async def run(network: NetworkOptions, **arguments: Any) -> int | None:
+        from rosidl_py_gen.ros_cli.command_node import CommandNode
+
+        async with CommandNode(network) as command_node:
+            return await function(command_node=command_node, **arguments)
+
+    return node_options(verb(run))
 
 
 # ------------------------------------------------------------------------------------------------------------ bags
-
-
-def split_options(command: F) -> F:
-    """Add the limits after which a bag continues in a new file."""
-    for option in reversed(_SPLITS):
-        command = option(command)
-    return command
 
 
 def _none_for_zero(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
     return value or None
 
 
-_SPLITS = (
-    click.option(
-        "-b",
-        "--max-bag-size",
-        "split_bytes",
-        type=click.IntRange(0),
-        callback=_none_for_zero,
-        metavar="BYTES",
-        help="Maximum size of a file; 0 means no limit.",
-    ),
-    seconds(
-        *("-d", "--max-bag-duration", "split_s"),
-        callback=_none_for_zero,
-        help="Maximum duration of a file; 0 means no limit.",
-    ),
+max_bag_size = partial(
+    click.option,
+    *("-b", "--max-bag-size"),
+    type=click.IntRange(0),
+    callback=_none_for_zero,
+    metavar="BYTES",
+    help="Maximum size of a file; 0 means no limit.",
+)
+max_bag_duration = partial(
+    seconds,
+    *("-d", "--max-bag-duration"),
+    callback=_none_for_zero,
+    help="Maximum duration of a file; 0 means no limit.",
+)
+split_options = all_of(max_bag_size("split_bytes"), max_bag_duration("split_s"))
+"""Limits after which a bag continues in a new file."""
+no_keys = partial(click.option, "--disable-keyboard-controls", is_flag=True, help="Do not read the keyboard.")
+output_storage = partial(
+    click.option,
+    *("-s", "--storage"),
+    type=click.Choice(["mcap", "sqlite3"]),
+    default="mcap",
+    show_default=True,
+    help="Storage format of the output bag.",
 )
 
 
@@ -232,18 +257,13 @@ class MultiValueOption(click.Option):
         super().__init__(*arguments, **settings)
 
 
-def topics(command: F) -> F:
-    """Add ``--topics`` of a command that reads a bag; its ``cls`` is `MultiValueCommand`."""
-    option = click.option(
-        "--topics",
-        cls=MultiValueOption,
-        shell_complete=bag_completion("topic"),
-        metavar="TOPIC...",
-        help="Only these topics. May be repeated.",
-    )
-    return option(command)
+def several(*names: str, **settings: Any) -> Any:
+    """Declare a `MultiValueOption` as the field of a dataclass."""
+    return option(*names, cls=MultiValueOption, **settings)
 
 
+start_offset = seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning.")
+duration = seconds("--duration", "duration_s", help="Duration of the selected part.")
 bag_path = click.argument("path", type=click.Path())
 compression = click.option(
     "--compression",
@@ -258,17 +278,6 @@ skip_damaged = click.option(
     is_flag=True,
     help="Skip messages that cannot be decoded, and damaged parts of MCAP files; the exit code is 3 then.",
 )
-
-
-def bag_selection(command: F) -> F:
-    """Add options that select topics and a time range of a bag; the ``cls`` of the command is `MultiValueCommand`."""
-    for option in (
-        seconds("--duration", "duration_s", help="Duration of the selected part."),
-        seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning."),
-        topics,
-    ):
-        command = option(command)
-    return command
 
 
 class MultiValueCommand(click.Command):
@@ -397,3 +406,13 @@ action_argument = _argument("action", "actions")
 node_argument = _argument("node", "nodes")
 parameter_argument = _argument("name", "parameters")
 interface_argument = _argument("name", "interfaces")
+topics = click.option(
+    "--topics",
+    cls=MultiValueOption,
+    shell_complete=bag_completion("topic"),
+    metavar="TOPIC...",
+    help="Only these topics. May be repeated.",
+)
+"""Topics of a bag; the ``cls`` of the command is `MultiValueCommand`."""
+bag_selection = all_of(topics, start_offset, duration)
+"""Options that select topics and a time range of a bag; the ``cls`` of the command is `MultiValueCommand`."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _COLUMN_GAP = 3
 """Number of spaces between the columns of a table."""
 _CLEAR_LINE = "\r\x1b[2K"
+_MAX_NOTES = 10
 
 
 def is_terminal() -> bool:
@@ -32,14 +33,7 @@ def is_error_terminal() -> bool:
 
 
 def line(text: str = "", style: str = "") -> None:
-    """Print one line; line breaks in it are escaped.
-
-    Args:
-        style: style of rich (``"bold cyan"``), for terminals.
-
-    Raises:
-        BrokenPipeError: the reader has closed the pipe.
-    """
+    """Print one line in a style of rich (``"bold cyan"``), for terminals; line breaks in it are escaped."""
     _write(printable_line(text), style)
 
 
@@ -64,7 +58,7 @@ def _write(text: str, style: str = "") -> None:
 
 
 def records(texts: Iterable[str]) -> None:
-    """Print records of CSV or JSON, which may contain line breaks. Raises as `line`."""
+    """Print records of CSV or JSON, which may contain line breaks."""
     sys.stdout.writelines(printable_lines(text) + "\n" for text in texts)
     sys.stdout.flush()
 
@@ -81,35 +75,33 @@ class StatusLine:
     def __init__(self) -> None:
         self.is_possible = is_error_terminal()
         self._text = ""
-        self._terminal: Any = sys.stderr
-        self._streams = sys.stdout, sys.stderr
+        self._streams: tuple[Any, Any] = sys.stdout, sys.stderr
 
     def show(self, text: str) -> None:
         """Replace the text of the line; it is cut at the width of the terminal."""
         if not self.is_possible:
             return
-        columns = _columns_of(self._terminal)
+        columns = _columns_of(self._streams[1])
         text = printable_line(text)
         self._text = text if len(text) < columns else f"{text[: max(0, columns - 2)]}…"
-        self._terminal.write(f"{_CLEAR_LINE}{self._text}")
-        self._terminal.flush()
+        self._write(f"{_CLEAR_LINE}{self._text}")
 
     def clear(self) -> None:
         """Remove the text, until the next one is shown."""
         if self._text:
             self._text = ""
-            self._terminal.write(_CLEAR_LINE)
-            self._terminal.flush()
+            self._write(_CLEAR_LINE)
+
+    def _write(self, text: str) -> None:
+        self._streams[1].write(text)
+        self._streams[1].flush()
 
     def __enter__(self) -> StatusLine:
         self._streams = sys.stdout, sys.stderr
-        self._terminal = sys.stderr
         if self.is_possible:
-            above: Any = _AboveStatusLine(sys.stderr, self)
-            sys.stderr = above
             if sys.stdout.isatty():
-                above = _AboveStatusLine(sys.stdout, self)
-                sys.stdout = above
+                sys.stdout = _AboveStatusLine(sys.stdout, self)
+            sys.stderr = _AboveStatusLine(sys.stderr, self)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -171,20 +163,28 @@ def names(rows: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json
 
 
 def document(data: Any, *, in_stream: bool = False) -> None:
-    """Print JSON; NaN and infinities become strings, as in `rosidl_py_gen.to_json`.
-
-    Args:
-        in_stream: print on one line, also on terminals, as one of several values.
-    """
+    """Print JSON, as `rosidl_py_gen.to_json` does; on one line also on terminals, if it is one of several values."""
     _write(json_text(data, indent=2 if is_terminal() and not in_stream else None))
 
 
-def values(texts: Sequence[str], as_json: bool) -> None:
-    """Print texts, one on a line, or as a JSON list."""
+def result(texts: Iterable[str], as_json: bool, data: Any = None) -> None:
+    """Print texts, one on a line, or `data` as JSON; without `data`, the texts are a JSON list."""
     if as_json:
-        document(texts)
+        document([*texts] if data is None else data)
     else:
         lines(texts)
+
+
+class OnceNotes:
+    """Prints each note once, and at most ten of them."""
+
+    def __init__(self) -> None:
+        self._printed: set[str] = set()
+
+    def __call__(self, text: str) -> None:
+        if text not in self._printed and len(self._printed) < _MAX_NOTES:
+            self._printed.add(text)
+            note(text)
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str, has_names: bool = True) -> None:

@@ -17,11 +17,10 @@ from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.type_loading.class_lookup import load_compiler
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Sequence
+    from collections.abc import Awaitable, Sequence
 
     from rosidl_py_gen.cdr import Action, Service
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.options import NetworkOptions
 
 T = TypeVar("T")
 
@@ -137,16 +136,6 @@ def announced_types(command_node: CommandNode, kind: str, name: str) -> list[str
         case "service":
             return _services(command_node).get(name, [])
     return _action_types(command_node, name)
-
-
-async def announced_types_of(
-    network: NetworkOptions, kind: str, find: Callable[[CommandNode], Awaitable[str]]
-) -> list[str]:
-    """Return the announced types of the topic, service or action whose name `find` returns."""
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
-
-    async with CommandNode(network) as command_node:
-        return announced_types(command_node, kind, await find(command_node))
 
 
 def _topic_types(command_node: CommandNode, topic: str) -> list[str]:

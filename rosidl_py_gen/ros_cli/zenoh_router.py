@@ -42,7 +42,7 @@ def zenoh_router(listen: Sequence[str], connect: Sequence[str]) -> AsyncCommand:
     return AsyncCommand(_serve(listen, connect), endless=True)
 
 
-async def _serve(listen: Sequence[str], connect: Sequence[str]) -> int:
+async def _serve(listen: Sequence[str], connect: Sequence[str]) -> None:
     import asyncio
 
     from rosidl_py_gen.runtime import ZenohRouter
@@ -50,7 +50,6 @@ async def _serve(listen: Sequence[str], connect: Sequence[str]) -> int:
     with ZenohRouter(os.environ, _warn, listen=listen, connect=connect, log="error") as router:
         click.echo(printable(f"Zenoh router {router.zid} listens on {', '.join(router.endpoints)}"))
         await asyncio.Event().wait()
-    return 0
 
 
 def _warn(sentence: str) -> None:

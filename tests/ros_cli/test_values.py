@@ -13,7 +13,7 @@ from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.message_text import message_from, to_plain, to_yaml
-from rosidl_py_gen.ros_cli.param.set import fit_parameter
+from rosidl_py_gen.ros_cli.param import fit_parameter
 from rosidl_py_gen.ros_cli.values import MAX_TEXT
 from rosidl_py_gen.runtime import ParameterDescriptor, ParameterType
 

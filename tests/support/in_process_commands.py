@@ -116,7 +116,7 @@ class Command:
         code = 1
         try:
             with ros_cli.exit_on_error():
-                code = await job.main
+                code = await job.main or 0
         except SystemExit as end:
             code = int(str(end.code))
         except asyncio.CancelledError:

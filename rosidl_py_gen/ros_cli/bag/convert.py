@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
     from rosidl_py_gen.ros_cli.bag.selection import BagSelection
 
-MESSAGES_PER_REPORT = 64
-"""Number of messages between two reports of progress, as the call would take 2 % of the time of a small message."""
-
 
 @click.command("convert", cls=options.MultiValueCommand)
 @options.bag_path
@@ -135,13 +132,12 @@ def copy_messages(
     expected = total * selection.part_of(reader)
     count = 0
     converters: dict[int, tuple[BagTopic, Callable[[RawMessage], RawMessage]]] = {}
+    items = reader.raw_messages(selection.topics, start_ns=selection.start_ns, end_ns=selection.end_ns)
     with ProgressBar("messages") as show:
-        for item in reader.raw_messages(selection.topics, start_ns=selection.start_ns, end_ns=selection.end_ns):
+        for item in show.each(items, expected):
             key = id(item.channel)  # comparing definitions for each message takes long; the tuple retains the channel
             if key not in converters:
                 converters[key] = item.channel, converter_of(item.channel)
             writer.write_raw(converters[key][1](item))
             count += 1
-            if not count % MESSAGES_PER_REPORT:
-                show(count, expected)
     return count

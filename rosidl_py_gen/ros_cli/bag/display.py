@@ -7,7 +7,7 @@ from dataclasses import asdict
 from datetime import datetime
 from math import inf
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.ros_cli.terminal_output import StatusLine
@@ -17,11 +17,15 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader, DamagedPart
 
+T = TypeVar("T")
+
 _PROGRESS_DELAY_S = 0.5
 """Time after which a progress bar appears; a bar of short commands would only flicker."""
 _PROGRESS_INTERVAL_S = 0.5
 """Time between two states of a progress bar."""
 _BAR_COLUMNS = 20
+_ITEMS_PER_UPDATE = 64
+"""Number of items between two updates, as one would take 2 % of the time of a small message."""
 
 
 def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
@@ -73,6 +77,13 @@ class ProgressBar:
         self._next_s = now_s + _PROGRESS_INTERVAL_S
         bar = f"{progress_bar(done / total)}  " if total else ""
         self._line.show(f"{bar}{progress_text(done, total or None, now_s - self._start_s, self._unit)}")
+
+    def each(self, items: Iterable[T], total: float | None = None) -> Iterator[T]:
+        """Yield items, and display their number."""
+        for number, item in enumerate(items):
+            if not number % _ITEMS_PER_UPDATE:
+                self(number, total)
+            yield item
 
     def __enter__(self) -> ProgressBar:
         self._line.__enter__()

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic
     from rosidl_py_gen.runtime import QoSProfile
 
-_MESSAGES_PER_REPORT = 64
-
 
 @click.command("info")
 @options.bag_path
@@ -24,7 +22,7 @@ _MESSAGES_PER_REPORT = 64
 @options.paths
 @options.as_json
 @verb
-def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
+def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> None:
     """Print the contents of a bag. A bag whose recorder was killed is read completely.
 
     \b
@@ -40,7 +38,6 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> in
             terminal_output.document(_document(reader, channels, is_verbose))
         else:
             _show(reader, channels, is_verbose)
-    return 0
 
 
 def _with_counts(reader: BagReader) -> list[BagTopic]:
@@ -52,10 +49,8 @@ def _with_counts(reader: BagReader) -> list[BagTopic]:
         return reader.channels
     counts: Counter[tuple[str, ...]] = Counter()
     with ProgressBar("messages") as show:
-        for number, message in enumerate(reader.raw_messages()):
+        for message in show.each(reader.raw_messages()):
             counts[message.channel.key] += 1
-            if not number % _MESSAGES_PER_REPORT:
-                show(number)
     return [replace(one, count=counts[one.key]) for one in reader.channels]
 
 

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, verb
 from rosidl_py_gen.ros_cli.plotting.output import plot_options, require_output, show_plot
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel
-
-_MESSAGES_PER_REPORT = 64
 
 
 @click.command("plot")
@@ -109,7 +107,7 @@ def _panels(
     lines: dict[str, TopicLines] = {}
     for name, fields in topics:
         panel = PlotPanel(prefix + name)
-        lines[name] = TopicLines(panel, name, fields, by_stamp=by_stamp, note=terminal_output.note)
+        lines[name] = TopicLines(panel, name, fields, by_stamp=by_stamp)
         for channel in bag.channels:
             if channel.name == name:
                 lines[name].use(bag.message_class(channel))
@@ -117,10 +115,8 @@ def _panels(
     total = sum(bag.topics[name].count or 0 for name in lines)
     with ProgressBar("messages") as show:
         messages = bag.messages(part.topics, start_ns=part.start_ns, end_ns=part.end_ns, on_error=on_error)  # type: ignore[arg-type]
-        for number, message in enumerate(messages):
+        for message in show.each(messages, total):
             lines[message.topic].add(message.message, message.log_time)
-            if not number % _MESSAGES_PER_REPORT:
-                show(number, total)
     for name, one in lines.items():
         if not one.panel.count:
             raise CommandError(f"{bag.path} has no messages on {name} in the selected time")

@@ -29,7 +29,7 @@ _VIEWERS_INTERVAL_S = 0.01
 """Minimum interval between two updates of subscriptions, which take time for each topic."""
 
 
-async def serve(network: NetworkOptions, options: FoxgloveOptions) -> int:
+async def serve(network: NetworkOptions, options: FoxgloveOptions) -> None:
     """Serve viewers until cancelled."""
     async with CommandNode(network) as command_node:
         await command_node.wait_for_discovery()
@@ -38,7 +38,6 @@ async def serve(network: NetworkOptions, options: FoxgloveOptions) -> int:
             await view.show()
         finally:
             await view.close()
-    return 0
 
 
 class _View:

@@ -16,12 +16,12 @@ import click
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.terminal_text import printable_line
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.graph.model import Edge, Picture
     from rosidl_py_gen.runtime import NamesAndTypes, Node
 
@@ -50,17 +50,16 @@ _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
     help="Show only these topics, services or actions; as --node.",
 )
 @click.option("-a", "--all", "everything", is_flag=True, help="Also show hidden names, and what every node has.")
-@options.node_options
-@verb
+@options.node_verb
 async def graph(
-    network: NetworkOptions,
+    command_node: CommandNode,
     kind: str | None,
     as_json: bool,
     output: str | None,
     nodes: tuple[str, ...],
     topics: tuple[str, ...],
     everything: bool,
-) -> int:
+) -> None:
     """Show which nodes are connected through which topics, services and actions.
 
     Parameter services, /rosout and /parameter_events, which every node has, are omitted.
@@ -72,24 +71,20 @@ async def graph(
     """
     import asyncio
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
-
     kind = options.output_format("svg", kind, as_json, output)
-    async with CommandNode(network) as command_node:
-        await command_node.wait_for_node_names()
-        picture = _filtered(_picture(command_node, everything), nodes, topics)
+    await command_node.wait_for_node_names()
+    picture = _filtered(_picture(command_node, everything), nodes, topics)
     if output is None and kind == "text":
         from rosidl_py_gen.ros_cli.graph.text import print_text
 
         print_text(picture)
-        return 0
+        return
     text = _render(picture, kind)
     if output is None:
         terminal_output.block(text.rstrip("\n"))
     else:
         await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
         terminal_output.note(f"wrote {output}: {len(picture.nodes)} nodes")
-    return 0
 
 
 def _render(picture: Picture, kind: str) -> str:

@@ -23,7 +23,8 @@ from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import COMMANDS, report, terminal_output
+from rosidl_py_gen.ros_cli import report, terminal_output
+from rosidl_py_gen.ros_cli.groups import COMMANDS
 from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.build import Prefix
 

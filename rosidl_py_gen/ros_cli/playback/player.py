@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.display import duration_text
 from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
-from rosidl_py_gen.ros_cli.playback.publishers import OnceNotes, TopicPublishers, cannot_play_reason
+from rosidl_py_gen.ros_cli.playback.publishers import TopicPublishers, cannot_play_reason
 from rosidl_py_gen.ros_cli.playback.recording import by_publish_time
 from rosidl_py_gen.ros_cli.playback.requests import Requests
 from rosidl_py_gen.ros_cli.playback.timeline import Timeline
@@ -45,7 +45,7 @@ class Player:
         self._part = part
         self._options = options
         self._node = command_node.node
-        note = OnceNotes()
+        note = terminal_output.OnceNotes()
         self.publishers = TopicPublishers(command_node.node, overrides, note)
         self.requests = Requests(command_node.node, options.requests_source, options.paths, note)
         self._names = _remapped_names(command_node, recording, part.topics, options.remaps)

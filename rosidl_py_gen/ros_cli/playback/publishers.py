@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, Publisher
 
 _MIN_DEPTH = 10
-_MAX_NOTES = 10
 _ACKNOWLEDGEMENT_TIMEOUT_S = 5.0
 
 
@@ -41,18 +40,6 @@ def cannot_play_reason(channel: BagTopic) -> str:
     return ""
 
 
-class OnceNotes:
-    """Prints each note once, and at most ten of them."""
-
-    def __init__(self) -> None:
-        self._printed: set[str] = set()
-
-    def __call__(self, text: str) -> None:
-        if text not in self._printed and len(self._printed) < _MAX_NOTES:
-            self._printed.add(text)
-            terminal_output.note(text)
-
-
 class TopicPublishers:
     """Publishers of a player.
 
@@ -60,7 +47,7 @@ class TopicPublishers:
         overrides: QoS profiles by topic of the bag, or by the name it is published with.
     """
 
-    def __init__(self, node: Node, overrides: Mapping[str, QoSProfile], note: OnceNotes) -> None:
+    def __init__(self, node: Node, overrides: Mapping[str, QoSProfile], note: terminal_output.OnceNotes) -> None:
         self._node = node
         self._overrides = overrides
         self._note = note

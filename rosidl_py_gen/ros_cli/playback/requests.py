@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rosidl_py_gen.bags import BagReader, BagTopic
-    from rosidl_py_gen.ros_cli.playback.publishers import OnceNotes
+    from rosidl_py_gen.ros_cli.terminal_output import OnceNotes
     from rosidl_py_gen.runtime import Client, Node
 
 _EVENT_TYPES = {

@@ -17,7 +17,7 @@ import numpy as np
 from rosidl_py_gen.base.field_columns import Column, FieldPathError, message_columns
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 
 Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
 BUCKETS = 2000
@@ -108,7 +108,6 @@ class TopicLines:
         topic: name for error texts.
         paths: fields; none means the only number that the messages have.
         by_stamp: use the time of ``header.stamp`` instead of the time that is passed to `add`.
-        note: called with a sentence about elements that are not drawn.
     """
 
     def __init__(
@@ -118,14 +117,12 @@ class TopicLines:
         paths: Sequence[str],
         *,
         by_stamp: bool = False,
-        note: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.panel = panel
-        self._topic, self._paths, self._by_stamp, self._note = topic, paths, by_stamp, note
+        self._topic, self._paths, self._by_stamp = topic, paths, by_stamp
+        self._note = terminal_output.OnceNotes()
         self._columns: dict[type[Any], list[Column]] = {}
         self._lines: dict[str, PlotLine] = {}
-        self._noted: set[str] = set()
-        self._last: list[PlotLine] = []
 
     def use(self, cls: type[Any]) -> None:
         """Prepare for messages of a class; raises `CommandError` for fields that cannot be drawn."""
@@ -157,7 +154,7 @@ class TopicLines:
             if column.length is None:
                 self._lines[column.name].add(time_s, value / scale)
                 continue
-            for name, element in _elements(column, value, self._note_once):
+            for name, element in _elements(column, value, self._note):
                 self._line(column, name).add(time_s, element / scale)
 
     def _line(self, column: Column, name: str) -> PlotLine:
@@ -168,11 +165,6 @@ class TopicLines:
             if len(self.panel.lines) > MAX_LINES:
                 raise CommandError(f"{self._topic}: more than {MAX_LINES} lines; name fewer fields")
         return line
-
-    def _note_once(self, text: str) -> None:
-        if text not in self._noted:
-            self._noted.add(text)
-            self._note(text)
 
 
 def _elements(column: Column, values: Any, note: Callable[[str], object]) -> Iterator[tuple[str, Any]]:

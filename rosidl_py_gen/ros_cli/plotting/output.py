@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rosidl_py_gen.base.resources import install_command, require_modules
-from rosidl_py_gen.ros_cli import terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
@@ -20,27 +21,22 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel
     from rosidl_py_gen.ros_cli.plotting.text_plot import StyledText
 
-F = TypeVar("F", bound=Callable[..., Any])
-
 _MAX_ROWS = 40
 
 
-def plot_options(command: F) -> F:
-    """Add the options that ``bag plot`` and ``topic plot`` share."""
-    for option in (
-        click.option("--wall-clock", is_flag=True, help="Local date and time on the time axis, instead of seconds."),
-        click.option("--stamp", "by_stamp", is_flag=True, help="Time of header.stamp, instead of the time of receipt."),
-        click.option("--terminal", "in_terminal", is_flag=True, help="Draw in the terminal, even if windows can open."),
-        click.option(
-            "-o",
-            "--out",
-            type=click.Path(dir_okay=False),
-            metavar="FILE",
-            help="Write a file; its ending selects the format: .png, .svg, .pdf, ... Needs the extra plot.",
-        ),
-    ):
-        command = option(command)
-    return command
+plot_options = options.all_of(
+    click.option(
+        "-o",
+        "--out",
+        type=click.Path(dir_okay=False),
+        metavar="FILE",
+        help="Write a file; its ending selects the format: .png, .svg, .pdf, ... Needs the extra plot.",
+    ),
+    click.option("--terminal", "in_terminal", is_flag=True, help="Draw in the terminal, even if windows can open."),
+    click.option("--stamp", "by_stamp", is_flag=True, help="Time of header.stamp, instead of the time of receipt."),
+    click.option("--wall-clock", is_flag=True, help="Local date and time on the time axis, instead of seconds."),
+)
+"""Options that ``bag plot`` and ``topic plot`` share."""
 
 
 def require_output(out: str | None) -> None:
@@ -74,12 +70,17 @@ def count_text(panels: Sequence[PlotPanel]) -> str:
     return f"{count} messages of {topics} topics" if topics > 1 else f"{count} messages of {panels[0].title}"
 
 
+def _has_display() -> bool:
+    """Return True if a window can be opened on this machine."""
+    if sys.platform in ("darwin", "win32"):
+        return "SSH_CONNECTION" not in os.environ
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 @contextmanager
 def plot_window(count: int, in_terminal: bool) -> Iterator[PlotWindow | None]:
     """Open a window for `count` panels; yields None if the plot is drawn in the terminal, with a note on the reason."""
-    from rosidl_py_gen.ros_cli.plotting.display import has_display
-
-    if in_terminal or not has_display():
+    if in_terminal or not _has_display():
         yield None
         return
     if importlib.util.find_spec("matplotlib") is None:

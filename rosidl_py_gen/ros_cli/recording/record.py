@@ -54,7 +54,7 @@ async def _record(
     options: RecordOptions,
     selection: Selection,
     qos: Mapping[str, QoSProfile],
-) -> int:
+) -> None:
     loop = asyncio.get_running_loop()
     failed = asyncio.Event()
     writer: WriterThread | None = None
@@ -84,7 +84,6 @@ async def _record(
         if writer is not None:
             writer.end()
             _report(writer, recorder, as_json=options.as_json)
-    return 0
 
 
 def _serve(node: Node, recorder: Recorder, *, snapshots: bool) -> None:

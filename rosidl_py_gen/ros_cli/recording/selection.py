@@ -30,7 +30,7 @@ class Selection:
 
     def __init__(self, options: RecordOptions) -> None:
         self.named = [
-            *(TopicOwner("topic", name) for name in _full_names(options.topics)),
+            *(TopicOwner("topic", name) for name in _full_names([*options.topics, *options.more_topics])),
             *(TopicOwner("service", name) for name in _full_names(options.services)),
             *(TopicOwner("action", name) for name in _full_names(options.actions)),
         ]

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from rosidl_py_gen.base.xml_reader import XmlElement
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import Node, NodeInfo
 
 
 @click.command("generate_policy")
 @click.argument("policy_file", metavar="POLICY_FILE_PATH", type=click.Path(dir_okay=False))
 @options.as_json
-@options.node_options
-@verb
-async def generate_policy(network: options.NetworkOptions, policy_file: str, as_json: bool) -> int:
+@options.node_verb
+async def generate_policy(command_node: CommandNode, policy_file: str, as_json: bool) -> None:
     """Write a policy that allows what the running nodes do.
 
     An existing policy is extended. Nodes whose names begin with _ are skipped.
@@ -31,38 +31,32 @@ async def generate_policy(network: options.NetworkOptions, policy_file: str, as_
     rosidl-py security generate_policy policy.xml
     """
     from rosidl_py_gen.base.xml_reader import XmlElement
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import is_hidden_node
     from rosidl_py_gen.ros_cli.security import key_files
-    from rosidl_py_gen.ros_cli.security.policy import VERSION, read_policy
-    from rosidl_py_gen.ros_cli.security.policy_text import policy_text
+    from rosidl_py_gen.ros_cli.security.policy import VERSION, policy_text, read_policy
 
     path = os.path.realpath(policy_file)
     if os.path.lexists(path):
         root = read_policy(policy_file).root
     else:
         root = XmlElement("policy", {"version": VERSION}, children=[XmlElement("enclaves")])
-    async with CommandNode(network) as command_node:
-        await command_node.wait_for_node_names()
-        nodes = [one for one in command_node.node.get_nodes() if not is_hidden_node(one.fully_qualified_name)]
-        added = [one for one in nodes if _add_node(root, command_node.node, one)]
-        domain_id = command_node.context.domain_id
+    await command_node.wait_for_node_names()
+    nodes = [one for one in command_node.node.get_nodes() if not is_hidden_node(one.fully_qualified_name)]
+    added = [one for one in nodes if _add_node(root, command_node.node, one)]
     if not added:
+        domain_id = command_node.context.domain_id
         raise CommandError(f"no nodes were found in domain {domain_id}; {policy_file} was not written")
     key_files.write_public_file(Path(path), policy_text(root).encode())
     rows = [{"name": one.fully_qualified_name, "enclave": one.enclave} for one in added]
-    if as_json:
-        terminal_output.document({"policy": policy_file, "nodes": rows})
-    else:
-        enclaves = sorted({one.enclave for one in added})
-        terminal_output.line(f"wrote {policy_file}: {len(added)} nodes, enclaves {', '.join(enclaves)}")
-    return 0
+    enclaves = ", ".join(sorted({one.enclave for one in added}))
+    text = f"wrote {policy_file}: {len(added)} nodes, enclaves {enclaves}"
+    terminal_output.result([text], as_json, {"policy": policy_file, "nodes": rows})
 
 
 def _add_node(root: XmlElement, node: Node, other: NodeInfo) -> bool:
     """Add a profile for another node. Returns False, with a note, if ROS does not allow its names."""
     from rosidl_py_gen.errors import InvalidNameError
-    from rosidl_py_gen.ros_cli.security.names import check_enclave_name
+    from rosidl_py_gen.ros_cli.security.policy import check_enclave_name
     from rosidl_py_gen.runtime import validate_namespace, validate_node_name
 
     try:

@@ -25,8 +25,8 @@ from rosidl_py_gen.base.xml_reader import read_xml
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.security import key_files
-from rosidl_py_gen.ros_cli.security.names import check_enclave_name
 from rosidl_py_gen.ros_cli.security.permissions import governance_xml, permissions_xml
+from rosidl_py_gen.ros_cli.security.policy import check_enclave_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable

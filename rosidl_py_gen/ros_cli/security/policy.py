@@ -10,9 +10,8 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.xml_reader import XmlElement
+from rosidl_py_gen.base.xml_reader import COMMENT, XmlElement, escape
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
-from rosidl_py_gen.ros_cli.security.names import check_enclave_name
 from rosidl_py_gen.ros_cli.security.policy_includes import read_policy_tree
 
 if TYPE_CHECKING:
@@ -20,6 +19,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.errors import Diagnostic
 
+_MAX_COMMON_NAME = 64
+"""Maximum characters of the common name in a certificate (ub-common-name, RFC 5280)."""
 VERSION = "0.2.0"
 ALLOW, DENY = "ALLOW", "DENY"
 RULES = {
@@ -29,6 +30,9 @@ RULES = {
 }
 """Elements of a profile: the element of each name, and the attributes that allow or deny it."""
 _MAX_DIAGNOSTICS = 20
+_NAMES = frozenset(tag for tag, _ in RULES.values())
+_CLARK_NAME = re.compile(r"\{([^}]*)\}(.*)", re.DOTALL)
+_XML = "http://www.w3.org/XML/1998/namespace"
 _IGNORED = re.compile(r"\{http://www\.w3\.org/(XML/1998/namespace|2001/XMLSchema-instance)\}\w+")
 """Attributes that XInclude or editors add: ``xml:base``, ``xsi:schemaLocation``."""
 _EXPRESSION = re.compile(r"(~(?=/|\Z))?[A-Za-z0-9_/*?!\[\]-]*")
@@ -73,6 +77,25 @@ class SecurityPolicy:
 
     enclaves: dict[str, PolicyEnclave]
     root: XmlElement
+
+
+def check_enclave_name(name: str) -> None:
+    """Raise `InvalidNameError` unless the name is one of rcl, such as ``/`` or ``/robot/talker``, and fits in a
+    certificate.
+    """
+    from rosidl_py_gen.runtime import validate_namespace
+
+    try:
+        validate_namespace(name)
+    except InvalidNameError as error:
+        text = str(error).replace("invalid namespace", "invalid enclave name", 1)
+        raise InvalidNameError(text, name=name, index=error.index, reason=error.reason) from None
+    if len(name) > _MAX_COMMON_NAME:
+        raise InvalidNameError(
+            f"invalid enclave name {name!r:.300}: it has {len(name)} characters; the common name of a certificate has "
+            f"at most {_MAX_COMMON_NAME}",
+            name=name,
+        )
 
 
 def read_policy(path: str) -> SecurityPolicy:
@@ -208,3 +231,64 @@ class _Validator:
 
     def _report(self, element: XmlElement, text: str) -> None:
         self.diagnostics.append(element.diagnostic(text))
+
+
+# --------------------------------------------------------------------------------------------------------------- text
+
+
+def policy_text(root: XmlElement) -> str:
+    """Return the XML of a policy, sorted and without repeated names, so that versions can be compared line by line.
+
+    The order of metadata is kept.
+    """
+    return "\n".join(_lines(root, "", "", is_sorted=True)) + "\n"
+
+
+def _lines(element: XmlElement, indent: str, default_namespace: str, *, is_sorted: bool) -> Iterable[str]:
+    if element.tag == COMMENT:
+        yield f"{indent}<!--{element.text}-->"
+        return
+    is_sorted = is_sorted and element.tag != "metadata"
+    match = _CLARK_NAME.fullmatch(element.tag)
+    namespace, tag = match.groups() if match else ("", element.tag)
+    start = f"{indent}<{tag}"
+    if namespace != default_namespace:
+        start += f' xmlns="{escape(namespace, is_attribute=True)}"'
+    start += "".join(_attributes(element))
+    children = _sorted(element.children) if is_sorted else element.children
+    text = escape(element.text.strip())
+    if not children:
+        yield f"{start}>{text}</{tag}>" if text else f"{start}/>"
+        return
+    yield f"{start}>{text}"
+    for child in children:
+        yield from _lines(child, f"{indent}  ", namespace, is_sorted=is_sorted)
+    yield f"{indent}</{tag}>"
+
+
+def _attributes(element: XmlElement) -> Iterable[str]:
+    for number, (name, value) in enumerate(sorted(element.attributes.items())):
+        if match := _CLARK_NAME.fullmatch(name):
+            namespace, name = match.groups()
+            if namespace == _XML:  # xml:base of an include that is expanded
+                continue
+            yield f' xmlns:n{number}="{escape(namespace, is_attribute=True)}"'
+            name = f"n{number}:{name}"
+        yield f' {name}="{escape(value, is_attribute=True)}"'
+
+
+def _sorted(children: list[XmlElement]) -> list[XmlElement]:
+    """Return children in the order of `ros2 security generate_policy`, comments first."""
+
+    def key(child: XmlElement) -> tuple[str, ...]:
+        if child.tag == COMMENT:
+            return ("", "", "", "")
+        get = child.attributes.get
+        return child.tag, child.text.strip(), get("ns", "") + get("node", ""), get("path", "")
+
+    result: list[XmlElement] = []
+    for child in sorted(children, key=key):
+        is_repeated = result and child.tag in _NAMES and key(child) == key(result[-1])
+        if not is_repeated:
+            result.append(child)
+    return result

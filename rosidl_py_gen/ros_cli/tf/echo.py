@@ -58,7 +58,7 @@ def echo(
 
     count = 1 if once else times
 
-    async def main() -> int:
+    async def main() -> None:
         left = count
         async with CommandNode(network) as command_node:
             buffer = TransformBuffer(command_node.node)
@@ -74,7 +74,6 @@ def echo(
                     terminal_output.note(f"warning: {error}")
                 if left != 0:
                     await asyncio.sleep(1 / rate_hz)
-        return 0
 
     return AsyncCommand(main(), endless=count is None)
 

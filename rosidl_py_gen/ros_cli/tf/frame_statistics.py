@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 TOPICS = {"/tf": False, "/tf_static": True}
 _DEPTH = 100
-_MAX_NOTES = 10
 _MAX_LEVELS = 40
 """Maximum number of levels for which `walk` returns marks, so that a long chain needs little memory."""
 
@@ -68,7 +67,7 @@ class FrameStatistics:
         self._window = window
         self.frames: dict[str, FrameArrivals] = {}
         self.buffer = TransformBuffer()
-        self._noted: set[str] = set()
+        self._note = terminal_output.OnceNotes()
 
     def add_message(self, message: Any, arrived_ns: int, source: Any, *, static: bool) -> None:
         """Add the transforms of a TFMessage; each kind of invalid transform is noted once."""
@@ -88,11 +87,6 @@ class FrameStatistics:
             frame.sources.add(source)
             frame.arrivals.append(arrived_ns)
             frame.delays_ns.append(arrived_ns - stamp_ns(one.header.stamp))
-
-    def _note(self, text: str) -> None:
-        if text not in self._noted and len(self._noted) < _MAX_NOTES:
-            self._noted.add(text)
-            terminal_output.note(text)
 
     def children(self) -> dict[str, list[FrameArrivals]]:
         """Return the child frames of each parent, sorted by name."""

@@ -57,7 +57,7 @@ class _Monitor:
         self._ages_ns: deque[int] = deque(maxlen=window)
         self._last_note = ""
 
-    async def run(self, network: options.NetworkOptions) -> int:
+    async def run(self, network: options.NetworkOptions) -> None:
         from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
         from rosidl_py_gen.ros_cli.tf.frame_statistics import listeners
 
@@ -65,7 +65,6 @@ class _Monitor:
             await command_node.wait_for_discovery()
             feeding = listeners(command_node.node, self._frames, self._note_age)
             await first_of(self._report(command_node), *feeding)
-        return 0
 
     def _note_age(self, arrived_ns: int) -> None:
         if self._path and (age_ns := self._frames.age_ns(self._path[0], self._path[1], arrived_ns)) is not None:

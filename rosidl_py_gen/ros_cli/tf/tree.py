@@ -25,7 +25,7 @@ _TYPE = "tf2_msgs/msg/TFMessage"
 @verb
 def tree(
     network: options.NetworkOptions, kind: str | None, as_json: bool, output: str | None, wait_s: float, bag: str | None
-) -> AsyncCommand | int:
+) -> AsyncCommand | None:
     """Show the parent of each frame, and the rate, delay and node of its transform.
 
     \b
@@ -38,12 +38,13 @@ def tree(
         if output is None:
             raise CommandError("a PNG picture cannot be printed; write it to a file: -o frames.png")
         from rosidl_py_gen.ros_cli.tf import png  # noqa: F401 - a missing Pillow is reported before the wait
-    if bag is not None:
-        return _show_recorded(bag, kind, output)
-    return AsyncCommand(_show_live(network, kind, output, wait_s))
+    if bag is None:
+        return AsyncCommand(_show_live(network, kind, output, wait_s))
+    _show_recorded(bag, kind, output)
+    return None
 
 
-async def _show_live(network: options.NetworkOptions, kind: str, output: str | None, wait_s: float) -> int:
+async def _show_live(network: options.NetworkOptions, kind: str, output: str | None, wait_s: float) -> None:
     import asyncio
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
@@ -56,10 +57,9 @@ async def _show_live(network: options.NetworkOptions, kind: str, output: str | N
         await command_node.wait_for(command_node.node.node_names_complete, 1.0)
         names = names_of(command_node.node)
     await asyncio.to_thread(_show, frames, names, kind, output)
-    return 0
 
 
-def _show_recorded(path: str, kind: str, output: str | None) -> int:
+def _show_recorded(path: str, kind: str, output: str | None) -> None:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 
@@ -71,7 +71,6 @@ def _show_recorded(path: str, kind: str, output: str | None) -> int:
         for one in reader.messages(topics):
             frames.add_message(one.message, one.log_time, one.topic, static=one.topic.endswith("/tf_static"))
         _show(frames, {name: name for name in topics}, kind, output)
-    return 0
 
 
 def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str | None) -> None:

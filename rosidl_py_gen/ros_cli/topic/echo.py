@@ -110,7 +110,7 @@ def echo(
 
     rate_limit = _RateLimit(max_rate_hz, now_s)
 
-    async def main() -> int:
+    async def main() -> None:
         async with CommandNode(network) as command_node:
             naming = full_name(command_node)
             name = await (naming if raw else type_resolution.preload_while_waiting(naming))
@@ -139,7 +139,6 @@ def echo(
                     await print_from(messages, name, show)
                 finally:
                     rate_limit.report_dropped()
-        return 0
 
     async def full_name(command_node: CommandNode) -> str:
         """Return the full name of the topic after its publishers had time to be discovered."""
@@ -243,7 +242,7 @@ def _message_printer(
     """
     from rosidl_py_gen.ros_cli.message_expressions import FilterError
 
-    noted: set[str] = set()
+    note = terminal_output.OnceNotes()
 
     def print_message(message: Any) -> bool:
         try:
@@ -251,9 +250,7 @@ def _message_printer(
                 return False
             value = field(message)
         except FilterError as error:
-            if str(error) not in noted and len(noted) < 10:
-                noted.add(str(error))
-                terminal_output.note(f"skipped a message: {error}")
+            note(f"skipped a message: {error}")
             return False
         if rate_limit.allows():
             show(value)

@@ -1,4 +1,4 @@
-"""``topic info`` and ``topic type``."""
+"""``topic list``, ``find``, ``type`` and ``info``."""
 
 from __future__ import annotations
 
@@ -6,11 +6,76 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import options, terminal_output, verb
+from rosidl_py_gen.ros_cli import options, terminal_output
+from rosidl_py_gen.ros_cli.graph_verbs import find_verb, graph_rows, type_verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.runtime import QoSProfile, TopicEndpointInfo
+    from rosidl_py_gen.runtime import Node, QoSProfile, TopicEndpointInfo
+
+_hidden = click.option(
+    "-a",
+    "--include-hidden-topics",
+    "--include-hidden",
+    "hidden",
+    is_flag=True,
+    help="Include hidden topics: those with a part that begins with _.",
+)
+
+
+def _topics(node: Node) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "types": types,
+            "publishers": node.count_publishers(name),
+            "subscribers": node.count_subscribers(name),
+        }
+        for name, types in node.get_topic_names_and_types()
+    ]
+
+
+async def _find_discovered(command_node: CommandNode, topic: str, timeout_s: float | None) -> str:
+    from rosidl_py_gen.ros_cli.name_lookup import find_topic
+
+    name = await find_topic(command_node, topic, timeout_s)
+    await command_node.wait_for_discovery()
+    return name
+
+
+@click.command("list")
+@options.show_types
+@click.option("-v", "--verbose", is_flag=True, help="Show published and subscribed topics, and the numbers of each.")
+@options.count("topics")
+@_hidden
+@options.as_json
+@options.node_verb
+async def list_(
+    command_node: CommandNode, show_types: bool, verbose: bool, count: bool, hidden: bool, as_json: bool
+) -> None:
+    """Print the topics.
+
+    \b
+    rosidl-py topic list -t
+    rosidl-py topic list --json | jq '.[].name'
+    """
+    rows = await graph_rows(command_node, _topics, hidden=hidden)
+    if not verbose or as_json or count:
+        terminal_output.names(rows, count, show_types, as_json)
+        return
+    for heading, kind in (("Published", "publisher"), ("Subscribed", "subscriber")):
+        terminal_output.line(f"{heading} topics:", "bold")
+        for row in rows:
+            if number := row[f"{kind}s"]:
+                plural = "s" if number > 1 else ""
+                terminal_output.line(f" * {row['name']} [{', '.join(row['types'])}] {number} {kind}{plural}")
+        terminal_output.line()
+
+
+find = find_verb("topic", "msg", "sensor_msgs/msg/LaserScan", _topics, _hidden)
+type_ = type_verb(
+    "topic", "rosidl-py interface show $(rosidl-py topic type /scan)", _find_discovered, options.topic_timeout
+)
 
 
 @click.command("info")
@@ -18,34 +83,28 @@ if TYPE_CHECKING:
 @click.option("-v", "--verbose", is_flag=True, help="Show node, type, GID and QoS of each publisher and subscription.")
 @options.topic_timeout
 @options.as_json
-@options.node_options
-@verb
-async def info(
-    network: options.NetworkOptions, topic: str, timeout_s: float | None, verbose: bool, as_json: bool
-) -> int:
+@options.node_verb
+async def info(command_node: CommandNode, topic: str, timeout_s: float | None, verbose: bool, as_json: bool) -> None:
     """Print the type of a topic, and its publishers and subscriptions.
 
     \b
     rosidl-py topic info /scan -v
     """
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.name_lookup import find_topic
-
-    async with CommandNode(network) as command_node:
-        name = await find_topic(command_node, topic, timeout_s)
-        await (command_node.wait_for_node_names() if verbose else command_node.wait_for_discovery())
-        node = command_node.node
-        types = dict(node.get_topic_names_and_types()).get(name, [])
-        publishers = node.get_publishers_info_by_topic(name)
-        subscriptions = node.get_subscriptions_info_by_topic(name)
-        incompatible = [
-            f"no messages from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
-            for one in node.incompatible_endpoints_of_topic(name)
-        ]
+    node = command_node.node
+    name = await _find_discovered(command_node, topic, timeout_s)
+    if verbose:
+        await command_node.wait_for_node_names()
+    types = dict(node.get_topic_names_and_types()).get(name, [])
+    publishers = node.get_publishers_info_by_topic(name)
+    subscriptions = node.get_subscriptions_info_by_topic(name)
+    incompatible = [
+        f"no messages from {one.writer.node_text} to {one.reader.node_text}: {one.reason}"
+        for one in node.incompatible_endpoints_of_topic(name)
+    ]
     if as_json:
         endpoints = {"publishers": [*map(_row, publishers)], "subscribers": [*map(_row, subscriptions)]}
         terminal_output.document({"name": name, "types": types, **endpoints, "mismatches": incompatible})
-        return 0
+        return
     separator = [""] if verbose else []
     terminal_output.lines([f"Type: {types[0] if len(types) == 1 else types}", *separator])
     for heading, endpoints_of_kind in (("Publisher", publishers), ("Subscription", subscriptions)):
@@ -55,31 +114,6 @@ async def info(
             terminal_output.lines([*_description(endpoint), ""])
     for text in incompatible if verbose else ():
         terminal_output.line(f"warning: {text}", "yellow")
-    return 0
-
-
-@click.command("type")
-@options.topic_argument()
-@options.topic_timeout
-@options.as_json
-@options.node_options
-@verb
-async def type_(network: options.NetworkOptions, topic: str, timeout_s: float | None, as_json: bool) -> int:
-    """Print the type of a topic.
-
-    \b
-    rosidl-py interface show $(rosidl-py topic type /scan)
-    """
-    from rosidl_py_gen.ros_cli.name_lookup import find_topic
-    from rosidl_py_gen.ros_cli.type_resolution import announced_types_of
-
-    async def find(command_node: CommandNode) -> str:
-        name = await find_topic(command_node, topic, timeout_s)
-        await command_node.wait_for_discovery()
-        return name
-
-    terminal_output.values(await announced_types_of(network, "topic", find), as_json)
-    return 0
 
 
 def _description(endpoint: TopicEndpointInfo) -> list[str]:

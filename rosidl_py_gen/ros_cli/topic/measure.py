@@ -53,23 +53,15 @@ class _TopicMeter:
 
 
 def _meter_options(window: int) -> Callable[[F], F]:
-
-    def add(command: F) -> F:
-        for option in reversed(
-            (
-                options.topic_argument("topics", nargs=-1, required=True),
-                options.window(window),
-                options.report_count,
-                options.topic_timeout,
-                options.paths,
-                options.as_json,
-                options.node_options,
-            )
-        ):
-            command = option(command)
-        return command
-
-    return add
+    return options.all_of(
+        options.topic_argument("topics", nargs=-1, required=True),
+        options.window(window),
+        options.report_count,
+        options.topic_timeout,
+        options.paths,
+        options.as_json,
+        options.node_options,
+    )
 
 
 def _measuring(network: options.NetworkOptions, times: int | None, **arguments: Any) -> AsyncCommand:
@@ -124,7 +116,7 @@ async def _measure(
     paths: tuple[str, ...],
     as_json: bool,
     filter_text: str | None = None,
-) -> int:
+) -> None:
     from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
     from rosidl_py_gen.ros_cli.name_lookup import find_topic
@@ -152,7 +144,6 @@ async def _measure(
             if not as_json and (kind == "bw" or len(topics) > 1):
                 terminal_output.line(f"Subscribed to [{name}]")
         await first_of(_report(meters, times, as_json), *(meter.run() for meter in meters))
-    return 0
 
 
 async def _report(meters: Sequence[_TopicMeter], times: int | None, as_json: bool) -> None:

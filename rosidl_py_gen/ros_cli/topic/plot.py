@@ -80,7 +80,7 @@ def plot(
     topics = topics_and_fields(words)
     axis = TimeAxis(is_wall_clock=wall_clock, by_stamp=by_stamp, last_s=last_s)
 
-    async def main() -> int:
+    async def main() -> None:
         async with AsyncExitStack() as stack:
             command_node = await stack.enter_async_context(CommandNode(network))
             lines: list[TopicLines] = []
@@ -88,7 +88,7 @@ def plot(
             for topic, fields in topics:
                 name = full_topic_name(command_node, topic)
                 cls = await _message_class(command_node, name, timeout_s, paths)
-                one = TopicLines(PlotPanel(name), name, fields, by_stamp=by_stamp, note=terminal_output.note)
+                one = TopicLines(PlotPanel(name), name, fields, by_stamp=by_stamp)
                 one.use(cls)
                 lines.append(one)
                 profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
@@ -97,7 +97,6 @@ def plot(
                 )
                 subscriptions.append(await stack.enter_async_context(subscription))
             await _plot_live(lines, subscriptions, axis, duration_s, times, out, in_terminal)
-        return 0
 
     return AsyncCommand(main(), endless=duration_s is None and times is None)
 

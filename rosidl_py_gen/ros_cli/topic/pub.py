@@ -90,7 +90,7 @@ def pub(
     type_name, text = message_text.type_and_values(words)
     max_count = 1 if once else times
 
-    async def main() -> int:
+    async def main() -> None:
         async with CommandNode(network) as command_node:
             if type_name is None:
                 name = await type_resolution.preload_while_waiting(find_topic(command_node, topic, timeout_s))
@@ -112,7 +112,6 @@ def pub(
             with suppress(WaitTimeoutError):
                 await publisher.wait_for_acknowledged(_ACKNOWLEDGE_TIMEOUT_S)
             await asyncio.sleep(published_s + keep_alive_s - now_s())
-        return 0
 
     async def publish_each(publisher: Publisher[Any], messages: AsyncIterator[Message], pace: Rate | None) -> None:
         number = 0

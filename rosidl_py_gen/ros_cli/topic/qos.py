@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from rosidl_py_gen.ros_cli import options
+
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile
 
@@ -22,13 +24,6 @@ _POLICIES = {
 _PRESETS = {"action_status_default": "ACTION_STATUS", "rosout_default": "ROSOUT"}
 
 
-def qos_options(command: F) -> F:
-    """Add the ``--qos-...`` options, passed as the dict `qos`; its values are None for options that are not used."""
-    for option in reversed(_QOS_OPTIONS):
-        command = option(command)
-    return command
-
-
 def _qos_option(name: str, into: str, **settings: Any) -> Callable[[F], F]:
     def add_value(ctx: click.Context, param: click.Parameter, value: Any) -> None:
         ctx.params.setdefault("qos", {})[into] = value
@@ -36,7 +31,7 @@ def _qos_option(name: str, into: str, **settings: Any) -> Callable[[F], F]:
     return click.option(name, into, expose_value=False, callback=add_value, **settings)
 
 
-_QOS_OPTIONS = (
+qos_options = options.all_of(
     _qos_option(
         "--qos-profile",
         "preset",
@@ -54,6 +49,7 @@ _QOS_OPTIONS = (
         "--qos-liveliness-lease-duration-seconds", "liveliness_lease_s", type=click.FloatRange(0), metavar="SECONDS"
     ),
 )
+"""Options that are passed as the dict `qos`; its values are None for options that are not used."""
 
 
 def requested_profile(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:

@@ -86,7 +86,7 @@ def test_permissions_need_an_enclave_of_keystore_and_policy(
 def test_completion_offers_the_enclaves_of_the_keystore(keystore: Path, succeed: Callable[..., str]) -> None:
     import click
 
-    from rosidl_py_gen.ros_cli.security.permission_commands import create_permission
+    from rosidl_py_gen.ros_cli.security.commands import create_permission
 
     succeed("create_enclave", str(keystore), "/robot/arm")
     context = click.Context(create_permission)

@@ -1,21 +1,23 @@
-"""``log``: messages that nodes log and have retained, or those of a recording.
+"""``rosidl-py log``: messages that nodes log and have retained, or those of a recording.
 
 Retained messages arrive node by node and are printed in the order of their stamps.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.base.stamps import stamp_ns
+from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
+from rosidl_py_gen.base.terminal_text import printable_line
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.log.log_printer import LogPrinter
     from rosidl_py_gen.runtime import AdaptiveSubscription, QoSProfile
 
 _TOPIC = "/rosout"
@@ -23,13 +25,16 @@ _TYPE = "rcl_interfaces/msg/Log"
 _DEPTH = 1000
 _RETAINED_S = 0.3
 """Time in which retained messages are collected; nodes send them at once."""
+_LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
+_NAMES = {number: name.upper() for name, number in _LEVELS.items()}
+_STYLES = {10: "green", 30: "yellow", 40: "red", 50: "bold red"}
 
 
 @click.command("log")
 @click.option(
     "-l",
     "--level",
-    type=click.Choice(["debug", "info", "warn", "error", "fatal"], case_sensitive=False),
+    type=click.Choice([*_LEVELS], case_sensitive=False),
     default="debug",
     help="Minimum level.",
 )
@@ -59,7 +64,7 @@ def log(
     verbose: bool,
     as_json: bool,
     bag: str | None,
-) -> AsyncCommand | int:
+) -> AsyncCommand | None:
     """Print the log messages of all nodes, from /rosout.
 
     \b
@@ -67,17 +72,16 @@ def log(
     rosidl-py log --level warn --node '/camera*'
     rosidl-py log --bag drive.mcap --text 'lost|late'
     """
-    from rosidl_py_gen.ros_cli.log.log_printer import LogPrinter
-
     if bag is not None and only_new:
         raise click.UsageError("--new has no meaning for a recording; use either --bag or --new")
     printer = LogPrinter(level, nodes, pattern, times=times, verbose=verbose, as_json=as_json)
     if bag is None:
         return AsyncCommand(_follow(network, printer, only_new), endless=times is None)
-    return _print_recorded(bag, printer)
+    _print_recorded(bag, printer)
+    return None
 
 
-def _print_recorded(path: str, printer: LogPrinter) -> int:
+def _print_recorded(path: str, printer: LogPrinter) -> None:
     from rosidl_py_gen.bags import BagReader
 
     with BagReader(path) as reader:
@@ -88,10 +92,9 @@ def _print_recorded(path: str, printer: LogPrinter) -> int:
             if printer.is_done:
                 break
             printer.show(one.message)
-    return 0
 
 
-async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new: bool) -> int:
+async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new: bool) -> None:
     from rosidl_py_gen import get_message
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import AdaptiveSubscription
@@ -109,7 +112,6 @@ async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new
             while not printer.is_done:
                 message, _ = await messages.receive_with_info()
                 printer.show(message)
-    return 0
 
 
 def _profile(command_node: CommandNode, only_new: bool) -> QoSProfile | None:
@@ -137,3 +139,81 @@ async def _retained(messages: AdaptiveSubscription[Any]) -> list[Any]:
     except WaitTimeoutError:
         pass
     return sorted(received, key=lambda message: stamp_ns(message.stamp))
+
+
+class LogPrinter:
+    """Prints messages of ``rcl_interfaces/msg/Log``.
+
+    Args:
+        level: minimum level.
+        nodes: patterns for names of nodes; empty means all.
+        pattern: regular expression for texts.
+        times: number of messages after which `is_done` is True; None means no limit.
+    """
+
+    def __init__(
+        self,
+        level: str,
+        nodes: Sequence[str],
+        pattern: str | None,
+        *,
+        times: int | None,
+        verbose: bool,
+        as_json: bool,
+    ) -> None:
+        self._level = _LEVELS[level.lower()]
+        # Names of loggers have dots in place of slashes, and a node may have child loggers.
+        self._names = [one.strip("/").replace("/", ".") for one in nodes]
+        try:
+            self._pattern = re.compile(pattern) if pattern else None
+        except re.error as error:
+            raise CommandError(f"--text {pattern!r:.100} is not a regular expression: {error}") from None
+        self._left, self._verbose, self._as_json = times, verbose, as_json
+
+    @property
+    def is_done(self) -> bool:
+        """True once the requested number of messages has been printed."""
+        return self._left == 0
+
+    def show(self, message: Any) -> None:
+        """Print a message, if it is selected."""
+        if self.is_done or not self._is_selected(message):
+            return
+        if self._left is not None:
+            self._left -= 1
+        if self._as_json:
+            terminal_output.document(_row(message), in_stream=True)
+            return
+        seconds, rest = sec_nanosec(stamp_ns(message.stamp))
+        head = printable_line(f"[{_level_name(message.level)}] [{seconds}.{rest:09}] [{message.name}]: ")
+        rows = [head + message.msg]
+        if self._verbose and message.file:
+            rows.append(printable_line(f"at {message.file}:{message.line} in {message.function}"))
+        terminal_output.block("\n".join(rows).replace("\n", "\n    "), _STYLES.get(message.level // 10 * 10, ""))
+
+    def _is_selected(self, message: Any) -> bool:
+        return (
+            message.level >= self._level
+            and (not self._names or any(_matches(message.name, pattern) for pattern in self._names))
+            and (self._pattern is None or self._pattern.search(message.msg) is not None)
+        )
+
+
+def _matches(logger: str, pattern: str) -> bool:
+    return fnmatchcase(logger, pattern) or fnmatchcase(logger, f"{pattern}.*")
+
+
+def _level_name(level: int) -> str:
+    return _NAMES.get(level, str(level))
+
+
+def _row(message: Any) -> dict[str, Any]:
+    return {
+        "time_ns": stamp_ns(message.stamp),
+        "level": _level_name(message.level),
+        "name": message.name,
+        "text": message.msg,
+        "file": message.file,
+        "line": message.line,
+        "function": message.function,
+    }

@@ -1,6 +1,7 @@
-"""``action send_goal``.
+"""``rosidl-py action``.
 
-Before the goal is sent, Ctrl-C ends the command. Afterwards it cancels the goal, as soon as the goal is accepted.
+Before ``send_goal`` has sent the goal, Ctrl-C ends the command. Afterwards it cancels the goal, as soon as the goal is
+accepted.
 """
 
 from __future__ import annotations
@@ -10,13 +11,75 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
+from rosidl_py_gen.ros_cli.graph_verbs import find_verb, list_verb, type_verb
 
 if TYPE_CHECKING:
     import asyncio
+    from collections.abc import Callable
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus, Node
+
+
+async def _find_action(command_node: CommandNode, action: str, timeout_s: float | None = None) -> str:
+    from rosidl_py_gen.ros_cli.name_lookup import find_action
+
+    return await find_action(command_node, action, timeout_s)
+
+
+def _actions(node: Node) -> list[dict[str, Any]]:
+    from rosidl_py_gen.ros_cli.name_lookup import actions
+
+    return [{"name": name, "types": types} for name, types in actions(node.get_topic_names_and_types())]
+
+
+list_ = list_verb("action", "rosidl-py action list -t", _actions)
+find = find_verb("action", "action", "example_interfaces/action/Fibonacci", _actions)
+type_ = type_verb("action", "rosidl-py action type /fibonacci", _find_action)
+
+
+@click.command("info")
+@options.action_argument()
+@options.show_types
+@click.option("-c", "--count", is_flag=True, help="Print only the numbers of clients and servers.")
+@options.as_json
+@options.node_verb
+async def info(command_node: CommandNode, action: str, show_types: bool, count: bool, as_json: bool) -> None:
+    """Print the nodes with a server or a client of an action.
+
+    \b
+    rosidl-py action info /fibonacci -t
+    """
+    from rosidl_py_gen.ros_cli.name_lookup import actions
+
+    node = command_node.node
+    name = await _find_action(command_node, action)
+    await command_node.wait_for_node_names()
+    types = dict(actions(node.get_topic_names_and_types())).get(name, [])
+    clients = _nodes_with(name, node, node.get_subscriber_names_and_types_by_node)
+    servers = _nodes_with(name, node, node.get_publisher_names_and_types_by_node)
+    lines = [f"Action: {name}"]
+    for kind, users in (("clients", clients), ("servers", servers)):
+        lines.append(f"Action {kind}: {len(users)}")
+        for user in () if count else users:
+            lines.append(f"    {user['node']}" + (f" [{', '.join(user['types'])}]" if show_types else ""))
+    terminal_output.result(lines, as_json, {"name": name, "types": types, "clients": clients, "servers": servers})
+
+
+def _nodes_with(
+    action: str, node: Node, topics_of: Callable[[str, str], list[tuple[str, list[str]]]]
+) -> list[dict[str, Any]]:
+    """Return the nodes that have the topics of an action among `topics_of` them."""
+    from rosidl_py_gen.ros_cli.name_lookup import actions
+
+    return [
+        {"node": one.fully_qualified_name, "types": types}
+        for one in sorted(node.get_nodes(), key=lambda known: known.fully_qualified_name)
+        for name, types in actions(topics_of(one.name, one.namespace))
+        if name == action
+    ]
 
 
 @click.command("send_goal")
@@ -27,10 +90,9 @@ if TYPE_CHECKING:
 @options.timeout("Maximum time to wait for the server and for each reply, except the result.", default_s=10)
 @options.paths
 @options.as_json
-@options.node_options
-@verb
+@options.node_verb
 async def send_goal(
-    network: options.NetworkOptions,
+    command_node: CommandNode,
     action: str,
     words: tuple[str, ...],
     stdin: bool,
@@ -49,24 +111,21 @@ async def send_goal(
     rosidl-py action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --json
     """
     from rosidl_py_gen.ros_cli import message_text, type_resolution
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.name_lookup import find_action
     from rosidl_py_gen.runtime import WaitTimeoutError
 
     type_name, text = message_text.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
-    async with CommandNode(network) as command_node:
-        show.say("Waiting for an action server to become available...")
-        name = await type_resolution.preload_while_waiting(find_action(command_node, action, timeout_s))
-        cls: Any = await type_resolution.action_class(command_node, name, type_name, paths)
-        goal = message_text.message_from(cls.Goal, text)
-        client = command_node.node.create_action_client(cls, name)
-        try:
-            await client.wait_for_server(timeout_s)
-        except WaitTimeoutError as error:
-            raise CommandError(str(error)) from None
-        show.message("Sending goal", goal)
-        return await _follow(client, goal, show, show_feedback, timeout_s)
+    show.say("Waiting for an action server to become available...")
+    name = await type_resolution.preload_while_waiting(_find_action(command_node, action, timeout_s))
+    cls: Any = await type_resolution.action_class(command_node, name, type_name, paths)
+    goal = message_text.message_from(cls.Goal, text)
+    client = command_node.node.create_action_client(cls, name)
+    try:
+        await client.wait_for_server(timeout_s)
+    except WaitTimeoutError as error:
+        raise CommandError(str(error)) from None
+    show.message("Sending goal", goal)
+    return await _follow(client, goal, show, show_feedback, timeout_s)
 
 
 async def _follow(

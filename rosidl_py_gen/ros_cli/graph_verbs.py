@@ -1,0 +1,89 @@
+"""The verbs ``list``, ``find`` and ``type``, which are alike for topics, services and actions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.ros_cli import options, terminal_output
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.runtime import Node
+
+    Option = Callable[[Any], Any]
+    Rows = Callable[[Node], list[dict[str, Any]]]
+
+
+async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, type_name: str = "") -> list[Any]:
+    """Return rows about the discovered graph.
+
+    Args:
+        rows_of: returns rows with ``name`` and ``types``.
+        hidden: include names with a part that begins with an underscore.
+        type_name: include only names of this type.
+    """
+    from rosidl_py_gen.ros_cli.name_lookup import is_hidden
+
+    await command_node.wait_for_discovery()
+    command_node.note_if_alone()
+    rows = [row for row in rows_of(command_node.node) if hidden or not is_hidden(row["name"])]
+    return [row for row in rows if not type_name or type_name in row["types"]]
+
+
+def list_verb(kind: str, examples: str, rows_of: Rows, *more: Option) -> Callable[..., None]:
+    """Return the command that prints the services or actions (`kind`); `more` may add an option `hidden`."""
+
+    async def list_(
+        command_node: CommandNode, show_types: bool, count: bool, as_json: bool, hidden: bool = True
+    ) -> None:
+        terminal_output.names(await graph_rows(command_node, rows_of, hidden=hidden), count, show_types, as_json)
+
+    list_.__doc__ = f"Print the {kind}s.\n\n\b\n{examples}"
+    add = options.all_of(options.show_types, options.count(f"{kind}s"), *more, options.as_json)
+    return click.command("list")(add(options.node_verb(list_)))
+
+
+def find_verb(kind: str, definition: str, example: str, rows_of: Rows, *more: Option) -> Callable[..., None]:
+    """Return the command that prints the topics, services or actions (`kind`) of a type.
+
+    Args:
+        definition: ``msg``, ``srv`` or ``action``.
+        rows_of: see `graph_rows`.
+        more: further options, of which one may be `hidden`.
+    """
+
+    async def find(command_node: CommandNode, type_name: str, count: bool, as_json: bool, hidden: bool = True) -> None:
+        name = str(split_ros_name(type_name, definition))
+        rows = await graph_rows(command_node, rows_of, hidden=hidden, type_name=name)
+        terminal_output.names(rows, count, False, as_json)
+
+    find.__doc__ = f"Print the {kind}s of a type.\n\n\b\nrosidl-py {kind} find {example}"
+    types = options.completion("types" if kind == "topic" else f"{kind} types")
+    add = options.all_of(
+        click.argument("type_name", metavar="TYPE", shell_complete=types),
+        *(options.count(f"{kind}s"), *more, options.as_json),
+    )
+    return click.command("find")(add(options.node_verb(find)))
+
+
+def type_verb(kind: str, example: str, find: Callable[..., Awaitable[str]], *more: Option) -> Callable[..., None]:
+    """Return the command that prints the type of a topic, service or action (`kind`).
+
+    Args:
+        find: waits for the name and returns it in full; takes the node, the name, and the values of `more` options.
+    """
+
+    async def type_(command_node: CommandNode, as_json: bool, **name_and_more: Any) -> None:
+        from rosidl_py_gen.ros_cli.type_resolution import announced_types
+
+        name = await find(command_node, name_and_more.pop(kind), **name_and_more)
+        terminal_output.result(announced_types(command_node, kind, name), as_json)
+
+    type_.__doc__ = f"Print the type of a{'n' if kind == 'action' else ''} {kind}.\n\n\b\n{example}"
+    argument = click.argument(kind, shell_complete=options.completion(f"{kind}s"))
+    return click.command("type")(options.all_of(argument, *more, options.as_json)(options.node_verb(type_)))

@@ -1,0 +1,231 @@
+"""Commands of ``rosidl-py security`` that need no network: keystores, enclaves, permissions."""
+
+from __future__ import annotations
+
+import os
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from click.shell_completion import CompletionItem
+
+    from rosidl_py_gen.ros_cli.security.keystore import Keystore
+    from rosidl_py_gen.ros_cli.security.policy import PolicyEnclave
+
+_KEYSTORE = "ROS_SECURITY_KEYSTORE"
+_root = click.argument("root", metavar="ROOT", type=click.Path(file_okay=False, path_type=Path))
+
+
+def _domain_id() -> int:
+    """Return the domain that permissions are made for: ``ROS_DOMAIN_ID``, else 0. Raises `EnvironmentSettingError`."""
+    from rosidl_py_gen.runtime import read_environment
+
+    return read_environment({"ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "")}).domain_id
+
+
+def _keystore(root: Path) -> Keystore:
+    from rosidl_py_gen.ros_cli.security.keystore import Keystore
+
+    return Keystore(root, terminal_output.note)
+
+
+@contextmanager
+def _changing(root: Path, domain_id: int) -> Iterator[Keystore]:
+    """Yield a complete keystore that no other command changes; note at the end if it does not have the domain."""
+    from rosidl_py_gen.ros_cli.security import key_files
+
+    keystore = _keystore(root)
+    keystore.require()
+    with key_files.locked(root):
+        yield keystore
+    keystore.note_if_ungoverned(domain_id)
+
+
+@click.command("create_keystore")
+@_root
+@options.as_json
+@verb
+def create_keystore(root: Path, as_json: bool) -> None:
+    """Create a keystore: a certificate authority and the governance.
+
+    The governance is for the domain ROS_DOMAIN_ID: nodes are authenticated, and everything is encrypted.
+
+    \b
+    rosidl-py security create_keystore keystore
+    """
+    domain_id = _domain_id()
+    end = _keystore(root).create(domain_id)
+    text = f"created keystore {root} for domain {domain_id}, valid until {end:%Y-%m-%d}"
+    row = {"keystore": str(root), "domain_id": domain_id, "valid_until": end.isoformat()}
+    terminal_output.result([text], as_json, row)
+
+
+@click.command("create_enclave")
+@_root
+@click.argument("name", metavar="NAME")
+@options.as_json
+@verb
+def create_enclave(root: Path, name: str, as_json: bool) -> None:
+    """Create the key, the certificate and the permissions of an enclave.
+
+    The permissions allow all topics, services and actions in the domain ROS_DOMAIN_ID; create_permission restricts
+    them. An existing key and certificate are reused.
+
+    \b
+    rosidl-py security create_enclave keystore /talker
+    """
+    from rosidl_py_gen.ros_cli.security.policy import check_enclave_name, wildcard_enclave
+
+    check_enclave_name(name)
+    domain_id = _domain_id()
+    with _changing(root, domain_id) as keystore:
+        certificate = keystore.create_enclave(name)
+        keystore.write_permissions(wildcard_enclave(name), certificate, domain_id)
+    folder, end = keystore.enclave_folder(name), certificate.not_valid_after_utc
+    text = f"created enclave {name} in {folder} for domain {domain_id}, valid until {end:%Y-%m-%d}"
+    row = {"enclave": name, "folder": str(folder), "domain_id": domain_id, "valid_until": end.isoformat()}
+    terminal_output.result([text], as_json, row)
+
+
+@click.command("list_enclaves")
+@_root
+@options.as_json
+@verb
+def list_enclaves(root: Path, as_json: bool) -> None:
+    """Print the enclaves of a keystore.
+
+    \b
+    rosidl-py security list_enclaves keystore
+    """
+    keystore = _keystore(root)
+    keystore.require()
+    _print_enclaves(keystore, keystore.list_enclaves(), as_json)
+
+
+def _print_enclaves(keystore: Keystore, names: Sequence[str], as_json: bool) -> None:
+    rows = [{"name": name, "folder": str(keystore.enclave_folder(name))} for name in names]
+    terminal_output.result(names, as_json, rows)
+
+
+def _complete_enclaves(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from click.shell_completion import CompletionItem
+
+    from rosidl_py_gen.ros_cli.security.keystore import Keystore
+
+    root = ctx.params.get("root")
+    names = Keystore(Path(root), lambda text: None).list_enclaves() if root is not None else []
+    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
+
+
+@click.command("create_permission")
+@_root
+@click.argument("name", metavar="NAME", shell_complete=_complete_enclaves)
+@click.argument("policy_file", metavar="POLICY_FILE_PATH", type=click.Path(dir_okay=False))
+@options.as_json
+@verb
+def create_permission(root: Path, name: str, policy_file: str, as_json: bool) -> None:
+    """Sign permissions for an enclave, made from a policy.
+
+    The permissions are for the domain ROS_DOMAIN_ID, and replace those of the enclave.
+
+    \b
+    rosidl-py security create_permission keystore /talker policy.xml
+    """
+    from rosidl_py_gen.base.names import did_you_mean
+    from rosidl_py_gen.ros_cli.security.policy import check_enclave_name, read_policy
+
+    check_enclave_name(name)
+    domain_id = _domain_id()
+    _keystore(root).require()
+    policy = read_policy(policy_file)
+    if name not in policy.enclaves:
+        hint = did_you_mean(name, policy.enclaves) or f"; it has {', '.join(sorted(policy.enclaves)[:10])}"
+        raise CommandError(f"{policy_file}: the policy has no enclave {name}{hint}")
+    with _changing(root, domain_id) as keystore:
+        path = keystore.write_permissions(policy.enclaves[name], keystore.enclave_certificate(name), domain_id)
+    row = {"enclave": name, "permissions": str(path), "domain_id": domain_id}
+    terminal_output.result([f"wrote and signed {path} for domain {domain_id}"], as_json, row)
+
+
+@click.command("generate_artifacts", cls=options.MultiValueCommand)
+@click.option(
+    "-k",
+    "--keystore-root-path",
+    "root",
+    metavar="ROOT",
+    type=click.Path(file_okay=False, path_type=Path),
+    help=f"Folder of the keystore, created unless it exists.  [default: {_KEYSTORE}]",
+)
+@click.option(
+    "-e",
+    "--enclaves",
+    cls=options.MultiValueOption,
+    metavar="NAME...",
+    help="Enclaves to create, which may use all topics, services and actions. May be repeated.",
+)
+@click.option(
+    "-p",
+    "--policy-files",
+    cls=options.MultiValueOption,
+    metavar="FILE...",
+    type=click.Path(dir_okay=False),
+    help="Policies, whose enclaves are created with the permissions in the policy. May be repeated.",
+)
+@options.as_json
+@verb
+def generate_artifacts(root: Path | None, enclaves: Sequence[str], policy_files: Sequence[str], as_json: bool) -> None:
+    """Create a keystore, enclaves and permissions in one step.
+
+    Existing keys are reused, permissions are replaced. Nothing is written if a policy is invalid.
+
+    \b
+    rosidl-py security generate_artifacts -k keystore -e /talker /listener
+    rosidl-py security generate_artifacts -k keystore -p policy.xml
+    """
+    if root is None:
+        if not (folder := os.environ.get(_KEYSTORE, "")):
+            raise CommandError(f"no keystore: {_KEYSTORE} is not set; expected -k ROOT, or the variable")
+        root = Path(folder)
+    domain_id = _domain_id()
+    wanted = _wanted_enclaves(enclaves, policy_files)
+    keystore = _keystore(root)
+    if keystore.missing_files():
+        keystore.create(domain_id)
+        terminal_output.note(f"created keystore {root} for domain {domain_id}")
+    with _changing(root, domain_id) as keystore:
+        for name, enclave in wanted.items():
+            keystore.write_permissions(enclave, keystore.create_enclave(name), domain_id)
+    _print_enclaves(keystore, [*wanted], as_json)
+
+
+def _wanted_enclaves(names: Sequence[str], policy_files: Sequence[str]) -> dict[str, PolicyEnclave]:
+    """Return the rules of all enclaves on the command line; those of a policy take precedence.
+
+    Raises:
+        CommandError: two policies have an enclave.
+        DefinitionError: a policy is invalid.
+        InvalidNameError: a name is invalid.
+    """
+    from rosidl_py_gen.ros_cli.security.policy import check_enclave_name, read_policy, wildcard_enclave
+
+    for name in names:
+        check_enclave_name(name)
+    wanted = {name: wildcard_enclave(name) for name in names}
+    origins: dict[str, str] = {}
+    for path in policy_files:
+        for name, enclave in read_policy(path).enclaves.items():
+            if name in origins:
+                raise CommandError(
+                    f"enclave {name} is in {origins[name]} and in {path}; expected it in one policy, as only one can "
+                    "become its permissions"
+                )
+            origins[name] = path
+            wanted[name] = enclave
+    return wanted
