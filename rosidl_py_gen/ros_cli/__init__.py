@@ -66,8 +66,7 @@ def click_module() -> Any:
 class AsyncCommand:
     """Command that runs on an event loop; `main` returns its exit code, None for 0.
 
-    Attributes:
-        endless: the command runs until it is interrupted, and its exit code is 0 then.
+    An endless command runs until it is interrupted, and its exit code is 0 then.
     """
 
     main: Coroutine[Any, Any, int | None]

@@ -195,8 +195,7 @@ class CommandNode:
     async def wait_for(self, condition: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until a condition is true, checked after every change of the graph; returns False after the timeout.
 
-        Args:
-            timeout_s: None means ``--spin-time``, or 5 s without it.
+        A timeout of None means ``--spin-time``, or 5 s without it.
         """
         if timeout_s is None:
             timeout_s = DEFAULT_FIND_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s
@@ -217,10 +216,9 @@ class CommandNode:
             return bool(condition())  # it may have become true while this process was busy
 
     async def find(self, kind: str, name: str, known: Callable[[], list[str]], timeout_s: float | None = None) -> str:
-        """Wait until a topic, service, action or node appears, and return its full name.
+        """Wait until a topic, service, action or node (`kind`) appears, and return its full name.
 
         Args:
-            kind: ``topic``, ``service``, ``action`` or ``node``.
             known: returns the names in the graph.
 
         Raises:

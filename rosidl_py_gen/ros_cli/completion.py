@@ -1,4 +1,4 @@
-"""Completion: names, types and fields from the live graph, from bags and from the search path.
+"""Completion: names, types and fields from the live graph, bags and the search path, and the script of a shell.
 
 A shell prints no errors while it completes, so errors result in no suggestions.
 """
@@ -17,6 +17,7 @@ from click.shell_completion import CompletionItem
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.generator_cli import shells
+from rosidl_py_gen.ros_cli import root, verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable, Sequence
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
     from rosidl_py_gen.runtime import Node
+
 
 _TIMEOUT_S = 1.5
 """Maximum time for a request to a node, unless ``--spin-time`` is longer; the user waits for the shell."""
@@ -249,3 +251,16 @@ def _field_paths(cls: type[Message], incomplete: str) -> list[str]:
         index = "" if fitting[0].type.arity is Arity.SCALAR else "[0]"
         paths += [f"{paths[0]}{index}.{field.ros_name}" for field in fitting[0].cls._TYPE.fields]
     return paths
+
+
+@click.command("completion")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@verb
+def completion(shell: str) -> None:
+    """Print the completion script of a shell. Names of topics, services and nodes come from the live graph.
+
+    \b
+    eval "$(rosidl-py completion bash)"          # in ~/.bashrc; zsh: the same in ~/.zshrc
+    rosidl-py completion fish > ~/.config/fish/completions/rosidl-py.fish
+    """
+    click.echo(shells.script(shell, root(), "rosidl-py"))

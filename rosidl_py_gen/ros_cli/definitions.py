@@ -1,21 +1,32 @@
-"""Names and definitions of interfaces for the commands of ``interface``, which need no network."""
+"""Names and definitions of interfaces for the commands of ``interface``, which need no network.
+
+Definitions that nodes have described are cached on disk, for types that are not on the search path. The newest
+description that contains a whole type is used; else the descriptions of the messages of a service or action are joined,
+unless they contradict each other. Files whose hash differs from their name are skipped.
+"""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.names import KINDS
+from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
 from rosidl_py_gen.compiler.frontend.missing import missing_package
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, resolve_name
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.errors import TypeNotFoundError
+from rosidl_py_gen.compiler.frontend.type_description_reader import registry_from_descriptions, written_messages
+from rosidl_py_gen.errors import InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.type_loading.disk_cache import cached_descriptions
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
+    from rosidl_py_gen.base.descriptions import Description
     from rosidl_py_gen.base.names import RosName
+    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 
@@ -61,8 +72,6 @@ def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, R
     try:
         read_checked(registry, name)
     except TypeNotFoundError:
-        from rosidl_py_gen.ros_cli.cached_definitions import cached_registry
-
         definition = _generated(text) or cached_registry(text)
         if definition is None:
             raise
@@ -77,3 +86,82 @@ def _generated(text: str) -> tuple[InterfaceRegistry, RosName] | None:
         return None
     terminal_output.note(definition[2])
     return definition[:2]
+
+
+class _CachedDescriptions(NamedTuple):
+    individuals: dict[str, Description]
+    sources: dict[str, tuple[str, str]]
+
+
+def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
+    """Return the cached definition of ``pkg/kind/Name``, or of ``pkg/Name`` of any kind; None without one.
+
+    A note on standard error names its hash, and other cached definitions of the same name.
+
+    Raises:
+        CommandError: the cached messages of a service or an action contradict each other.
+    """
+    for name in _names(text):
+        descriptions = list(_descriptions(name))
+        if registries := _by_hash(name, descriptions) or _joined(name, descriptions):
+            (type_hash, registry), others = next(iter(registries.items())), list(registries)[1:]
+            more = f"; other cached definitions: {', '.join(others)}" if others else ""
+            terminal_output.note(f"{name} is not on the search path; using the cached definition {type_hash}{more}")
+            return registry, name
+    return None
+
+
+def _names(text: str) -> Iterator[RosName]:
+    for kind in KINDS if text.count("/") == 1 else ("msg",) if "/" in text else ():
+        try:
+            yield split_ros_name(text, kind)
+        except InvalidNameError:
+            return
+
+
+def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
+    """Yield the cached descriptions that mention a name, the newest first."""
+    from rosidl_py_gen import to_dict
+    from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
+
+    for type_hash, data in cached_descriptions(containing=str(name).encode()):
+        try:
+            response = GetTypeDescription_Response.decode(data)
+            description = to_dict(response.type_description)
+            if rihs01(description) != type_hash:
+                continue
+        except (RosidlError, ValueError, LookupError):
+            continue
+        individuals = [description["type_description"], *description["referenced_type_descriptions"]]
+        sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in response.type_sources}
+        yield _CachedDescriptions({one["type_name"]: one for one in individuals}, sources)
+
+
+def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
+    """Return the registries with a complete definition, by hash."""
+    is_service = name.kind == "srv" and "_" not in name.name
+    registries: dict[str, InterfaceRegistry] = {}
+    for one in descriptions:
+        if all(message in one.individuals for message in written_messages(name, is_service)):
+            with suppress(RosidlError):  # invalid, or too large
+                registry = registry_from_descriptions(name, one.individuals, one.sources, is_service)
+                registries.setdefault(registry.type_hash(str(name)), registry)
+    return registries
+
+
+def _joined(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
+    """Join the descriptions of the messages of a service or action."""
+    messages = written_messages(name, name.kind == "srv" and "_" not in name.name)
+    joined = _CachedDescriptions({}, {})
+    for one in descriptions if len(messages) > 1 else ():
+        if one.individuals.keys().isdisjoint(messages):
+            continue
+        for message, description in one.individuals.items():
+            if joined.individuals.setdefault(message, description) != description:
+                raise CommandError(
+                    f"{name} is not on the search path, and its cached messages have several definitions of {message}; "
+                    "pass --path"
+                )
+        for message, source in one.sources.items():
+            joined.sources.setdefault(message, source)
+    return _by_hash(name, [joined])

@@ -23,7 +23,7 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
             "record": "recording.command",
         },
     ),
-    "completion": ("Print the completion script of a shell.", "completion_script"),
+    "completion": ("Print the completion script of a shell.", "completion"),
     "doctor": ("Check this installation, the settings, the network and its peers.", "doctor.check"),
     "foxglove": ("Show topics, parameters and services live in Foxglove or Lichtblick.", "foxglove.command"),
     "graph": ("Nodes and topics as text, Mermaid or SVG.", "graph.command"),

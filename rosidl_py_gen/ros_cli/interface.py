@@ -199,7 +199,7 @@ def _example(text: str, paths: tuple[str, ...]) -> Message:
         suffix = _message_suffix(name)
         return get_message(f"{name}_{suffix}" if suffix else str(name), path=paths)()
     except TypeNotFoundError:
-        from rosidl_py_gen.ros_cli.cached_definitions import cached_registry
+        from rosidl_py_gen.ros_cli.definitions import cached_registry
         from rosidl_py_gen.type_loading.class_lookup import class_of_registry
 
         cached = cached_registry(text)

@@ -46,11 +46,7 @@ def _lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
 
 @asynccontextmanager
 async def _access(command_node: CommandNode, node: str, timeout_s: float) -> AsyncIterator[_LifecycleAccess]:
-    """Wait for a lifecycle node and yield the access to its services.
-
-    Raises:
-        CommandError: the node does not exist, is not a lifecycle node, or does not reply in time.
-    """
+    """Wait for a lifecycle node and yield the access to its services. Raises `CommandError`."""
     from rosidl_py_gen.ros_cli.name_lookup import find_node
     from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 

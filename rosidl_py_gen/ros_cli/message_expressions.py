@@ -44,12 +44,7 @@ class FilterError(RosidlError, ValueError):
 
 
 def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
-    """Return a condition on messages of a class, which the expression calls ``m``.
-
-    Raises:
-        FilterError: the expression is wrong; the text has the column. The condition itself raises it for a message
-            without a value, such as a missing element.
-    """
+    """Return a condition on messages of a class, which the expression calls ``m``. Raises `FilterError`."""
     value = _compiled(_ExpressionChecker(text.strip(), cls).checked(_IN_FILTERS))
     return lambda message: bool(value(message))
 

@@ -104,9 +104,7 @@ def to_yaml(value: Any, *, flow: bool | None = False) -> str:
     """Return a plain value as YAML with a line break at the end; keys stay in their order.
 
     If it contains an unprintable character, all characters beyond ASCII are escaped, so that it can be parsed again.
-
-    Args:
-        flow: True prints everything on one line; None only lists and mappings of scalars.
+    `flow` True prints everything on one line; None only lists and mappings of scalars.
     """
     style = {"Dumper": _Dumper, "sort_keys": False, "default_flow_style": flow, "width": 1 << 30}
     text: str = yaml.dump(value, allow_unicode=True, **style)
@@ -118,11 +116,7 @@ def to_yaml(value: Any, *, flow: bool | None = False) -> str:
 def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str | None, str]:
     """Return type and values of ``[TYPE] [VALUES]``, which are both optional; a type has a ``/`` and no blanks.
 
-    Args:
-        stdin: read the values from standard input.
-
-    Raises:
-        CommandError: too many words.
+    With `stdin`, the values are read from standard input.
     """
     rest = list(words)
     name = rest.pop(0) if rest and _TYPE.match(rest[0]) else None
@@ -206,8 +200,7 @@ def _example(cls: type[Message]) -> str:
 def rclpy_repr(value: Any, truncate: int | None) -> str:
     """Return the `repr` of rclpy, such as ``std_msgs.msg.ColorRGBA(r=1.0, g=0.0, b=0.0, a=1.0)``; arrays are lists.
 
-    Args:
-        truncate: number of elements or characters after which ``...`` follows; None means all.
+    After `truncate` elements or characters ``...`` follows; None means all.
     """
     if isinstance(value, Message):
         fields = (

@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 
 @asynccontextmanager
 async def _parameters_of(command_node: CommandNode, node: str, timeout_s: float) -> AsyncIterator[ParameterClient]:
-    """Yield a client for the parameters of a node; requests are sent before the causes of errors are known.
+    """Yield a client for the parameters of a node, whose errors become those of the command.
 
-    Raises:
-        CommandError: the node does not exist, serves no parameters, does not reply in time, or has no such parameter.
+    Requests are sent before the causes of errors are known.
     """
     from rosidl_py_gen.ros_cli.name_lookup import find_node
     from rosidl_py_gen.runtime import CallTimeoutError, ParameterNotDeclaredError, ServerLostError, WaitTimeoutError

@@ -8,13 +8,14 @@ from __future__ import annotations
 import os
 import re
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.terminal_text import json_text, printable_line, printable_lines
 from rosidl_py_gen.errors import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 _COLUMN_GAP = 3
 """Number of spaces between the columns of a table."""
@@ -66,10 +67,7 @@ def records(texts: Iterable[str]) -> None:
 class StatusLine:
     """Line on standard error, if that is a terminal, below the other output of a command; a context manager.
 
-    The cursor stays visible, because a signal could not restore it.
-
-    Attributes:
-        is_possible: False if standard error is not a terminal; then nothing is displayed.
+    The cursor stays visible, because a signal could not restore it. Nothing is displayed unless `is_possible`.
     """
 
     def __init__(self) -> None:
@@ -185,6 +183,29 @@ class OnceNotes:
         if text not in self._printed and len(self._printed) < _MAX_NOTES:
             self._printed.add(text)
             note(text)
+
+
+def drawing(
+    kind: str, output: str | None, texts: Iterable[tuple[str, str]], draw: Mapping[str, Callable[[], str]]
+) -> None:
+    """Print or write a drawing in the format that `options.output_format` returns.
+
+    Args:
+        texts: lines and their styles for the format ``text``.
+        draw: functions for the other formats; ``markdown`` contains ``mermaid``.
+    """
+    if output is None and kind == "text":
+        for one, style in texts:
+            line(one, style)
+        return
+    if kind == "text":
+        drawn = "".join(f"{printable_line(one)}\n" for one, _ in texts)
+    else:
+        drawn = f"```mermaid\n{draw['mermaid']()}```\n" if kind == "markdown" else draw[kind]()
+    if output is None:
+        block(drawn.rstrip("\n"))
+    else:
+        Path(output).write_text(drawn if drawn.endswith("\n") else f"{drawn}\n", encoding="utf-8")
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str, has_names: bool = True) -> None:

@@ -54,10 +54,6 @@ async def message_class(
     Args:
         topic: full name; a node must have it if `type_name` is None.
         type_name: ``pkg/msg/Name`` or ``pkg/Name``.
-
-    Raises:
-        CommandError: the topic has several types.
-        RosidlError: `type_name` is invalid, or the type cannot be found, described or compiled.
     """
     types = _topic_types(command_node, topic)
     name = _only("topic", topic, types) if type_name is None else str(split_ros_name(type_name, "msg"))
@@ -69,12 +65,7 @@ async def message_class(
 async def service_class(
     command_node: CommandNode, service: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Service[Any, Any]]:
-    """Return the class of a service.
-
-    Raises:
-        CommandError: the service has several types, or another one than `type_name`.
-        RosidlError: see `message_class`.
-    """
+    """Return the class of a service. Raises `CommandError`, `RosidlError`."""
     types = _services(command_node).get(service, [])
     name = _given_or_only("service", service, types, type_name)
     if name not in types:
@@ -103,12 +94,7 @@ def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
 
 
 def opaque_class(command_node: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
-    """Return a class for the serialized messages of a topic.
-
-    Raises:
-        CommandError: the topic has several types.
-        InvalidNameError: `type_name` is invalid.
-    """
+    """Return a class for the serialized messages of a topic. Raises `CommandError`, `InvalidNameError`."""
     name = (
         str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, _topic_types(command_node, topic))
     )

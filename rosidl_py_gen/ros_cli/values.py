@@ -44,11 +44,7 @@ class Number(str):
 
 
 def parse_value(text: str) -> Any:
-    """Return the value of a YAML or JSON text; numbers are `Number`, integers of JSON are int.
-
-    Raises:
-        CommandError: the text is too long, or is not YAML; the error names line and column.
-    """
+    """Return the value of a YAML or JSON text; numbers are `Number`, integers of JSON are int."""
     if len(text) <= MAX_JSON:
         try:
             return json.loads(text, parse_float=Number)

@@ -17,7 +17,7 @@ PRINTERS = {
     "generator_cli/regenerate.py": "for maintainers: paths of this package",
     "ros_cli/terminal_output.py": "the functions of this command line",
     "ros_cli/__init__.py": "errors, warnings, and flushing",
-    "ros_cli/completion_script.py": "the scripts of click",
+    "ros_cli/completion.py": "the scripts of click",
     "ros_cli/doctor/echo.py": "one word for its own parent process",
     "ros_cli/zenoh_router.py": "its own texts, made printable",
 }

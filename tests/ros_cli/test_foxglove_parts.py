@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+from time import time_ns
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +15,10 @@ from support.node_fixtures import until
 from rosidl_py_gen import get_message, get_service
 from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits
-from rosidl_py_gen.ros_cli.foxglove.clock import ViewerClock
-from rosidl_py_gen.ros_cli.foxglove.connections import ConnectionGraph
 from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
 from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
 from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
+from rosidl_py_gen.ros_cli.foxglove.serve import ConnectionGraph
 from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
 from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
 
@@ -91,7 +91,7 @@ async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_
         write(robot, topic, DDS_STRING)
     write(robot, "rt/plain", "Plain")
     words = robot.create_publisher(String, "words")
-    topics = TopicBridge(command_node_of(ours), told, ViewerClock(), **SHOWN)
+    topics = TopicBridge(command_node_of(ours), told, time_ns, **SHOWN)
     await until(lambda: "/words" in dict(ours.get_topic_names_and_types()))
     topics.refresh()
     wanted = ["/2d_scan", "/a//b", "/plain", "/words"]
@@ -135,7 +135,7 @@ async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, 
 async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World, told: Any) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
     ours._scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
-    topics = TopicBridge(command_node_of(ours), told, ViewerClock(), **SHOWN)
+    topics = TopicBridge(command_node_of(ours), told, time_ns, **SHOWN)
     await asyncio.sleep(0)
     namesake.create_publisher(String, "theirs")
     ours.create_publisher(String, "ours")

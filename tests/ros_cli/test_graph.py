@@ -17,7 +17,7 @@ from support.node_fixtures import until
 from rosidl_py_gen import get_action
 from rosidl_py_gen.ros_cli.graph import svg as graph_svg
 from rosidl_py_gen.ros_cli.graph import text as graph_text
-from rosidl_py_gen.ros_cli.graph.model import Edge, Picture
+from rosidl_py_gen.ros_cli.graph.text import Edge, Picture
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
 
 if TYPE_CHECKING:

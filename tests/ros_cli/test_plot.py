@@ -25,8 +25,7 @@ from support.docs_pictures import update_picture
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.ros_cli.plotting import output
-from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
-from rosidl_py_gen.ros_cli.plotting.lines import BUCKETS, PlotLine, PlotPanel, TopicLines, reduced
+from rosidl_py_gen.ros_cli.plotting.lines import BUCKETS, PlotLine, PlotPanel, TimeAxis, TopicLines, reduced
 from rosidl_py_gen.ros_cli.plotting.text_plot import text_plot
 
 if TYPE_CHECKING:

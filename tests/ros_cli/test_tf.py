@@ -17,7 +17,7 @@ from support.transform_frames import LEVEL, QUARTER, S, moved
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.tf import png, text
+from rosidl_py_gen.ros_cli.tf import png, tree
 from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 from rosidl_py_gen.tf import StaticTransformBroadcaster, Transform, TransformBroadcaster
 
@@ -220,16 +220,16 @@ def taken(transforms: list[Any]) -> FrameStatistics:
 def test_names_of_peers_are_text_in_every_form(tmp_path: Path) -> None:
     frames = taken([moved("map", EVIL), moved(EVIL, "x" * 300)])
     label = r"(?:[A-Za-z0-9_/ .,()-]|#\d+;)*"
-    first, *lines = text.mermaid(frames, {"peer": EVIL}).splitlines()
+    first, *lines = tree.mermaid(frames, {"peer": EVIL}).splitlines()
     form = rf'  f\d+(?:\["{label}"\]| -->\|"{label}"\| f\d+)'
     assert first == "flowchart TD" and [line for line in lines if not re.fullmatch(form, line)] == []
-    assert json.loads(text.as_json(frames, {"peer": EVIL}))["frames"][0]["frame"] == EVIL
+    assert tree.document(frames, {"peer": EVIL})["frames"][0]["frame"] == EVIL
     png.write(frames, {"peer": EVIL}, tmp_path / "evil.png")
 
 
 def test_very_deep_and_very_wide_trees_stay_small(tmp_path: Path) -> None:
     deep = taken([moved(f"f{number}", f"f{number + 1}") for number in range(3000)])
-    shown = [line for line, _ in text.lines(deep, {})]
+    shown = [line for line, _ in tree.lines(deep, {})]
     assert len(shown) == 3001 and max(map(len, shown)) < 250
     png.write(taken([moved(f"f{number}", f"f{number + 1}") for number in range(100)]), {}, tmp_path / "deep.png")
     wide = taken([moved("map", f"child{number}") for number in range(3000)])

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from rosidl_py_gen.ros_cli.foxglove.access import Access
-from rosidl_py_gen.ros_cli.foxglove.server import Listening, Server
+from rosidl_py_gen.ros_cli.foxglove.command import FoxgloveOptions
+from rosidl_py_gen.ros_cli.foxglove.server import Server
 from rosidl_py_gen.ros_cli.foxglove.viewer import Handlers
 
 if TYPE_CHECKING:
@@ -150,8 +150,8 @@ async def viewer(address: str, **how: Any) -> AsyncIterator[Viewer]:
 
 
 @asynccontextmanager
-async def served(access: Access | None = None, **limits: int) -> AsyncIterator[tuple[Server, str]]:
-    """A server and its address."""
+async def served(**settings: Any) -> AsyncIterator[tuple[Server, str]]:
+    """A server with these options, and its address."""
 
     async def nothing(*_: Any) -> dict[str, Any]:
         return {}
@@ -159,10 +159,11 @@ async def served(access: Access | None = None, **limits: int) -> AsyncIterator[t
     async def publish(*_: Any) -> None:
         pass
 
-    server = Server(access or Access())
-    usual: dict[str, Any] = {"queue": 256, "max_message_bytes": 1 << 20, "per_s": 1000, **limits}
+    usual: dict[str, Any] = {"host": "127.0.0.1", "port": 0, "is_read_only": False, "origins": (), "token": ""}
+    usual |= {"max_mib": 1, "per_s": 1000, "use_sim_time": False, "queue": 256, "hidden": False}
+    server = Server(FoxgloveOptions(**usual | settings))
     handlers = Handlers(lambda: None, publish, nothing, nothing)
-    port = await server.start(Listening("127.0.0.1", 0, has_time=False, is_read_only=False, **usual), handlers)
+    port = await server.start(handlers, has_time=False)
     try:
         yield server, f"ws://127.0.0.1:{port}"
     finally:

@@ -137,11 +137,7 @@ class _NewDefinitions:
         self._library = InterfaceRegistry(self._search)
 
     def find(self, name: str) -> tuple[type[Message], str] | str:
-        """Return class and text of a type, or the reason for copying its messages.
-
-        Raises:
-            DefinitionError: the definition is invalid.
-        """
+        """Return class and text of a type, or the reason for copying its messages. Raises `DefinitionError`."""
         from rosidl_py_gen import get_message
         from rosidl_py_gen.compiler.frontend.definition_text import full_text
         from rosidl_py_gen.compiler.frontend.registry import read_checked

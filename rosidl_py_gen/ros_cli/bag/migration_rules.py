@@ -16,12 +16,7 @@ _SECTIONS = ("types", "fields")
 
 
 def read_rules(path: str) -> MigrationRules:
-    """Return the rules of a file.
-
-    Raises:
-        CommandError: the file is invalid; names file, line and column.
-        OSError: the file cannot be read.
-    """
+    """Return the rules of a file. Raises `CommandError`, `OSError`."""
     return parse_rules(read_text(path, "rules"), path)
 
 

@@ -22,8 +22,7 @@ def channels_with_definitions(
 ) -> dict[tuple[str, ...], BagTopic]:
     """Return the channels to write, by the key of the original: with the definition in the bag, or a local one.
 
-    Raises:
-        CommandError: a channel with messages has no matching definition, and `keeps_unknown` is False.
+    Raises `CommandError` if a channel with messages has no matching definition, and `keeps_unknown` is False.
     """
     channels: dict[tuple[str, ...], BagTopic] = {}
     unknown: list[tuple[BagTopic, str]] = []

@@ -56,8 +56,7 @@ def plot(
     """
     require_output(out)
     from rosidl_py_gen.ros_cli.bag.display import opened_bag
-    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
-    from rosidl_py_gen.ros_cli.plotting.lines import topics_and_fields
+    from rosidl_py_gen.ros_cli.plotting.lines import TimeAxis, topics_and_fields
 
     with ExitStack() as stack:
         bags: list[BagReader] = []

@@ -31,12 +31,7 @@ _BOOLS = {"true": True, "false": False}
 
 
 def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
-    """Return profiles by full topic name; none without a file.
-
-    Raises:
-        CommandError: the file is invalid; names file, line and column.
-        OSError: the file cannot be read.
-    """
+    """Return profiles by full topic name; none without a file. Raises `CommandError`, `OSError`."""
     return {} if path is None else parse_qos_overrides(read_text(path, "profiles"), path)
 
 

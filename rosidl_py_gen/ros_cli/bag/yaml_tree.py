@@ -24,12 +24,7 @@ _NULLS = ("", "~", "null", "Null", "NULL")
 
 
 def read_text(path: str, what: str) -> str:
-    """Return the text of a file; `what` names its contents in errors.
-
-    Raises:
-        CommandError: the file is too long, or not UTF-8.
-        OSError: the file cannot be read.
-    """
+    """Return the text of a file; `what` names its contents in errors. Raises `CommandError`, `OSError`."""
     with Path(path).open("rb") as file:
         data = file.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:

@@ -1,7 +1,6 @@
 """``foxglove``: a server of the Foxglove WebSocket protocol, for viewers of the ROS graph.
 
-`serve` combines the parts: `server` accepts viewers that `access` permits, `viewer` is one of them, `protocol` reads
-and writes messages. `topics`, `services`, `parameters`, `connections` and `clock` follow the graph; `publishing` is for
-messages of viewers. Everything runs on the event loop, except that `decoding` has threads for large messages and
-definitions. `limits` has the numbers.
+`serve` combines the parts: `server` accepts viewers, `viewer` is one of them, `protocol` reads and writes messages.
+`topics`, `services` and `parameters` follow the graph; `publishing` is for messages of viewers. Everything runs on the
+event loop, except that `decoding` has threads for large messages and definitions. `limits` has the numbers.
 """

@@ -81,11 +81,7 @@ class Decoder:
         self._defaults = max(counted.values())
 
     async def run(self, data: bytes, worker: Worker, convert: Callable[[Message], T]) -> T:
-        """Return `convert(message)`.
-
-        Raises:
-            RosidlError: the data is no message of the class, or exceeds a limit.
-        """
+        """Return `convert(message)`. Raises `RosidlError`."""
         values = self._require_small(data)
         if max(len(data), values) <= limits.MAX_INLINE:
             return convert(self._decoded(data))

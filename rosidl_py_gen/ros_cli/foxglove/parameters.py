@@ -34,8 +34,7 @@ _SEPARATOR = "."
 class ParameterBridge:
     """Copy of all parameters: `refresh` is called after changes of the graph; `get` and `set_` for viewers.
 
-    Args:
-        changed: called if `refreshed` has values.
+    It calls `changed` when `refreshed` has values.
     """
 
     def __init__(

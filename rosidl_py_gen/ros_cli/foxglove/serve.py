@@ -1,26 +1,106 @@
-"""``foxglove``: a run from options to closing; viewers may connect before discovery is complete."""
+"""``foxglove``: a run from options to closing, with the clock of viewers and the graph of connections.
+
+Viewers may connect before discovery is complete. Their clock has simulated time if ``/clock`` is published, else
+system time.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import stamp_ns
+from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
-from rosidl_py_gen.ros_cli.foxglove.access import Access
-from rosidl_py_gen.ros_cli.foxglove.clock import TOPIC as CLOCK
-from rosidl_py_gen.ros_cli.foxglove.clock import ViewerClock
-from rosidl_py_gen.ros_cli.foxglove.connections import ConnectionGraph
 from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
+from rosidl_py_gen.ros_cli.foxglove.protocol import NO_GRAPH, Graph, Names
 from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
-from rosidl_py_gen.ros_cli.foxglove.server import Listening, Server
+from rosidl_py_gen.ros_cli.foxglove.server import Server
 from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
 from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
 from rosidl_py_gen.ros_cli.foxglove.viewer import Handlers
+from rosidl_py_gen.ros_cli.name_lookup import is_hidden, is_hidden_node
+from rosidl_py_gen.runtime import validate_full_name
+from rosidl_py_gen.runtime.qos import CLOCK
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.foxglove.command import FoxgloveOptions
+    from rosidl_py_gen.ros_cli.foxglove.server import Server
+    from rosidl_py_gen.runtime import Node, NodeInfo
+
+
+_CLOCK_TOPIC = "/clock"
+_MIN_INTERVAL_S = 1 / 30
+"""Minimum interval of time updates. Viewers draw at most 30 times a second, and time updates are never dropped."""
+
+
+class ViewerClock:
+    """Time of messages; simulated time after `follow`."""
+
+    def __init__(self) -> None:
+        self._sim_ns: int | None = None
+        self._sent_at = 0.0
+
+    def now_ns(self) -> int:
+        """Return the time in nanoseconds; 0 before the first message of ``/clock``."""
+        return time.time_ns() if self._sim_ns is None else self._sim_ns
+
+    def follow(self, node: Node, server: Server) -> None:
+        """Use the time of ``/clock`` from now on, and send it to viewers."""
+        self._sim_ns = 0
+        clock: Any = get_message("rosgraph_msgs/msg/Clock")
+
+        def on_message(message: Any) -> None:
+            self._sim_ns = max(0, stamp_ns(message.clock))
+            now = time.monotonic()
+            if now >= self._sent_at + _MIN_INTERVAL_S:
+                self._sent_at = now
+                server.send_time(self._sim_ns)
+
+        node.create_subscription(clock, _CLOCK_TOPIC, on_message, CLOCK)
+
+
+class ConnectionGraph:
+    """Sends the graph to viewers; `refresh` is called after changes."""
+
+    def __init__(self, node: Node, server: Server, *, hidden: bool) -> None:
+        self._node = node
+        self._server = server
+        self._hidden = hidden
+        self._sent_graph: Graph = NO_GRAPH
+
+    def refresh(self) -> None:
+        """Send changes of the graph."""
+        published: Names = {}
+        subscribed: Names = {}
+        served_names: Names = {}
+        for info in {(one.name, one.namespace): one for one in self._node.get_nodes()}.values():
+            if not self._is_shown(info):
+                continue
+            node_name = info.fully_qualified_name
+            for nodes_by_name, names in (
+                (published, self._node.get_publisher_names_and_types_by_node(info.name, info.namespace)),
+                (subscribed, self._node.get_subscriber_names_and_types_by_node(info.name, info.namespace)),
+                (served_names, self._node.get_service_names_and_types_by_node(info.name, info.namespace)),
+            ):
+                for name, _ in names:
+                    if self._hidden or not is_hidden(name):
+                        nodes_by_name.setdefault(name, []).append(node_name)
+        if (published, subscribed, served_names) != self._sent_graph:
+            self._sent_graph = published, subscribed, served_names
+            self._server.publish_graph(published, subscribed, served_names)
+
+    def _is_shown(self, info: NodeInfo) -> bool:
+        try:
+            validate_full_name(info.fully_qualified_name)
+        except InvalidNameError:
+            return False
+        return self._hidden or not is_hidden_node(info.fully_qualified_name)
+
 
 _APP = "https://app.foxglove.dev"
 _UPDATE_INTERVAL_S = 0.1
@@ -45,12 +125,12 @@ class _View:
         self._options = options
         self._node = command_node.node
         self._clock = ViewerClock()
-        self._server = server = Server(Access(options.origins, options.token))
+        self._server = server = Server(options)
         self._parameters_changed = asyncio.Event()
         self._viewers_changed = asyncio.Event()  # or their subscriptions
         self._has_clock = self._has_noted_clock = False
         settings: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
-        self._topics = TopicBridge(command_node, server, self._clock, **settings)
+        self._topics = TopicBridge(command_node, server, self._clock.now_ns, **settings)
         self._services = ServiceBridge(command_node, server, **settings)
         self._publishing = ClientPublishing(command_node, server, paths=options.paths)
         self._parameters = ParameterBridge(
@@ -59,16 +139,11 @@ class _View:
         self._connections = ConnectionGraph(command_node.node, server, hidden=options.hidden)
 
     async def show(self) -> None:
-        options = self._options
-        self._has_clock = options.use_sim_time or self._node.count_publishers(CLOCK) > 0
+        self._has_clock = self._options.use_sim_time or self._node.count_publishers(_CLOCK_TOPIC) > 0
         handlers = Handlers(
             self._viewers_changed.set, self._publishing.publish_from_viewer, self._parameters.get, self._parameters.set_
         )
-        listening = Listening(
-            *(options.host, options.port, options.queue, options.max_mib << 20, options.per_s),
-            *(self._has_clock, options.is_read_only),
-        )
-        port = await self._server.start(listening, handlers)
+        port = await self._server.start(handlers, has_time=self._has_clock)
         if self._has_clock:
             self._clock.follow(self._node, self._server)
         self._print_address(port)
@@ -89,9 +164,9 @@ class _View:
         self._connections.refresh()
 
     def _note_clock(self) -> None:
-        if not (self._has_clock or self._has_noted_clock) and self._node.count_publishers(CLOCK):
+        if not (self._has_clock or self._has_noted_clock) and self._node.count_publishers(_CLOCK_TOPIC):
             self._has_noted_clock = True
-            terminal_output.note(f"{CLOCK} has appeared; restart the command to send its time to viewers")
+            terminal_output.note(f"{_CLOCK_TOPIC} has appeared; restart the command to send its time to viewers")
 
     async def _follow_viewers(self) -> None:
         while await self._viewers_changed.wait():

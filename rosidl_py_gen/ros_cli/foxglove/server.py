@@ -1,8 +1,13 @@
-"""WebSocket server: accepts viewers, and sends them channels, services, parameters and the graph. Thread: loop."""
+"""WebSocket server: accepts viewers, and sends them channels, services, parameters and the graph. Thread: loop.
+
+A browser states the page that connects in the Origin header, which a page cannot change. Other programs may omit or
+forge it; a token keeps them out.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import hmac
 import itertools
 import logging
 import secrets
@@ -12,20 +17,75 @@ from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
-from rosidl_py_gen.ros_cli.foxglove.access import Access, RateLimit
-from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, AdvertisedService, Handlers, ServerState, Viewer
+from rosidl_py_gen.ros_cli.foxglove.viewer import (
+    AdvertisedChannel,
+    AdvertisedService,
+    Handlers,
+    RateLimit,
+    ServerState,
+    Viewer,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Awaitable, Callable, Mapping, Sequence
     from http import HTTPStatus
 
     from websockets.asyncio.server import Server as WebSocketServer
     from websockets.http11 import Request, Response
+
+    from rosidl_py_gen.ros_cli.foxglove.command import FoxgloveOptions
+
+
+KNOWN_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
+"""Origins of Foxglove, Lichtblick and desktop apps. Pages from files, or that hide their origin, send ``null``."""
+_LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
+ANY = "*"
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Access rules.
+
+    Attributes:
+        origins: permitted pages in addition to the known ones, such as ``https://example.org``; `ANY` permits all.
+        token: required value of ``?token=...`` in the address; empty for none.
+    """
+
+    origins: Sequence[str] = ()
+    token: str = ""
+
+    def refusal(self, origins: Sequence[str], path: str) -> tuple[int, str] | None:
+        """Return status and text of an HTTP response that refuses a connection; None if it is permitted."""
+        if len(origins) > 1 or not all(map(self._is_allowed, origins)):
+            text = ", ".join(origins)[:100]
+            return 403, f"pages of {text} must not connect; permit them with rosidl-py foxglove --allow-origin"
+        if self.token and not self._has_token(path):
+            return 401, "the address requires ?token=... of rosidl-py foxglove"
+        return None
+
+    def _is_allowed(self, origin: str) -> bool:
+        allowed = (*KNOWN_ORIGINS, *(one.rstrip("/") if one != "file://" else one for one in self.origins))
+        if ANY in allowed or origin in allowed:
+            return True
+        try:
+            parts = urlsplit(origin)
+            return parts.scheme in ("http", "https") and parts.hostname in _LOCAL_HOSTS and parts.username is None
+        except ValueError:
+            return False
+
+    def _has_token(self, path: str) -> bool:
+        try:
+            tokens = parse_qs(urlsplit(path).query, max_num_fields=20).get("token", [])
+        except ValueError:
+            return False
+        return len(tokens) == 1 and hmac.compare_digest(tokens[0].encode(errors="replace"), self.token.encode())
+
 
 _NAME = "rosidl-py"
 _HANDSHAKE_TIMEOUT_S = 10.0
@@ -39,27 +99,6 @@ _READ_QUEUE = 1
 _SILENT_LOGGER = logging.Logger("rosidl-py foxglove")
 """Logger without output: errors of viewers are sent to them."""
 _SILENT_LOGGER.addHandler(logging.NullHandler())
-
-
-@dataclass(frozen=True, slots=True)
-class Listening:
-    """Settings of a server.
-
-    Attributes:
-        queue: maximum number of messages that wait for a slow viewer.
-        max_message_bytes: maximum size of a message of a viewer; a larger one disconnects it.
-        per_s: maximum rate of messages of a viewer; a faster one is read more slowly.
-        has_time: viewers are sent the time, instead of using their own.
-        is_read_only: viewers cannot publish, call services and set parameters.
-    """
-
-    host: str
-    port: int
-    queue: int
-    max_message_bytes: int
-    per_s: int
-    has_time: bool
-    is_read_only: bool
 
 
 class _Connection(ServerConnection):
@@ -84,9 +123,10 @@ class _Connection(ServerConnection):
 class Server:
     """Server between `start` and `stop`."""
 
-    def __init__(self, access: Access) -> None:
-        self._access = access
-        self._listening: Listening | None = None
+    def __init__(self, options: FoxgloveOptions) -> None:
+        self._options = options
+        self._access = Access(options.origins, options.token)
+        self._has_time = False
         self._server: WebSocketServer | None = None
         self._numbers = itertools.count(1)
         self._viewers: dict[int, Viewer] = {}
@@ -95,13 +135,13 @@ class Server:
         """Topics that viewers publish on."""
         self._warned_at: dict[str, float] = {}
 
-    async def start(self, listening: Listening, handlers: Handlers) -> int:
-        """Listen, and return the port.
+    async def start(self, handlers: Handlers, *, has_time: bool) -> int:
+        """Listen, and return the port. Raises `CommandError`.
 
-        Raises:
-            CommandError: the address cannot be used.
+        Args:
+            has_time: viewers are sent the time, instead of using their own.
         """
-        self._listening, host, port = listening, listening.host, listening.port
+        self._has_time, host, port = has_time, self._options.host, self._options.port
         try:
             bound = await asyncio.to_thread(_bind, host, port)
         except (OSError, OverflowError) as error:
@@ -111,13 +151,13 @@ class Server:
         names: Any = protocol.SUBPROTOCOLS
         session = secrets.token_hex(8)
         self._server = await serve(
-            lambda connection: self._serve(connection, listening, handlers, session),
+            lambda connection: self._serve(connection, handlers, session),
             sock=bound,
             subprotocols=names,
             process_request=self._check_request,
             create_connection=_Connection,
             compression=None,
-            max_size=listening.max_message_bytes,
+            max_size=self._options.max_mib << 20,
             max_queue=_READ_QUEUE,
             open_timeout=_HANDSHAKE_TIMEOUT_S,
             close_timeout=_CLOSE_GRACE_S,
@@ -147,13 +187,11 @@ class Server:
         code: HTTPStatus | Any = refusal[0]
         return connection.respond(code, refusal[1] + "\n")
 
-    async def _serve(
-        self, connection: ServerConnection, listening: Listening, handlers: Handlers, session: str
-    ) -> None:
-        may_act = not listening.is_read_only
-        viewer = Viewer(connection, next(self._numbers), self._state, handlers, listening.queue, may_publish=may_act)
+    async def _serve(self, connection: ServerConnection, handlers: Handlers, session: str) -> None:
+        options, may_act = self._options, not self._options.is_read_only
+        viewer = Viewer(connection, next(self._numbers), self._state, handlers, options.queue, may_publish=may_act)
         self._viewers[viewer.number] = viewer
-        can = ["parameters", "parametersSubscribe", "connectionGraph", *["time"] * listening.has_time]
+        can = ["parameters", "parametersSubscribe", "connectionGraph", *["time"] * self._has_time]
         can += ["clientPublish", "services"] * may_act
         encodings = ["cdr", "json"] * may_act
         viewer.send_control(
@@ -166,7 +204,7 @@ class Server:
         services = [service.advertisement for service in self._state.services.values()]
         viewer.send_control(protocol.control("advertiseServices", services=services))
         try:
-            await viewer.run(RateLimit(listening.per_s))
+            await viewer.run(RateLimit(options.per_s))
         except Exception:  # the library logs nothing, as its logger is silent
             terminal_output.note(f"disconnected a viewer: {traceback.format_exc()}")
             raise
@@ -230,7 +268,7 @@ class Server:
 
     def send_time(self, time_ns: int) -> None:
         """Send the time to viewers, if they do not use their own."""
-        if self._listening is not None and self._listening.has_time:
+        if self._has_time:
             self._broadcast(protocol.time(time_ns))
 
     def send_control(self, subject: str, text: str) -> None:

@@ -17,11 +17,10 @@ from rosidl_py_gen.runtime import AdaptiveSubscription, Durability
 from rosidl_py_gen.type_loading.from_description import definition_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.foxglove.clock import ViewerClock
     from rosidl_py_gen.ros_cli.foxglove.server import Server
     from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel
     from rosidl_py_gen.runtime import TopicEndpointInfo
@@ -61,12 +60,18 @@ class TopicBridge:
     """Advertises the topics of the graph: `refresh` is called after its changes."""
 
     def __init__(
-        self, command_node: CommandNode, server: Server, clock: ViewerClock, *, paths: Sequence[str], hidden: bool
+        self,
+        command_node: CommandNode,
+        server: Server,
+        now_ns: Callable[[], int],
+        *,
+        paths: Sequence[str],
+        hidden: bool,
     ) -> None:
         self._command_node = command_node
         self._node = command_node.node
         self._server = server
-        self._clock = clock
+        self._now_ns = now_ns
         self._paths = paths
         self._hidden = hidden
         self._topics: dict[_Key, _AdvertisedTopic] = {}
@@ -148,7 +153,7 @@ class TopicBridge:
 
     def _subscribe(self, key: _Key, entry: _AdvertisedTopic) -> AdaptiveSubscription[bytes]:
         assert entry.channel is not None
-        send, now_ns = entry.channel.send, self._clock.now_ns
+        send, now_ns = entry.channel.send, self._now_ns
         cls = entry.cls or type_resolution.opaque_class(self._command_node, key.topic, key.type_name)
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from websockets.asyncio.server import ServerConnection
 
-    from rosidl_py_gen.ros_cli.foxglove.access import RateLimit
-
 ClientChannelKey = tuple[int, int]
 """Id of a viewer, and its id of a channel."""
 
@@ -96,13 +94,27 @@ class ServerState:
     heavy: asyncio.Lock = field(default_factory=asyncio.Lock)
 
 
-class Viewer:
-    """Connection to a viewer.
+class RateLimit:
+    """Rate limit of a viewer: `per_s` messages per second, with bursts of as many.
 
-    Args:
-        queue: maximum number of waiting messages of topics.
-        may_publish: True if the viewer may publish.
+    A faster viewer is read more slowly, so that it has to wait; no message is lost.
     """
+
+    def __init__(self, per_s: int) -> None:
+        self._per_s = per_s
+        self._left = float(per_s)
+        self._at = monotonic()
+
+    def wait_s(self) -> float:
+        """Count a message; return the time to wait before reading the next one, in seconds."""
+        now = monotonic()
+        self._left = min(self._per_s, self._left + (now - self._at) * self._per_s) - 1
+        self._at = now
+        return max(0.0, -self._left / self._per_s)
+
+
+class Viewer:
+    """Connection to a viewer, for which at most `queue` messages of topics wait."""
 
     def __init__(
         self,

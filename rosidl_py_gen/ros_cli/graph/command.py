@@ -9,20 +9,19 @@ from __future__ import annotations
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.terminal_text import printable_line
+from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.graph.model import Edge, Picture
+    from rosidl_py_gen.ros_cli.graph.text import Edge, Picture
     from rosidl_py_gen.runtime import NamesAndTypes, Node
 
 
@@ -74,35 +73,20 @@ async def graph(
     kind = options.output_format("svg", kind, as_json, output)
     await command_node.wait_for_node_names()
     picture = _filtered(_picture(command_node, everything), nodes, topics)
-    if output is None and kind == "text":
-        from rosidl_py_gen.ros_cli.graph.text import print_text
+    from rosidl_py_gen.ros_cli.graph import svg, text
 
-        print_text(picture)
-        return
-    text = _render(picture, kind)
-    if output is None:
-        terminal_output.block(text.rstrip("\n"))
-    else:
-        await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
+    draw = {
+        "svg": lambda: svg.svg(picture),
+        "mermaid": lambda: text.mermaid(picture),
+        "json": lambda: json_text(text.document(picture), indent=2),
+    }
+    await asyncio.to_thread(terminal_output.drawing, kind, output, text.lines(picture), draw)
+    if output is not None:
         terminal_output.note(f"wrote {output}: {len(picture.nodes)} nodes")
 
 
-def _render(picture: Picture, kind: str) -> str:
-    from rosidl_py_gen.ros_cli.graph import svg as graph_svg
-    from rosidl_py_gen.ros_cli.graph import text as graph_text
-
-    draw: dict[str, Callable[[Picture], str]] = {
-        "svg": graph_svg.svg,
-        "mermaid": graph_text.mermaid,
-        "markdown": lambda picture: f"```mermaid\n{graph_text.mermaid(picture)}```\n",
-        "json": graph_text.as_json,
-        "text": lambda picture: "".join(f"{printable_line(line)}\n" for line, _ in graph_text.lines(picture)),
-    }
-    return draw[kind](picture)
-
-
 def _picture(command_node: CommandNode, everything: bool) -> Picture:
-    from rosidl_py_gen.ros_cli.graph.model import Picture
+    from rosidl_py_gen.ros_cli.graph.text import Picture
 
     node = command_node.node
     edges: set[Edge] = set()
@@ -135,7 +119,7 @@ def _unmatched_nodes(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, 
 
 
 def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
-    from rosidl_py_gen.ros_cli.graph.model import Edge
+    from rosidl_py_gen.ros_cli.graph.text import Edge
 
     topics: dict[str, Callable[[str, str], NamesAndTypes]] = {
         "publishes": node.get_publisher_names_and_types_by_node,
@@ -160,7 +144,7 @@ def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool
 
 def _edges_without_node(node: Node, everything: bool) -> Iterator[Edge]:
     """Yield endpoints without a node, or whose node name did not arrive."""
-    from rosidl_py_gen.ros_cli.graph.model import Edge
+    from rosidl_py_gen.ros_cli.graph.text import Edge
 
     for topic, _ in node.get_topic_names_and_types():
         if _is_topic(topic, everything):

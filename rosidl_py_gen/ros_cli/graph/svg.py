@@ -16,7 +16,7 @@ from rosidl_py_gen.errors import printable
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from rosidl_py_gen.ros_cli.graph.model import Edge, Picture
+    from rosidl_py_gen.ros_cli.graph.text import Edge, Picture
 
 _CHAR_WIDTH = 7.25
 _SMALL_CHAR_WIDTH = 6.05

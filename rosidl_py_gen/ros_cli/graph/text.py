@@ -1,26 +1,63 @@
-"""Graph as text, Mermaid and JSON. Names of peers are not trusted, so they are escaped."""
+"""Contents of a drawn graph, and the graph as text, Mermaid and JSON. Names of peers are escaped."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.ros_cli import terminal_output
-from rosidl_py_gen.ros_cli.graph.model import COUNTERPARTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.ros_cli.graph.model import Edge, Picture
+
+COUNTERPARTS = {"publishes": "subscribes", "subscribes": "publishes", "serves": "calls", "calls": "serves"}
+
+
+@dataclass(frozen=True, order=True)
+class Edge:
+    """Relation of a node to a topic, service or action (`kind`); `role` is a key of `COUNTERPARTS`."""
+
+    node: str
+    role: str
+    kind: str
+    name: str
+    types: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Graph to draw.
+
+    Attributes:
+        nodes: nodes with edges; without filters also those without.
+        edges: edges of these nodes and of their counterparts.
+        incompatible: publisher's node, topic and subscriber's node of pairs that do not match.
+    """
+
+    domain_id: int
+    nodes: list[str]
+    edges: list[Edge]
+    incompatible: frozenset[tuple[str, str, str]] = frozenset()
+
+    def of(self, node: str) -> list[Edge]:
+        """Return the edges of a node."""
+        return [edge for edge in self.edges if edge.node == node]
+
+    def counterparts(self, edge: Edge) -> list[str]:
+        """Return the nodes at the other side of an edge."""
+        counterpart = (COUNTERPARTS[edge.role], edge.kind, edge.name)
+        return [
+            other.node
+            for other in self.edges
+            if (other.role, other.kind, other.name) == counterpart
+            and not set(edge.types).isdisjoint(other.types)
+            and not self.incompatible & {(edge.node, edge.name, other.node), (other.node, edge.name, edge.node)}
+        ]
+
 
 _ARROWS = {"publishes": "->", "subscribes": "<-", "serves": "<-", "calls": "->"}
 _SHAPES = {"topic": ('(["', '"])'), "service": ('{{"', '"}}'), "action": ('[["', '"]]')}
-
-
-def print_text(picture: Picture) -> None:
-    """Print the graph as text."""
-    for text, style in lines(picture):
-        terminal_output.line(text, style)
 
 
 def lines(picture: Picture) -> Iterator[tuple[str, str]]:
@@ -41,15 +78,15 @@ def lines(picture: Picture) -> Iterator[tuple[str, str]]:
                     yield f"      {_ARROWS[role]} {others}", "dim"
 
 
-def as_json(picture: Picture) -> str:
-    """Return a JSON object with the domain, and the topics, services and actions of each node."""
+def document(picture: Picture) -> dict[str, Any]:
+    """Return the domain, and the topics, services and actions of each node, for JSON."""
     nodes = []
     for node in picture.nodes:
         entry: dict[str, Any] = {"name": node}
         for role in COUNTERPARTS:
             entry[role] = [_row(picture, edge) for edge in picture.of(node) if edge.role == role]
         nodes.append(entry)
-    return json_text({"domain": picture.domain_id, "nodes": nodes}, indent=2) + "\n"
+    return {"domain": picture.domain_id, "nodes": nodes}
 
 
 def _row(picture: Picture, edge: Edge) -> dict[str, Any]:
@@ -58,7 +95,10 @@ def _row(picture: Picture, edge: Edge) -> dict[str, Any]:
 
 def mermaid(picture: Picture) -> str:
     """Return a flowchart: nodes are boxes, topics round, services hexagons, actions boxes with double sides."""
-    nodes = {name: f"n{number}" for number, name in enumerate(sorted({*picture.nodes, *_connected_nodes(picture)}))}
+    nodes = {
+        name: f"n{number}"
+        for number, name in enumerate(sorted({*picture.nodes, *(edge.node for edge in picture.edges)}))
+    }
     things = sorted({(edge.kind, edge.name) for edge in picture.edges})
     ids = {thing: f"t{number}" for number, thing in enumerate(things)}
     out = ["flowchart LR"]
@@ -74,7 +114,3 @@ def mermaid(picture: Picture) -> str:
         line = "-->" if edge.kind == "topic" else "-.->"
         out.append(f"  {node} {line} {thing}" if edge.role in ("publishes", "calls") else f"  {thing} {line} {node}")
     return "\n".join(out) + "\n"
-
-
-def _connected_nodes(picture: Picture) -> set[str]:
-    return {edge.node for edge in picture.edges}

@@ -13,9 +13,8 @@ from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.ros_cli.keyboard import read_keys
 from rosidl_py_gen.ros_cli.playback.player import Player
-from rosidl_py_gen.ros_cli.playback.publishers import cannot_play_reason
-from rosidl_py_gen.ros_cli.playback.recording import Recording
-from rosidl_py_gen.ros_cli.playback.selection import select_messages, selected_topics
+from rosidl_py_gen.ros_cli.playback.recording import Recording, select_messages, selected_topics
+from rosidl_py_gen.ros_cli.playback.senders import cannot_play_reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -46,11 +45,7 @@ async def _open(network: NetworkOptions, options: PlayOptions, overrides: Mappin
 
 
 def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
-    """Return the topics without those whose name or type is invalid in ROS 2.
-
-    Raises:
-        CommandError: no topic is left.
-    """
+    """Return the topics without those whose name or type is invalid in ROS 2. Raises `CommandError`."""
     left = {}
     for _, channel in recording.channels:
         if channel.name not in topics:

@@ -10,9 +10,8 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.display import duration_text
 from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
-from rosidl_py_gen.ros_cli.playback.publishers import TopicPublishers, cannot_play_reason
 from rosidl_py_gen.ros_cli.playback.recording import by_publish_time
-from rosidl_py_gen.ros_cli.playback.requests import Requests
+from rosidl_py_gen.ros_cli.playback.senders import Requests, TopicPublishers, cannot_play_reason
 from rosidl_py_gen.ros_cli.playback.timeline import Timeline
 from rosidl_py_gen.runtime import QoSProfile
 
@@ -27,11 +26,7 @@ if TYPE_CHECKING:
 
 
 class Player:
-    """Player with the methods that keys and services call. Thread: loop.
-
-    Raises:
-        CommandError: a remapping is invalid, or the definition of a service is missing whose requests are to be sent.
-    """
+    """Player with the methods that keys and services call. Thread: loop. Raises `CommandError`."""
 
     def __init__(
         self,

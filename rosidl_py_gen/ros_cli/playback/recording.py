@@ -1,4 +1,8 @@
-"""Reader of one or several bags that are played together."""
+"""One or several bags that are played together, and the selection of their topics and messages.
+
+With ``--topics``, ``--services``, ``--actions`` or ``--regex`` only the named topics, service events and topics of
+actions are played. Exclusion precedes inclusion. Patterns match whole names, as for ``ros2 bag play``.
+"""
 
 from __future__ import annotations
 
@@ -7,28 +11,27 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli.bag.display import ProgressBar, duration_text, time_text
+from rosidl_py_gen.ros_cli.bag.selection import BagSelection, compile_pattern
 from rosidl_py_gen.ros_cli.name_lookup import topic_owner
 
 if TYPE_CHECKING:
+    import re
     from collections.abc import Iterable, Iterator, Sequence
 
     from rosidl_py_gen.bags import BagTopic, RawMessage
+    from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
+    from rosidl_py_gen.ros_cli.playback.command import PlayOptions
+
 
 _KINDS = {".db3": "sqlite3", ".mcap": "mcap"}
 
 
 class Recording:
-    """Bags whose messages are played by their times; use it with ``with``.
-
-    Args:
-        storage: required storage of all files, if the user stated one.
-
-    Raises:
-        CommandError: a bag has another storage.
-        BagError, OSError: as for `BagReader`.
-    """
+    """Bags whose messages are played by their times; a context manager. Raises `CommandError` for another `storage`."""
 
     def __init__(self, places: Sequence[str], paths: Sequence[str], storage: str | None = None) -> None:
         self._readers: list[BagReader] = []
@@ -97,3 +100,84 @@ def by_publish_time(messages: Iterable[RawMessage], ahead: int) -> Iterator[RawM
             yield heappop(waiting)[2]
     while waiting:
         yield heappop(waiting)[2]
+
+
+def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
+    """Return the topics to play, sorted. Raises `CommandError`."""
+    owners = recording.owners
+    included = {"topic": options.topics, "service": options.services, "action": options.actions}
+    excluded = {
+        "topic": options.exclude_topics,
+        "service": options.exclude_services,
+        "action": options.exclude_actions,
+    }
+    named = {kind: _existing_names(recording, owners.values(), kind, names, "") for kind, names in included.items()}
+    excluded_names = {
+        kind: _existing_names(recording, owners.values(), kind, names, "exclude-") for kind, names in excluded.items()
+    }
+    regex = compile_pattern(options.regex, "--regex") if options.regex else None
+    exclude = compile_pattern(options.exclude_regex, "--exclude-regex") if options.exclude_regex else None
+    is_choice = any(included.values()) or regex is not None
+    selected = []
+    for topic in recording.topics:
+        kind, name, _ = owners[topic]
+        is_included = not is_choice or name in named[kind] or topic in named["topic"] or _matches(regex, topic, name)
+        is_excluded = name in excluded_names[kind] or topic in excluded_names["topic"] or _matches(exclude, topic, name)
+        if is_included and not is_excluded:
+            selected.append(topic)
+    if options.has_clock and "/clock" in selected:
+        terminal_output.note("skipped /clock of the bag, as --clock publishes it")
+        selected.remove("/clock")
+    if recording.topics and not selected:
+        raise CommandError(
+            f"{recording.name}: no topic is selected; topics are {', '.join(recording.topics)[:300]}; --regex "
+            "and --exclude-regex match whole names"
+        )
+    return selected
+
+
+def _existing_names(
+    recording: Recording, owners: Iterable[TopicOwner], kind: str, names: Sequence[str], prefix: str
+) -> set[str]:
+    """Return full names that exist. A missing name raises `CommandError`; a missing excluded name is noted."""
+    owners = list(owners)
+    existing = {one.name for one in owners if one.kind == kind} | (set(recording.topics) if kind == "topic" else set())
+    full = {name if name.startswith("/") else f"/{name}" for name in names}
+    for name in sorted(full - existing):
+        reason = f"{recording.name} has no {kind} {name}{did_you_mean(name, existing)}"
+        other = next((one.kind for one in owners if one.name == name), "")
+        if other:
+            reason += f"; it is a{'n' if other == 'action' else ''} {other}: --{prefix}{other}s {name}"
+        if not prefix:
+            raise CommandError(reason)
+        terminal_output.note(f"--{prefix}{kind}s: {reason}")
+    return full & existing
+
+
+def _matches(pattern: re.Pattern[str] | None, *names: str) -> bool:
+    return pattern is not None and any(pattern.fullmatch(name) for name in names)
+
+
+def select_messages(recording: Recording, topics: Sequence[str], options: PlayOptions) -> BagSelection:
+    """Return the messages of these topics that are played.
+
+    The end is the later one of ``--playback-duration`` and ``--playback-until-…``, and is inclusive as in rosbag2; that
+    of ``--duration`` is exclusive as for the other commands.
+    """
+    start = recording.start_ns + round(options.offset_s * NS_PER_S)
+    if start > recording.end_ns:
+        length = duration_text(recording.end_ns - recording.start_ns)
+        raise CommandError(f"{recording.name} is {length} long; expected a start offset within it")
+    ends = []
+    if options.playback_s is not None:
+        ends.append(start + round(options.playback_s * NS_PER_S) + 1 if options.playback_s else start)
+    if options.until_ns is not None:
+        ends.append(options.until_ns + 1)
+    end = min(max(ends, default=recording.end_ns + 1), recording.end_ns + 1)
+    if options.duration_s is not None:
+        end = min(end, start + round(options.duration_s * NS_PER_S))
+    if end < start:
+        raise CommandError(
+            f"{recording.name}: starts at {time_text(start)}; expected an end after it, got {time_text(end - 1)}"
+        )
+    return BagSelection(list(topics), start, end)

@@ -9,11 +9,7 @@ from rosidl_py_gen.ros_cli.command_node import now_s
 
 
 class Timeline:
-    """Clock that runs at a rate, pauses and jumps. Thread: loop.
-
-    Args:
-        at_ns: initial time, in nanoseconds.
-    """
+    """Clock that runs at a rate, pauses and jumps. Thread: loop."""
 
     def __init__(self, at_ns: int, rate: float, *, is_paused: bool = False) -> None:
         self._at_ns = at_ns

@@ -12,7 +12,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.plotting.axis import DrawnLine, TimeAxis
+from rosidl_py_gen.ros_cli.plotting.lines import DrawnLine, TimeAxis
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel

@@ -1,4 +1,4 @@
-"""Data of a plot: lines of a bounded number of points, which are filled from fields of messages.
+"""Data of a plot: lines of a bounded number of points, which are filled from fields of messages, and the time axis.
 
 A line stores every point until it has too many. Then it divides its time range into buckets, each about as wide as a
 pixel, and retains of each bucket the first, the smallest, the largest and the last point.
@@ -10,7 +10,7 @@ from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -68,8 +68,7 @@ class PlotLine:
 def reduced(times: Floats, values: Floats, count: int) -> tuple[Floats, Floats]:
     """Return at most four points of each of `count` buckets of time: the first, smallest, largest and last.
 
-    Args:
-        times: rising times; values that are not numbers count only as the first and last ones.
+    The times rise. Values that are not numbers count only as the first and last ones.
     """
     if len(times) <= 4 * count:
         return times, values
@@ -88,12 +87,7 @@ def reduced(times: Floats, values: Floats, count: int) -> tuple[Floats, Floats]:
 
 @dataclass(slots=True)
 class PlotPanel:
-    """Lines of one topic, which share an axis.
-
-    Attributes:
-        count: number of the messages.
-        start_s: time of the first one, seconds since 1970.
-    """
+    """Lines of one topic, which share an axis; `start_s` is the time of the first message, in seconds since 1970."""
 
     title: str
     lines: list[PlotLine] = field(default_factory=list)
@@ -236,3 +230,74 @@ def topics_and_fields(words: Iterable[str]) -> list[tuple[str, list[str]]]:
         else:
             at.append(word)
     return list(topics.items())
+
+
+class DrawnLine(NamedTuple):
+    """Line as it is drawn; times are seconds since the start of the plot, or since 1970."""
+
+    label: str
+    times: Floats
+    values: Floats
+    is_steps: bool
+
+
+class TimeAxis:
+    """Time axis that all panels share.
+
+    Args:
+        is_wall_clock: local date and time instead of seconds since the start.
+        by_stamp: the times are those of the headers, for the label.
+        own_starts: each panel starts at 0.
+        last_s: draw only this time before the last point.
+    """
+
+    def __init__(
+        self,
+        *,
+        is_wall_clock: bool = False,
+        by_stamp: bool = False,
+        own_starts: bool = False,
+        last_s: float | None = None,
+    ) -> None:
+        self.is_wall_clock, self.last_s = is_wall_clock, last_s
+        self._own_starts = own_starts
+        self.start_s = 0.0
+        """Zero of the axis, seconds since 1970."""
+        name = "time of header.stamp" if by_stamp else "time"
+        self.label = name if is_wall_clock else f"{name} [s]"
+
+    def begin(self, panels: Sequence[PlotPanel]) -> None:
+        """Set the start to the first message of all panels."""
+        self.start_s = min((panel.start_s for panel in panels if panel.count), default=0.0)
+
+    def drawn(self, panel: PlotPanel) -> list[DrawnLine]:
+        """Return the lines of a panel that have points."""
+        zero = 0.0 if self.is_wall_clock else panel.start_s if self._own_starts else self.start_s
+        lines = []
+        for line in panel.lines:
+            times, values = line.points()
+            if len(times):
+                lines.append(DrawnLine(line.label, times - zero, values, line.is_steps))
+        return lines
+
+    def left(self, panels: Sequence[PlotPanel]) -> float | None:
+        """Return the left end of the axis for `last_s`; None if the whole time is drawn."""
+        ends = [line.times[-1] for panel in panels for line in self.drawn(panel)]
+        starts = [line.times[0] for panel in panels for line in self.drawn(panel)]
+        if self.last_s is None or not ends or max(ends) - min(starts) < self.last_s:
+            return None
+        return float(max(ends) - self.last_s)
+
+    @staticmethod
+    def dates(times: Floats) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """Return seconds since 1970 as days in local time, which matplotlib displays as dates."""
+        from datetime import datetime
+
+        if not len(times):
+            return times
+        try:
+            offset = datetime.fromtimestamp(float(times[0])).astimezone().utcoffset()
+        except (OverflowError, ValueError, OSError):
+            offset = None
+        seconds = times + (offset.total_seconds() if offset else 0.0)
+        return np.asarray(seconds / 86400.0)

@@ -16,9 +16,8 @@ from rosidl_py_gen.base.resources import install_command, require_modules
 from rosidl_py_gen.ros_cli import options, terminal_output
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
     from rosidl_py_gen.ros_cli.plotting.figure import PlotWindow
-    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel
+    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TimeAxis
     from rosidl_py_gen.ros_cli.plotting.text_plot import StyledText
 
 _MAX_ROWS = 40

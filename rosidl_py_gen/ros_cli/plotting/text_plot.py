@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.ros_cli.plotting.axis import DrawnLine, TimeAxis
-from rosidl_py_gen.ros_cli.plotting.lines import Floats, PlotPanel
+from rosidl_py_gen.ros_cli.plotting.lines import DrawnLine, Floats, PlotPanel, TimeAxis
 
 COLORS = ("cyan", "yellow", "green", "magenta", "red", "blue")
 """Styles of rich for the lines, repeated if there are more."""

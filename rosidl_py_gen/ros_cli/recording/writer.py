@@ -163,11 +163,7 @@ class WriterThread:
                 flushed = monotonic()
 
     def end(self) -> None:
-        """Write waiting messages, and close the bag; retained messages are discarded.
-
-        Raises:
-            CommandError: not everything could be written.
-        """
+        """Write waiting messages, and close the bag; retained messages are discarded. Raises `CommandError`."""
         self._items.put(None)
         self._thread.join()
         try:

@@ -45,11 +45,7 @@ _LINKED_CERTIFICATES = f"{_IDENTITY}.cert.pem", f"{_PERMISSIONS}.cert.pem"
 
 @dataclass(frozen=True, slots=True)
 class Keystore:
-    """Keystore in a folder.
-
-    Attributes:
-        note: prints what the user should know, such as a private key that others can read.
-    """
+    """Keystore in a folder; `note` prints what the user should know, such as a private key that others can read."""
 
     root: Path
     note: Callable[[str], None]
@@ -95,8 +91,7 @@ class Keystore:
     def create(self, domain_id: int) -> datetime:
         """Create the missing files, and return the end of the validity of the certificate authority.
 
-        Raises:
-            CommandError: the keystore is complete, or a file that cannot be recreated is missing.
+        Raises `CommandError` if the keystore is complete, or a file that cannot be recreated is missing.
         """
         self.root.mkdir(parents=True, exist_ok=True)
         with key_files.locked(self.root):
@@ -197,11 +192,7 @@ class Keystore:
     # -------------------------------------------------------------------------------------------------------- enclaves
 
     def create_enclave(self, name: str) -> Certificate:
-        """Create key, certificate and links of an enclave unless they exist, and return the certificate.
-
-        Raises:
-            CommandError: existing files do not belong together, or to this keystore.
-        """
+        """Create key, certificate and links of an enclave unless they exist, and return the certificate."""
         from rosidl_py_gen.ros_cli.security import certificates
 
         folder = self.enclave_folder(name)

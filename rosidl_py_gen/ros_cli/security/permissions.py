@@ -65,8 +65,7 @@ def governance_xml(domain_id: int) -> str:
 def permissions_xml(enclave: PolicyEnclave, domain_id: int, not_before: datetime, not_after: datetime) -> str:
     """Return the permissions of an enclave; the first rule that names a topic decides, and denials are first.
 
-    Args:
-        not_before: begin of the validity, as that of the certificate, in UTC.
+    The validity is that of the certificate, in UTC.
     """
     lines = [_ROOT.format(_SCHEMA.format("permissions")), "  <permissions>"]
     for rules in enclave.grants:

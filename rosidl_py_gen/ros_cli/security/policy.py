@@ -99,11 +99,7 @@ def check_enclave_name(name: str) -> None:
 
 
 def read_policy(path: str) -> SecurityPolicy:
-    """Read and validate a policy file.
-
-    Raises:
-        DefinitionError: the file, or one that it includes, is not a policy.
-    """
+    """Read and validate a policy file. Raises `DefinitionError`."""
     root = read_policy_tree(path)
     return _Validator().policy(root)
 

@@ -29,21 +29,13 @@ _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 
 
 def read_policy_tree(path: str) -> XmlElement:
-    """Return the root element of a policy file, without ``xi:include`` elements.
-
-    Raises:
-        DefinitionError: a file cannot be read or is not XML, or an include is not allowed.
-    """
+    """Return the root element of a policy file, without ``xi:include`` elements. Raises `DefinitionError`."""
     return _Includes(os.path.realpath(os.path.dirname(path) or ".")).read(path)
 
 
 @dataclass(slots=True)
 class _Includes:
-    """Expansion of one policy.
-
-    Attributes:
-        folder: resolved folder of the policy; includes must be below it.
-    """
+    """Expansion of one policy; includes must be below its resolved folder."""
 
     folder: str
     includes: int = 0
@@ -65,12 +57,7 @@ class _Includes:
             self._count(child)
 
     def _expand(self, element: XmlElement, folder: str, open_files: tuple[str, ...]) -> None:
-        """Replace the includes in an element.
-
-        Args:
-            folder: folder of the file of the element.
-            open_files: files that include each other, the last one being that of the element.
-        """
+        """Replace the includes in an element of the last of `open_files`, which include each other."""
         children: list[XmlElement] = []
         for child in element.children:
             if match := _INCLUDE.fullmatch(child.tag):

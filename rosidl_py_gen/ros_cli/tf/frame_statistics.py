@@ -29,12 +29,9 @@ _MAX_LEVELS = 40
 
 @dataclass
 class FrameArrivals:
-    """Statistics of a frame with a parent.
+    """Statistics of a frame with a parent: arrival times and delays of the last transforms, in ns.
 
-    Attributes:
-        arrivals: arrival times of the last transforms, in ns.
-        delays_ns: delays of the same transforms.
-        sources: publishers of the transform; of a recording, topics.
+    `sources` are the publishers of the transform; of a recording, topics.
     """
 
     name: str
@@ -58,6 +55,30 @@ class FrameArrivals:
         if self.is_static or not self.delays_ns:
             return None
         return sum(self.delays_ns) / len(self.delays_ns) / NS_PER_S, max(self.delays_ns) / NS_PER_S
+
+    def publishers(self, names: dict[Any, str]) -> list[str]:
+        """Return the names of the publishers, from `names_of`."""
+        return sorted({names.get(one, "(gone)") for one in self.sources})
+
+    def summary(self, names: dict[Any, str]) -> str:
+        """Return the rate, the delay and the publishers as text."""
+        parts = ["static"] if self.is_static else ["once"] if self.rate_hz is None else [f"{self.rate_hz:.1f} Hz"]
+        if (delay := self.delay_s) is not None:
+            parts.append(f"{delay[0]:.3f} s late")
+        return ", ".join([*parts, *self.publishers(names)])
+
+    def row(self, names: dict[Any, str]) -> dict[str, Any]:
+        """Return the frame for JSON."""
+        delay = self.delay_s
+        return {
+            "frame": self.name,
+            "parent": self.parent,
+            "static": self.is_static,
+            "count": self.count,
+            "rate_hz": None if self.is_static else self.rate_hz,
+            "delay_s": None if delay is None else {"mean": delay[0], "max": delay[1]},
+            "publishers": self.publishers(names),
+        }
 
 
 class FrameStatistics:
@@ -153,11 +174,6 @@ def listeners(node: Node, frames: FrameStatistics, then: Callable[[int], None] =
 
     profile = QoSProfile(depth=_DEPTH)
     return [listen(topic, profile.transient_local() if static else profile, static) for topic, static in TOPICS.items()]
-
-
-def sources(frame: FrameArrivals, names: dict[Any, str]) -> list[str]:
-    """Return the names of a frame's publishers, from `names_of`."""
-    return sorted({names.get(one, "(gone)") for one in frame.sources})
 
 
 def names_of(node: Node) -> dict[Any, str]:

@@ -74,7 +74,6 @@ class _Monitor:
         import asyncio
 
         from rosidl_py_gen.ros_cli.tf.frame_statistics import names_of
-        from rosidl_py_gen.ros_cli.tf.text import plain
 
         left = self._times
         while left is None or left > 0:
@@ -86,7 +85,7 @@ class _Monitor:
             if self._as_json:
                 age = _mean_and_max(self._ages_ns)
                 whole = {"net_delay_s": age and {"mean": age[0], "max": age[1]}} if self._path else {}
-                terminal_output.document({"frames": [plain(one, names) for one in frames], **whole}, in_stream=True)
+                terminal_output.document({"frames": [one.row(names) for one in frames], **whole}, in_stream=True)
             else:
                 terminal_output.table((_row(one, names) for one in frames), *_HEADINGS)
                 if self._path and (age := _mean_and_max(self._ages_ns)) is not None:
@@ -118,8 +117,6 @@ def _mean_and_max(values_ns: deque[int]) -> tuple[float, float] | None:
 
 
 def _row(frame: FrameArrivals, names: dict[Any, str]) -> list[str]:
-    from rosidl_py_gen.ros_cli.tf.frame_statistics import sources
-
     rate, delay = frame.rate_hz, frame.delay_s
     return [
         frame.name,
@@ -127,5 +124,5 @@ def _row(frame: FrameArrivals, names: dict[Any, str]) -> list[str]:
         "static" if frame.is_static else "" if rate is None else f"{rate:.3f}",
         "" if delay is None else f"{delay[0]:.3f}",
         "" if delay is None else f"{delay[1]:.3f}",
-        ", ".join(sources(frame, names)),
+        ", ".join(frame.publishers(names)),
     ]

@@ -8,7 +8,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.ros_cli import CommandError
-from rosidl_py_gen.ros_cli.tf.text import summary
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,7 +65,7 @@ def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
         draw.rounded_rectangle((one.x - half, top, one.x + half, top + _BOX_HEIGHT), 6, fill, edge, 2)
         draw.text((one.x, one.y), _label(one.name), _INK, big, anchor="mm")
         if one.frame is not None:
-            text = _label(summary(one.frame, names))
+            text = _label(one.frame.summary(names))
             left = one.x - _text_width(text, small) / 2 - 3
             draw.rectangle((left, top - 21, 2 * one.x - left, top - 5), "white")
             draw.text((one.x, top - 13), text, _DIM, small, anchor="mm")
@@ -83,7 +82,7 @@ def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any)
     todo = [(root, None, None) for root in frames.roots()[::-1]]
     while todo:
         name, frame, parent = todo.pop()
-        text = "" if frame is None else summary(frame, names)
+        text = "" if frame is None else frame.summary(names)
         width = max(_text_width(name, big) + 2 * _PAD, _text_width(text, small) + 8)
         one = _FrameBox(name, frame, 0 if parent is None else parent.level + 1, width)
         order.append(one)

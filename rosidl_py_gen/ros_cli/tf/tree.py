@@ -1,4 +1,4 @@
-"""``tf tree``: shows the frames of the network or of a recording."""
+"""``tf tree``: the frames of the network or of a recording, as text, Mermaid, JSON and PNG."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.base.terminal_text import printable_line
+from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 
 
 _TYPE = "tf2_msgs/msg/TFMessage"
+_MAX_COLUMNS = 60
 
 
 @click.command("tree")
@@ -74,33 +77,60 @@ def _show_recorded(path: str, kind: str, output: str | None) -> None:
 
 
 def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str | None) -> None:
-    from rosidl_py_gen.ros_cli.tf import text
-
-    for problem in text.problems(frames):
+    for problem in _problems(frames):
         terminal_output.note(f"warning: {problem}")
     if kind == "png":
         from rosidl_py_gen.ros_cli.tf import png
 
         assert output is not None
         png.write(frames, names, Path(output))
-    elif output is None and kind == "text":
-        for line, style in text.lines(frames, names):
-            terminal_output.line(line, style)
-    elif output is None:
-        terminal_output.block(_text(frames, names, kind).rstrip("\n"))
     else:
-        Path(output).write_text(_text(frames, names, kind), encoding="utf-8")
+        draw = {"json": lambda: json_text(document(frames, names), indent=2), "mermaid": lambda: mermaid(frames, names)}
+        terminal_output.drawing(kind, output, lines(frames, names), draw)
     if output is not None:
         terminal_output.note(f"wrote {output}: {len(frames.frames) + len(frames.roots())} frames")
 
 
-def _text(frames: FrameStatistics, names: dict[Any, str], kind: str) -> str:
-    from rosidl_py_gen.ros_cli.tf import text
+def lines(frames: FrameStatistics, names: dict[Any, str]) -> Iterator[tuple[str, str]]:
+    """Yield a line for each frame, and its style of rich."""
+    rows = []
+    for name, frame, last in frames.walk():
+        marks = "".join("   " if one else "│  " for one in last[:-1])
+        branch = "" if frame is None else "└─ " if last[-1] else "├─ "
+        rows.append((f"{marks}{branch}{name}", "" if frame is None else frame.summary(names)))
+    width = min(max((len(row[0]) for row in rows), default=0), _MAX_COLUMNS)
+    for tree, text in rows:
+        yield f"{tree:<{width}}  {text}".rstrip(), "" if text else "bold"
+    if not rows and not frames.frames:
+        yield "no transforms", ""
 
-    if kind == "json":
-        return text.as_json(frames, names)
-    if kind == "mermaid":
-        return text.mermaid(frames, names)
-    if kind == "markdown":
-        return f"```mermaid\n{text.mermaid(frames, names)}```\n"
-    return "".join(f"{printable_line(line)}\n" for line, _ in text.lines(frames, names))
+
+def _problems(frames: FrameStatistics) -> Iterator[str]:
+    """Yield warnings about the whole tree."""
+    roots = frames.roots()
+    if len(roots) > 1:
+        yield f"{len(roots)} trees that are not connected: {', '.join(roots[:20])}"
+    if loop := frames.frames_in_cycles():
+        yield f"frames that form a loop, or are below one: {', '.join(loop[:20])}"
+    for frame in frames.frames.values():
+        if len(frame.sources) > 1 and not frame.is_static:
+            yield f"{frame.name} comes from {len(frame.sources)} publishers"
+
+
+def mermaid(frames: FrameStatistics, names: dict[Any, str]) -> str:
+    """Return a flowchart from top to bottom, with the summary of a frame at the arrow to it."""
+    every = sorted({*frames.frames, *(frame.parent for frame in frames.frames.values())})
+    ids = {name: f"f{number}" for number, name in enumerate(every)}
+    out = ["flowchart TD"]
+    out += [f'  {mark}["{terminal_output.mermaid_label(name)}"]' for name, mark in ids.items()]
+    for frame in sorted(frames.frames.values(), key=lambda one: one.name):
+        line = "-.->" if frame.is_static else "-->"
+        text = terminal_output.mermaid_label(frame.summary(names))
+        out.append(f'  {ids[frame.parent]} {line}|"{text}"| {ids[frame.name]}')
+    return "\n".join(out) + "\n"
+
+
+def document(frames: FrameStatistics, names: dict[Any, str]) -> dict[str, Any]:
+    """Return the roots and all other frames for JSON."""
+    rows = [frame.row(names) for frame in sorted(frames.frames.values(), key=lambda one: one.name)]
+    return {"roots": frames.roots(), "frames": rows}

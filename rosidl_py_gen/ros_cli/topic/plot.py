@@ -22,8 +22,7 @@ from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
-    from rosidl_py_gen.ros_cli.plotting.lines import TopicLines
+    from rosidl_py_gen.ros_cli.plotting.lines import TimeAxis, TopicLines
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
 _WINDOW_INTERVAL_S = 0.05
@@ -72,8 +71,7 @@ def plot(
     require_output(out)
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
-    from rosidl_py_gen.ros_cli.plotting.axis import TimeAxis
-    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TopicLines, topics_and_fields
+    from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TimeAxis, TopicLines, topics_and_fields
     from rosidl_py_gen.runtime import AdaptiveSubscription
     from rosidl_py_gen.runtime import qos as presets
 

@@ -53,11 +53,7 @@ qos_options = options.all_of(
 
 
 def requested_profile(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:
-    """Return the profile of the ``--qos-...`` options, based on `default`; None without such options.
-
-    Raises:
-        InvalidQoSError: the options contradict each other.
-    """
+    """Return the profile of the ``--qos-...`` options, based on `default`; None without such options."""
     from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
     from rosidl_py_gen.runtime import qos as presets
 

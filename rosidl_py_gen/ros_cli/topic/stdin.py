@@ -20,11 +20,7 @@ _MAX_QUEUED_CHUNKS = 16
 
 
 async def documents() -> AsyncGenerator[str, None]:
-    """Yield the texts of all documents that are not empty.
-
-    Raises:
-        CommandError: standard input is closed, cannot be read, is not UTF-8, or a document is too long.
-    """
+    """Yield the texts of all documents that are not empty. Raises `CommandError`."""
     lines: list[str] = []
     length = 0
     async for line in _lines():

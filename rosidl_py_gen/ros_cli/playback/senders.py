@@ -1,0 +1,243 @@
+"""Publishers of recorded topics, and clients that send the requests in recorded service events.
+
+The QoS of a publisher is that of the user; else the strongest that was offered when recorded, which connects to the
+same subscriptions. A topic with messages of two definitions has a publisher for each.
+
+A request is sent once, although both client and server may have published its event: only events of one side are used.
+Responses are awaited at the end only, so that requests keep their recorded timing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import compile_definition, get_service, type_hash
+from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.cdr import Service
+from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
+from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
+from rosidl_py_gen.runtime import (
+    Durability,
+    QoSProfile,
+    Reliability,
+    ServiceEventType,
+    WaitTimeoutError,
+    validate_full_name,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+
+    from rosidl_py_gen.bags import BagReader, BagTopic
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.ros_cli.terminal_output import OnceNotes
+    from rosidl_py_gen.runtime import Client, Node, Publisher
+
+
+_MIN_DEPTH = 10
+_ACKNOWLEDGEMENT_TIMEOUT_S = 5.0
+
+
+def cannot_play_reason(channel: BagTopic) -> str:
+    """Return why messages of a channel cannot be published; empty if they can."""
+    if channel.message_encoding != "cdr":
+        return f"messages are {channel.message_encoding}; expected cdr"
+    try:
+        validate_full_name(channel.name)
+        split_ros_name(channel.type_name, "msg")
+    except RosidlError as error:
+        return str(error)
+    return ""
+
+
+class TopicPublishers:
+    """Publishers of a player, with QoS profiles by topic of the bag, or by the name it is published with."""
+
+    def __init__(self, node: Node, overrides: Mapping[str, QoSProfile], note: terminal_output.OnceNotes) -> None:
+        self._node = node
+        self._overrides = overrides
+        self._note = note
+        self._publishers: list[Publisher[Any]] = []
+
+    def sender(self, reader: BagReader, channel: BagTopic, name: str) -> Callable[[bytes], bool]:
+        """Return a function that publishes a message of a channel, and returns True if it did."""
+        qos = self._overrides.get(channel.name) or self._overrides.get(name) or _offered_qos(channel)
+        publisher = self._node.create_publisher(_class_of(reader, channel), name, qos)
+        self._publishers.append(publisher)
+
+        def send(data: bytes) -> bool:
+            try:
+                publisher.publish_raw(data)
+            except EncodeError as reason:  # big endian, as recorded by other systems
+                try:
+                    publisher.publish(reader.definition(channel).message_class.decode(data))
+                except (DecodeError, RosidlError):
+                    self._note(f"{channel.name}: skipped a message: {reason}")
+                    return False
+            return True
+
+        return send
+
+    async def wait_for_subscribers(self, timeout_s: float) -> None:
+        """Wait until every topic has a subscriber, or the timeout has passed."""
+        await wait_each_until_timeout(publisher.wait_for_subscribers(timeout_s) for publisher in self._publishers)
+
+    async def wait_acknowledged(self, timeout_ms: int | None) -> None:
+        """Wait until published messages are acknowledged; None waits 5 s at most, 0 without limit.
+
+        With a limit of the user, missing acknowledgements are noted.
+        """
+        if timeout_ms is None:
+            await wait_each_until_timeout(
+                publisher.wait_for_acknowledged(_ACKNOWLEDGEMENT_TIMEOUT_S) for publisher in self._publishers
+            )
+            return
+        for publisher in self._publishers:
+            if publisher.qos.reliability is Reliability.BEST_EFFORT:
+                terminal_output.note(
+                    f"--wait-for-all-acked: {publisher.topic} is best effort, without acknowledgements"
+                )
+        timeout_s = timeout_ms / 1000 if timeout_ms else None
+        waits = (publisher.wait_for_acknowledged(timeout_s) for publisher in self._publishers)
+        for timed_out in await wait_each_until_timeout(waits):
+            terminal_output.note(f"--wait-for-all-acked: {timed_out}")
+
+
+async def wait_each_until_timeout(waits: Iterable[Awaitable[object]]) -> list[WaitTimeoutError]:
+    """Wait for all awaitables; return the errors of those that timed out."""
+    timed_out = []
+    for outcome in await asyncio.gather(*waits, return_exceptions=True):
+        if isinstance(outcome, WaitTimeoutError):
+            timed_out.append(outcome)
+        elif isinstance(outcome, BaseException):
+            raise outcome
+    return timed_out
+
+
+def _class_of(reader: BagReader, channel: BagTopic) -> type[Message]:
+    """Return the class of a channel; a class without fields if its definition is missing or wrong."""
+    if reason := guess_mismatch(reader, channel):
+        terminal_output.note(reason)
+        return opaque_message_class(channel.type_name, channel.type_hash)
+    try:
+        return reader.definition(channel).message_class
+    except RosidlError:
+        return opaque_message_class(channel.type_name, channel.type_hash)
+
+
+def _offered_qos(topic: BagTopic) -> QoSProfile:
+    """Return the QoS of a topic, with a depth of at least 10, as recorders often do not know it."""
+    offered = qos_profiles(topic.offered_qos)
+    profile = QoSProfile(depth=max(_MIN_DEPTH, *(publisher.depth for publisher in offered)) if offered else _MIN_DEPTH)
+    if offered and all(publisher.reliability is Reliability.BEST_EFFORT for publisher in offered):
+        profile = profile.best_effort()
+    if any(publisher.durability is Durability.TRANSIENT_LOCAL for publisher in offered):
+        profile = profile.transient_local()
+    return profile
+
+
+_EVENT_TYPES = {
+    "service_introspection": ServiceEventType.REQUEST_RECEIVED,
+    "client_introspection": ServiceEventType.REQUEST_SENT,
+}
+_RESPONSE_TIMEOUT_S = 5.0
+"""Maximum time to wait for responses after the last request."""
+_CALL_TIMEOUT_S = 300.0
+_MAX_PENDING = 1000
+
+
+class Requests:
+    """Clients of a player.
+
+    Args:
+        source: side whose events are used, ``service_introspection`` or ``client_introspection``.
+    """
+
+    def __init__(self, node: Node, source: str, paths: Sequence[str], note: OnceNotes) -> None:
+        self._node = node
+        self._source = source
+        self._event_type = _EVENT_TYPES[source]
+        self._paths = paths
+        self._note = note
+        self._clients: dict[tuple[str, str], Client[Any, Any]] = {}
+        self._pending: set[asyncio.Task[None]] = set()
+        self.count = 0
+        """Number of requests sent."""
+
+    def sender(self, reader: BagReader, channel: BagTopic, service: str) -> Callable[[bytes], bool]:
+        """Return a function that sends the request in an event of a channel, and returns True if it did."""
+        cls, event = self._classes(reader, channel)
+        key = service, type_hash(event)
+        if key not in self._clients:
+            self._clients[key] = self._node.create_client(cls, service)
+        client = self._clients[key]
+
+        def send(data: bytes) -> bool:
+            try:
+                event_message: Any = event.decode(data)
+            except DecodeError as error:
+                self._note(f"{channel.name}: skipped an event: {error}")
+                return False
+            return event_message.info.event_type == self._event_type and self._send(
+                client, channel, event_message.request
+            )
+
+        return send
+
+    def _classes(self, reader: BagReader, channel: BagTopic) -> tuple[type[Any], type[Any]]:
+        name = channel.type_name.removesuffix("_Event")
+        advice = "pass the folder of its definition with --path"
+        try:
+            event = reader.definition(channel).message_class
+        except RosidlError as error:
+            raise CommandError(f"requests to {channel.name} cannot be sent: {error}; {advice}") from None
+        for find in (lambda: compile_definition(name, channel.definition), lambda: get_service(name, path=self._paths)):
+            try:
+                cls: Any = find()
+            except RosidlError:
+                continue
+            if issubclass(cls, Service) and type_hash(cls.Event) == type_hash(event):
+                return cls, event
+        raise CommandError(
+            f"requests to {channel.name} cannot be sent: no definition of {name} matches the recording; {advice}"
+        )
+
+    def _send(self, client: Client[Any, Any], channel: BagTopic, requests: Sequence[Any]) -> bool:
+        if not requests:
+            self._note(
+                f"{channel.name}: {self._source} events were recorded without request contents; no request is sent"
+            )
+        elif not client.service_is_available():
+            self._note(f"{client.name}: no server exists; requests are skipped")
+        elif len(self._pending) >= _MAX_PENDING:
+            self._note(f"{client.name}: {_MAX_PENDING} requests have no response yet; further ones are skipped")
+        else:
+            task = asyncio.ensure_future(self._call(client, requests[0]))
+            self._pending.add(task)
+            task.add_done_callback(self._pending.discard)
+            self.count += 1
+            return True
+        return False
+
+    async def _call(self, client: Client[Any, Any], request: Any) -> None:
+        try:
+            await client.call(request, timeout_s=_CALL_TIMEOUT_S)
+        except RosidlError as error:
+            self._note(f"{client.name}: {error}")
+
+    async def wait_for_servers(self, timeout_s: float) -> None:
+        """Wait until every service has a server, or the timeout has passed."""
+        await wait_each_until_timeout(client.wait_for_service(timeout_s) for client in self._clients.values())
+
+    async def wait_for_responses(self) -> None:
+        """Wait for responses, and note how many are missing."""
+        if self._pending:
+            await asyncio.wait(self._pending, timeout=_RESPONSE_TIMEOUT_S)
+        if self._pending:
+            self._note(f"{len(self._pending)} requests had no response in {_RESPONSE_TIMEOUT_S:.0f} s")
+        for task in self._pending:
+            task.cancel()
