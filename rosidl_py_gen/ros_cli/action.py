@@ -23,12 +23,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ActionClient, ClientGoal, GoalStatus, Node
 
 
-async def _find_action(command_node: CommandNode, action: str, timeout_s: float | None = None) -> str:
-    from rosidl_py_gen.ros_cli.name_lookup import find_action
-
-    return await find_action(command_node, action, timeout_s)
-
-
 def _actions(node: Node) -> list[dict[str, Any]]:
     from rosidl_py_gen.ros_cli.name_lookup import actions
 
@@ -37,7 +31,7 @@ def _actions(node: Node) -> list[dict[str, Any]]:
 
 list_ = list_verb("action", "rosidl-py action list -t", _actions)
 find = find_verb("action", "action", "example_interfaces/action/Fibonacci", _actions)
-type_ = type_verb("action", "rosidl-py action type /fibonacci", _find_action)
+type_ = type_verb("action", "rosidl-py action type /fibonacci")
 
 
 @click.command("info")
@@ -55,7 +49,7 @@ async def info(command_node: CommandNode, action: str, show_types: bool, count: 
     from rosidl_py_gen.ros_cli.name_lookup import actions
 
     node = command_node.node
-    name = await _find_action(command_node, action)
+    name = await command_node.find("action", action)
     await command_node.wait_for_node_names()
     types = dict(actions(node.get_topic_names_and_types())).get(name, [])
     clients = _nodes_with(name, node, node.get_subscriber_names_and_types_by_node)
@@ -116,7 +110,7 @@ async def send_goal(
     type_name, text = message_text.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
     show.say("Waiting for an action server to become available...")
-    name = await type_resolution.preload_while_waiting(_find_action(command_node, action, timeout_s))
+    name = await type_resolution.preload_while_waiting(command_node.find("action", action, timeout_s))
     cls: Any = await type_resolution.action_class(command_node, name, type_name, paths)
     goal = message_text.message_from(cls.Goal, text)
     client = command_node.node.create_action_client(cls, name)

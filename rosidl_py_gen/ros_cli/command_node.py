@@ -38,6 +38,8 @@ _MAX_DISCOVERY_S = 2.0
 _ANNOUNCE_DELAY_S = 0.05
 """Delay until endpoints of the command are announced. Most commands end before; otherwise DDS delays the end by 0.1 to
 0.2 s, until every peer has acknowledged the announcement."""
+_WAITING_NOTE_DELAY_S = 2.0
+"""Delay of the note that a topic is waited for; Fast DDS nodes are found within 1.2 s."""
 DEFAULT_FIND_TIMEOUT_S = 5.0
 """Default time to wait for a topic, service, action or node that the command line names."""
 
@@ -215,23 +217,27 @@ class CommandNode:
         except asyncio.TimeoutError:
             return bool(condition())  # it may have become true while this process was busy
 
-    async def find(self, kind: str, name: str, known: Callable[[], list[str]], timeout_s: float | None = None) -> str:
+    async def find(self, kind: str, name: str, timeout_s: float | None = None) -> str:
         """Wait until a topic, service, action or node (`kind`) appears, and return its full name.
-
-        Args:
-            known: returns the names in the graph.
 
         Raises:
             CommandError: it did not appear; the error names a similar one.
             InvalidNameError: `name` is invalid.
         """
         from rosidl_py_gen.base.names import similar_name
+        from rosidl_py_gen.ros_cli import terminal_output
+        from rosidl_py_gen.ros_cli.name_lookup import full_name, graph_names
 
-        resolve = self.node.resolve_topic_name if kind == "topic" else self.node.resolve_service_name
-        full = resolve(name if name.startswith("/") else f"/{name}")
-        if await self.wait_for(lambda: full in known(), timeout_s):
-            return full
-        names = [name for name in known() if "/_" not in name]  # not those of this command
+        full = full_name(self.node, name, kind)
+        text = f"topic {name} does not appear to be published yet; waiting for it"
+        note = terminal_output.note if kind == "topic" else lambda text: None
+        waiting = asyncio.get_running_loop().call_later(_WAITING_NOTE_DELAY_S, note, text)
+        try:
+            if await self.wait_for(lambda: full in graph_names(self.node, kind), timeout_s):
+                return full
+        finally:
+            waiting.cancel()
+        names = [name for name in graph_names(self.node, kind) if "/_" not in name]  # not those of this command
         hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
         raise CommandError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS_HINT}")
 

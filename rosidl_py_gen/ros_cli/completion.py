@@ -9,7 +9,7 @@ import asyncio
 import re
 import warnings
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -20,12 +20,13 @@ from rosidl_py_gen.generator_cli import shells
 from rosidl_py_gen.ros_cli import root, verb
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterable, Sequence
+    from collections.abc import Awaitable, Callable, Iterable, Sequence
 
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
-    from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
 
+
+T = TypeVar("T")
 
 _TIMEOUT_S = 1.5
 """Maximum time for a request to a node, unless ``--spin-time`` is longer; the user waits for the shell."""
@@ -52,9 +53,7 @@ def complete_call(kind: str, context: click.Context, incomplete: str) -> list[Co
     """
     words = context.params.get("words") or ()
     if not words:
-        announced = _or_empty(
-            lambda: _query(context, lambda command_node: _announced_types(command_node, kind, context))
-        )
+        announced = _or_empty(lambda: _announced_types(kind, context))
         return shells.items(announced, incomplete) or complete_names(_TYPE_KINDS[kind], context, incomplete)
     if len(words) == 1 and "/" in words[0] and not context.params.get("stdin"):
         return shells.items(_or_empty(lambda: [_prototype(kind, words[0], context)]), incomplete)
@@ -131,14 +130,12 @@ def _names(what: str, context: click.Context) -> list[str]:
     return _query(context, lambda command_node: _live_names(what, command_node, context))
 
 
-def _query(context: click.Context, request: Callable[[CommandNode], Coroutine[Any, Any, list[str]]]) -> list[str]:
+def _query(context: click.Context, request: Callable[[CommandNode], Awaitable[T]]) -> T:
     """Run a request on a new node after discovery."""
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-    network: NetworkOptions = context.params.get("network", {})
-
-    async def main() -> list[str]:
-        async with CommandNode(network) as command_node:
+    async def main() -> T:
+        async with CommandNode(context.params.get("network", {})) as command_node:
             await command_node.wait_for_discovery()
             return await request(command_node)
 
@@ -150,26 +147,13 @@ def _timeout_s(context: click.Context) -> float:
 
 
 async def _live_names(what: str, command_node: CommandNode, context: click.Context) -> list[str]:
+    from rosidl_py_gen.ros_cli.name_lookup import full_name, graph_names
+
     if what == "parameters":
-        name = context.params["node"]
-        client = command_node.node.create_parameter_client(name if name.startswith("/") else f"/{name}")
+        client = command_node.node.create_parameter_client(full_name(command_node.node, context.params["node"], "node"))
         return list((await client.list(timeout_s=_timeout_s(context))).names)
-    return _graph_names(what, command_node.node)
-
-
-def _graph_names(what: str, node: Node) -> list[str]:
-    services = [name for name, _ in node.get_service_names_and_types()]
-    match what:
-        case "topics":
-            return [name for name, _ in node.get_topic_names_and_types() if "/_action/" not in name]
-        case "services":
-            return services
-        case "actions":
-            suffix = "/_action/send_goal"
-            return [name.removesuffix(suffix) for name in services if name.endswith(suffix)]
-        case "nodes":
-            return node.get_node_names()
-    raise ValueError(what)
+    names = graph_names(command_node.node, what.removesuffix("s"))
+    return [name for name in names if what != "topics" or "/_action/" not in name]
 
 
 def _bag_names(kind: str, context: click.Context) -> list[str]:
@@ -185,16 +169,14 @@ def _bag_names(kind: str, context: click.Context) -> list[str]:
     return sorted(names)
 
 
-async def _announced_types(command_node: CommandNode, kind: str, context: click.Context) -> list[str]:
-    from rosidl_py_gen.ros_cli import type_resolution
+def _announced_types(kind: str, context: click.Context) -> list[str]:
+    from rosidl_py_gen.ros_cli import name_lookup, type_resolution
 
-    return type_resolution.announced_types(command_node, kind, _full_name(command_node, kind, context))
+    async def request(command_node: CommandNode) -> list[str]:
+        name = name_lookup.full_name(command_node.node, context.params[kind], kind)
+        return type_resolution.announced_types(command_node, kind, name)
 
-
-def _full_name(command_node: CommandNode, kind: str, context: click.Context) -> str:
-    name = context.params[kind]
-    resolve = command_node.node.resolve_topic_name if kind == "topic" else command_node.node.resolve_service_name
-    return resolve(name if name.startswith("/") else f"/{name}")
+    return _query(context, request)
 
 
 def _prototype(kind: str, type_name: str, context: click.Context) -> str:
@@ -209,7 +191,7 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
 def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
     """Return an installed class of a topic's messages, of a service or of an action; else that of the graph."""
     from rosidl_py_gen import get_action, get_message, get_service
-    from rosidl_py_gen.ros_cli import type_resolution
+    from rosidl_py_gen.ros_cli import name_lookup, type_resolution
 
     name = type_name or context.params.get("type_name")
     paths = context.params.get("paths") or ()
@@ -224,15 +206,12 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
         "service": type_resolution.service_class,
         "action": type_resolution.action_class,
     }[kind]
-    classes: list[Any] = []
 
-    async def request(command_node: CommandNode) -> list[str]:
-        full_name = _full_name(command_node, kind, context)
-        classes.append(await asyncio.wait_for(resolve(command_node, full_name, name, paths), _timeout_s(context)))
-        return []
+    async def request(command_node: CommandNode) -> Any:
+        full_name = name_lookup.full_name(command_node.node, context.params[kind], kind)
+        return await asyncio.wait_for(resolve(command_node, full_name, name, paths), _timeout_s(context))
 
-    _query(context, request)
-    return classes[0]
+    return _query(context, request)
 
 
 def _field_paths(cls: type[Message], incomplete: str) -> list[str]:

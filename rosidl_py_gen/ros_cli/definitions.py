@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
     from rosidl_py_gen.base.descriptions import Description
-    from rosidl_py_gen.base.names import RosName
-    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 

@@ -10,7 +10,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.ros_cli import options, terminal_output
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Callable
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import Node
@@ -71,18 +71,16 @@ def find_verb(kind: str, definition: str, example: str, rows_of: Rows, *more: Op
     return click.command("find")(add(options.node_verb(find)))
 
 
-def type_verb(kind: str, example: str, find: Callable[..., Awaitable[str]], *more: Option) -> Callable[..., None]:
-    """Return the command that prints the type of a topic, service or action (`kind`).
+def type_verb(kind: str, example: str, *more: Option) -> Callable[..., None]:
+    """Return the command that prints the type of a topic, service or action (`kind`); `more` may add `timeout_s`."""
 
-    Args:
-        find: waits for the name and returns it in full; takes the node, the name, and the values of `more` options.
-    """
-
-    async def type_(command_node: CommandNode, as_json: bool, **name_and_more: Any) -> None:
+    async def type_(command_node: CommandNode, as_json: bool, timeout_s: float | None = None, **name: str) -> None:
         from rosidl_py_gen.ros_cli.type_resolution import announced_types
 
-        name = await find(command_node, name_and_more.pop(kind), **name_and_more)
-        terminal_output.result(announced_types(command_node, kind, name), as_json)
+        full_name = await command_node.find(kind, name[kind], timeout_s)
+        if kind == "topic":  # other publishers may have another type
+            await command_node.wait_for_discovery()
+        terminal_output.result(announced_types(command_node, kind, full_name), as_json)
 
     type_.__doc__ = f"Print the type of a{'n' if kind == 'action' else ''} {kind}.\n\n\b\n{example}"
     argument = click.argument(kind, shell_complete=options.completion(f"{kind}s"))

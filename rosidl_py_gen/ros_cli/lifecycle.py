@@ -47,10 +47,9 @@ def _lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
 @asynccontextmanager
 async def _access(command_node: CommandNode, node: str, timeout_s: float) -> AsyncIterator[_LifecycleAccess]:
     """Wait for a lifecycle node and yield the access to its services. Raises `CommandError`."""
-    from rosidl_py_gen.ros_cli.name_lookup import find_node
     from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 
-    name = await find_node(command_node, node, timeout_s)
+    name = await command_node.find("node", node, timeout_s)
     if not await command_node.wait_for(lambda: name in _lifecycle_nodes(command_node.node, hidden=True), timeout_s):
         raise CommandError(f"{name} is not a lifecycle node: it does not serve {name}{_IDENTIFYING_SERVICE}")
     try:

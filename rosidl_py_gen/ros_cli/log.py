@@ -5,7 +5,6 @@ Retained messages arrive node by node and are printed in the order of their stam
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ import click
 
 from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
 from rosidl_py_gen.base.terminal_text import printable_line
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import CommandNode
@@ -82,16 +81,12 @@ def log(
 
 
 def _print_recorded(path: str, printer: LogPrinter) -> None:
-    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.bag.display import messages_of_type
 
-    with BagReader(path) as reader:
-        topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
-        if not topics:
-            raise CommandError(f"{path} has no topic of {_TYPE}, so it contains no log messages")
-        for one in reader.messages(topics):
-            if printer.is_done:
-                break
-            printer.show(one.message)
+    for one in messages_of_type(path, _TYPE):
+        if printer.is_done:
+            break
+        printer.show(one.message)
 
 
 async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new: bool) -> None:
@@ -164,10 +159,7 @@ class LogPrinter:
         self._level = _LEVELS[level.lower()]
         # Names of loggers have dots in place of slashes, and a node may have child loggers.
         self._names = [one.strip("/").replace("/", ".") for one in nodes]
-        try:
-            self._pattern = re.compile(pattern) if pattern else None
-        except re.error as error:
-            raise CommandError(f"--text {pattern!r:.100} is not a regular expression: {error}") from None
+        self._pattern = options.compile_pattern(pattern, "--text") if pattern else None
         self._left, self._verbose, self._as_json = times, verbose, as_json
 
     @property

@@ -1,27 +1,20 @@
-"""Names of the ROS graph: hidden ones, nodes that serve a type, actions, and waiting for a name to appear; and the
-service or action that a recorded topic belongs to.
-"""
+"""Names of the ROS graph: hidden ones, nodes that serve a type, actions; and what a recorded topic belongs to."""
 
 from __future__ import annotations
 
-import asyncio
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.runtime import validate_full_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import Node
 
 LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
 """Suffix and type of a service that every node with parameters has."""
-_WAITING_NOTE_DELAY_S = 2.0
-"""Delay of the note that a topic is waited for; Fast DDS nodes are found within 1.2 s."""
 _FEEDBACK, _FEEDBACK_TYPE, _SEND_GOAL = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
 _EVENT = "/_service_event"
 _ACTION = "/_action/"
@@ -39,23 +32,23 @@ def is_hidden(name: str) -> bool:
     return "/_" in name
 
 
-def full_topic_name(command_node: CommandNode, topic: str) -> str:
-    """Return the full name of a topic, which need not exist. Raises `InvalidNameError`."""
-    return command_node.node.resolve_topic_name(topic if topic.startswith("/") else f"/{topic}")
+def full_name(node: Node, name: str, kind: str = "topic") -> str:
+    """Return the full name of a topic, service, action or node, which need not exist. Raises `InvalidNameError`."""
+    resolve = node.resolve_topic_name if kind == "topic" else node.resolve_service_name
+    return resolve(name if name.startswith("/") else f"/{name}")
 
 
-async def find_topic(command_node: CommandNode, topic: str, timeout_s: float | None) -> str:
-    """Wait for a topic and return its full name; a note is printed after 2 s. Raises as `CommandNode.find`."""
-    node = command_node.node
-    waiting = asyncio.get_running_loop().call_later(
-        _WAITING_NOTE_DELAY_S,
-        terminal_output.note,
-        f"topic {topic} does not appear to be published yet; waiting for it",
-    )
-    try:
-        return await command_node.find("topic", topic, lambda: [*dict(node.get_topic_names_and_types())], timeout_s)
-    finally:
-        waiting.cancel()
+def graph_names(node: Node, kind: str) -> list[str]:
+    """Return the names of the topics, services, actions or nodes (`kind`) in the graph."""
+    services = [name for name, _ in node.get_service_names_and_types()]
+    match kind:
+        case "topic":
+            return [name for name, _ in node.get_topic_names_and_types()]
+        case "service":
+            return services
+        case "action":  # both its topics and its services
+            return [name for name, _ in actions(node.get_topic_names_and_types()) if name + _SEND_GOAL in services]
+    return node.get_node_names()
 
 
 # ---------------------------------------------------------------------------------------------------------------- nodes
@@ -85,11 +78,6 @@ def nodes_serving(node: Node, ending: str, type_name: str, *, hidden: bool) -> l
     return [name for name in names if hidden or not is_hidden_node(name)]
 
 
-async def find_node(command_node: CommandNode, node: str, timeout_s: float | None = None) -> str:
-    """Wait for a node and return its full name; raises as `CommandNode.find`."""
-    return await command_node.find("node", node, command_node.node.get_node_names, timeout_s)
-
-
 # -------------------------------------------------------------------------------------------------------------- actions
 
 
@@ -101,17 +89,6 @@ def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str
         for name, types in topics
         if name.endswith(_FEEDBACK)
     ]
-
-
-async def find_action(command_node: CommandNode, action: str, timeout_s: float | None = None) -> str:
-    """Wait for an action and its services, and return its full name; raises as `CommandNode.find`."""
-    node = command_node.node
-
-    def known() -> list[str]:
-        services = {name for name, _ in node.get_service_names_and_types()}
-        return [name for name, _ in actions(node.get_topic_names_and_types()) if name + _SEND_GOAL in services]
-
-    return await command_node.find("action", action, known, timeout_s)
 
 
 # ----------------------------------------------------------------------------------------------------------- recordings

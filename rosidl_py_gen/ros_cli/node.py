@@ -50,9 +50,9 @@ async def info(command_node: CommandNode, node: str, hidden: bool, as_json: bool
     \b
     rosidl-py node info /talker
     """
-    from rosidl_py_gen.ros_cli.name_lookup import actions, find_node, is_hidden
+    from rosidl_py_gen.ros_cli.name_lookup import actions, is_hidden
 
-    full_name = await find_node(command_node, node)
+    full_name = await command_node.find("node", node)
     await command_node.wait_for_discovery()
     count = command_node.node.get_node_names().count(full_name)
     namespace, _, name = full_name.rpartition("/")

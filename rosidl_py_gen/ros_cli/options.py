@@ -5,6 +5,7 @@ Help and completion import this module, so it imports nothing that takes time.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Coroutine
 from dataclasses import field, fields
 from functools import partial, wraps
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 import click
 
 from rosidl_py_gen.generator_cli.distro_option import distro
-from rosidl_py_gen.ros_cli import CommandError, verb
+from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, verb
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -24,6 +25,14 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 _Completer: TypeAlias = "Callable[[click.Context, click.Parameter, str], list[CompletionItem]]"
+
+
+def compile_pattern(text: str, option: str) -> re.Pattern[str]:
+    """Return a regular expression of a command line; raises `CommandError`."""
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise CommandError(f'{option}: "{text}" is not a regular expression: {error}') from None
 
 
 def all_of(*options: Callable[[F], F]) -> Callable[[F], F]:
@@ -198,15 +207,28 @@ node_options = all_of(
 
 def node_verb(function: Callable[..., Coroutine[Any, Any, int | None]]) -> Callable[..., None]:
     """Decorate the callback of a command with `node_options`; it gets a `CommandNode` instead of `network`."""
+    return endless_node_verb(lambda arguments: False)(function)
 
-    @wraps(function)
-    async def run(network: NetworkOptions, **arguments: Any) -> int | None:
-        from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-        async with CommandNode(network) as command_node:
-            return await function(command_node=command_node, **arguments)
+def endless_node_verb(
+    is_endless: Callable[[dict[str, Any]], object],
+) -> Callable[[Callable[..., Coroutine[Any, Any, int | None]]], Callable[..., None]]:
+    """Decorate as `node_verb`; with the arguments for which `is_endless` is true, the command is an endless one."""
 
-    return node_options(verb(run))
+    def decorate(function: Callable[..., Coroutine[Any, Any, int | None]]) -> Callable[..., None]:
+        @wraps(function)
+        def run(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
+            async def main() -> int | None:
+                from rosidl_py_gen.ros_cli.command_node import CommandNode
+
+                async with CommandNode(network) as command_node:
+                    return await function(command_node=command_node, **arguments)
+
+            return AsyncCommand(main(), endless=bool(is_endless(arguments)))
+
+        return node_options(verb(run))
+
+    return decorate
 
 
 # ------------------------------------------------------------------------------------------------------------ bags

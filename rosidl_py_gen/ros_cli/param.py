@@ -7,7 +7,6 @@ integer, `"NaN"` to a double, `[1, 2.5]` to doubles, `5` to a string.
 
 from __future__ import annotations
 
-import re
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -32,14 +31,13 @@ async def _parameters_of(command_node: CommandNode, node: str, timeout_s: float)
 
     Requests are sent before the causes of errors are known.
     """
-    from rosidl_py_gen.ros_cli.name_lookup import find_node
     from rosidl_py_gen.runtime import CallTimeoutError, ParameterNotDeclaredError, ServerLostError, WaitTimeoutError
 
     client = command_node.node.create_parameter_client(node if node.startswith("/") else f"/{node}")
     try:
         await client.wait_for_services(timeout_s)
     except WaitTimeoutError:
-        await find_node(command_node, node, 0)
+        await command_node.find("node", node, 0)
         text = f"node {client.node} exists, but offered no parameter services in {timeout_s:g} s"
         raise CommandError(text) from None
     try:
@@ -103,10 +101,7 @@ async def list_(
     from rosidl_py_gen.ros_cli.command_node import results_by_name
     from rosidl_py_gen.ros_cli.name_lookup import LIST_PARAMETERS, nodes_serving
 
-    try:
-        regex = re.compile(pattern or "")
-    except re.error as error:
-        raise CommandError(f"--filter {pattern!r} is not a regular expression: {error}") from None
+    regex = options.compile_pattern(pattern or "", "--filter")
 
     async def names_and_types(client: ParameterClient) -> dict[str, str]:
         """Return sorted names with types; types are empty unless they are shown."""

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import options, terminal_output
 from rosidl_py_gen.ros_cli.graph_verbs import find_verb, list_verb, type_verb
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.runtime import Client, Node, TopicEndpointInfo
+    from rosidl_py_gen.runtime import Node, TopicEndpointInfo
 
 _ENDPOINTS_TIMEOUT_S = 1.0
 """A service is found by one of its two topics; its endpoints are counted by the other one, which may follow."""
@@ -28,12 +28,6 @@ _hidden = click.option(
 )
 
 
-async def _find_service(command_node: CommandNode, service: str, timeout_s: float | None = None) -> str:
-    """Wait for a service and return its full name; raises as `CommandNode.find`."""
-    node = command_node.node
-    return await command_node.find("service", service, lambda: [*dict(node.get_service_names_and_types())], timeout_s)
-
-
 def _services(node: Node) -> list[dict[str, Any]]:
     return [
         {"name": name, "types": types, "servers": node.count_services(name), "clients": node.count_clients(name)}
@@ -45,7 +39,7 @@ list_ = list_verb(
     "service", "rosidl-py service list -t\nrosidl-py service list --json | jq '.[].name'", _services, _hidden
 )
 find = find_verb("service", "srv", "std_srvs/srv/Trigger", _services, _hidden)
-type_ = type_verb("service", "rosidl-py service type /add_two_ints", _find_service)
+type_ = type_verb("service", "rosidl-py service type /add_two_ints")
 
 
 @click.command("info")
@@ -60,7 +54,7 @@ async def info(command_node: CommandNode, service: str, verbose: bool, as_json: 
     rosidl-py service info /add_two_ints -v
     """
     node = command_node.node
-    name = await _find_service(command_node, service)
+    name = await command_node.find("service", service)
     await (command_node.wait_for_node_names() if verbose else command_node.wait_for_discovery())
     await command_node.wait_for(lambda: node.count_services(name) or node.count_clients(name), _ENDPOINTS_TIMEOUT_S)
     row: dict[str, Any] = {
@@ -104,10 +98,9 @@ def _endpoint(endpoint: TopicEndpointInfo, kind: str) -> dict[str, Any]:
 @options.timeout("Maximum time to wait for the server, and for each response.", default_s=10)
 @options.paths
 @options.as_json
-@options.node_options
-@verb
-def call(
-    network: options.NetworkOptions,
+@options.endless_node_verb(lambda arguments: arguments["rate"] is not None)
+async def call(
+    command_node: CommandNode,
     service: str,
     words: tuple[str, ...],
     stdin: bool,
@@ -116,7 +109,7 @@ def call(
     timeout_s: float,
     paths: tuple[str, ...],
     as_json: bool,
-) -> AsyncCommand:
+) -> None:
     """Call a service. VALUES are YAML or JSON; omitted fields have their defaults.
 
     TYPE may be omitted. --json prints only the response.
@@ -130,25 +123,16 @@ def call(
 
     from rosidl_py_gen import to_dict
     from rosidl_py_gen.ros_cli import message_text, type_resolution
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-    async def main() -> None:
-        type_name, text = message_text.type_and_values(words, stdin=stdin)
-        async with CommandNode(network) as command_node:
-            name = await type_resolution.preload_while_waiting(_find_service(command_node, service, timeout_s))
-            cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
-            request = message_text.message_from(cls.Request, text)
-            client = command_node.node.create_client(cls, name)
-            loop = asyncio.get_running_loop()
-            while True:
-                start_s = loop.time()
-                await one_call(client, request)
-                if rate is None:
-                    return
-                await asyncio.sleep(start_s + 1 / rate - loop.time())
-
-    async def one_call(client: Client[Any, Any], request: Message) -> None:
-        truncate = None if full_length else message_text.TRUNCATE
+    type_name, text = message_text.type_and_values(words, stdin=stdin)
+    name = await type_resolution.preload_while_waiting(command_node.find("service", service, timeout_s))
+    cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
+    request = message_text.message_from(cls.Request, text)
+    client = command_node.node.create_client(cls, name)
+    truncate = None if full_length else message_text.TRUNCATE
+    loop = asyncio.get_running_loop()
+    while True:
+        start_s = loop.time()
         if not as_json:
             terminal_output.lines([f"requester: making request: {message_text.rclpy_repr(request, truncate)}", ""])
         response = await client.call(request, timeout_s)
@@ -156,8 +140,9 @@ def call(
             terminal_output.document(to_dict(response), in_stream=rate is not None)
         else:
             terminal_output.lines(["response:", message_text.rclpy_repr(response, truncate), ""])
-
-    return AsyncCommand(main(), endless=rate is not None)
+        if rate is None:
+            return
+        await asyncio.sleep(start_s + 1 / rate - loop.time())
 
 
 @click.command("echo")
@@ -168,10 +153,9 @@ def call(
 @click.option("--flow-style", is_flag=True, help="Print each event on one line.")
 @options.paths
 @options.as_json
-@options.node_options
-@verb
-def echo(
-    network: options.NetworkOptions,
+@options.endless_node_verb(lambda arguments: True)
+async def echo(
+    command_node: CommandNode,
     service: str,
     type_name: str | None,
     once: bool,
@@ -179,39 +163,34 @@ def echo(
     flow_style: bool,
     paths: tuple[str, ...],
     as_json: bool,
-) -> AsyncCommand:
+) -> None:
     """Print requests and responses as they pass. Servers or clients must have introspection enabled.
 
     \b
     rosidl-py service echo /add_two_ints
     """
     from rosidl_py_gen.ros_cli import message_text, type_resolution
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 
-    async def main() -> None:
-        async with CommandNode(network) as command_node:
-            name = await type_resolution.preload_while_waiting(_find_service(command_node, service))
-            cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
-            events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
-            try:
-                await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)
-            except WaitTimeoutError:
-                terminal_output.note(
-                    f"no node publishes {name}/_service_event: introspection is off at all servers and clients of "
-                    f"{name}; waiting until it is enabled (configure_introspection)"
-                )
-            async for event in events:
-                row = _event_row(event, None if full_length else message_text.TRUNCATE)
-                if as_json:
-                    terminal_output.document(row, in_stream=not once)
-                else:
-                    terminal_output.block(message_text.to_yaml(row, flow=flow_style) + "---")
-                if once:
-                    break
-
-    return AsyncCommand(main(), endless=True)
+    name = await type_resolution.preload_while_waiting(command_node.find("service", service))
+    cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
+    events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
+    try:
+        await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)
+    except WaitTimeoutError:
+        terminal_output.note(
+            f"no node publishes {name}/_service_event: introspection is off at all servers and clients of "
+            f"{name}; waiting until it is enabled (configure_introspection)"
+        )
+    async for event in events:
+        row = _event_row(event, None if full_length else message_text.TRUNCATE)
+        if as_json:
+            terminal_output.document(row, in_stream=not once)
+        else:
+            terminal_output.block(message_text.to_yaml(row, flow=flow_style) + "---")
+        if once:
+            break
 
 
 def _event_row(event: Message, truncate: int | None) -> dict[str, Any]:

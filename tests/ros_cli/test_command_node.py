@@ -35,7 +35,7 @@ async def test_what_is_there_needs_no_time() -> None:
 async def test_a_command_does_not_count_itself_among_what_is_there() -> None:
     async with CommandNode({"spin_time_s": 0}) as command_node:
         with pytest.raises(CommandError, match="none exist in this domain"):
-            await command_node.find("node", "somebody", command_node.node.get_node_names)
+            await command_node.find("node", "somebody")
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,13 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.terminal_output import StatusLine
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from rosidl_py_gen.bags import BagReader, DamagedPart
+    from rosidl_py_gen.bags import BagMessage, BagReader, DamagedPart
 
 T = TypeVar("T")
 
@@ -121,3 +122,14 @@ def opened_bag(path: str, *, search_path: Sequence[str] = (), skip_damaged: bool
         reader = BagReader(path, search_path=search_path, skip_damaged=skip_damaged, on_progress=show)
     with reader:
         yield reader
+
+
+def messages_of_type(path: str, type_name: str) -> Iterator[BagMessage]:
+    """Yield the messages of a type in a bag; raises `CommandError` if it has no topic of the type."""
+    from rosidl_py_gen.bags import BagReader
+
+    with BagReader(path) as reader:
+        topics = [name for name, topic in reader.topics.items() if topic.type_name == type_name]
+        if not topics:
+            raise CommandError(f"{path} has no topic of {type_name}")
+        yield from reader.messages(topics)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.names import did_you_mean
@@ -33,18 +32,13 @@ def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, durat
     for name in topics:
         if name not in reader.topics:
             raise CommandError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
-    start = reader.start_ns + round(offset_s * NS_PER_S)
-    if start > reader.end_ns:
-        raise CommandError(
-            f"{reader.path} is {duration_text(reader.end_ns - reader.start_ns)} long; expected a start offset within it"
-        )
+    start = start_of(str(reader.path), reader.start_ns, reader.end_ns, offset_s)
     end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * NS_PER_S), reader.end_ns + 1)
     return BagSelection([*(topics or reader.topics)], start, end)
 
 
-def compile_pattern(text: str, option: str) -> re.Pattern[str]:
-    """Return a regular expression of a command line; raises `CommandError`."""
-    try:
-        return re.compile(text)
-    except re.error as error:
-        raise CommandError(f'{option}: "{text}" is not a regular expression: {error}') from None
+def start_of(name: str, start_ns: int, end_ns: int, offset_s: float) -> int:
+    """Return the time at an offset in a bag; raises `CommandError` after its end."""
+    if (start := start_ns + round(offset_s * NS_PER_S)) > end_ns:
+        raise CommandError(f"{name} is {duration_text(end_ns - start_ns)} long; expected a start offset within it")
+    return start

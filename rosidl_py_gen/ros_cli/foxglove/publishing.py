@@ -19,7 +19,7 @@ from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
-from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
+from rosidl_py_gen.ros_cli.name_lookup import full_name
 from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
 
@@ -101,7 +101,7 @@ class ClientPublishing:
     async def _start_publishing(self, client: _ClientPublisher) -> None:
         offer = client.offer
         try:
-            topic = full_topic_name(self._command_node, offer.topic)
+            topic = full_name(self._command_node.node, offer.topic)
             cls = await self._class(topic, offer)
             client.decoder = Decoder(cls, offer.encoding)
             client.publisher = self._command_node.node.create_publisher(cls, topic, BEST_AVAILABLE)

@@ -29,7 +29,6 @@ from rosidl_py_gen.runtime.qos import CLOCK
 
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.foxglove.command import FoxgloveOptions
-    from rosidl_py_gen.ros_cli.foxglove.server import Server
     from rosidl_py_gen.runtime import Node, NodeInfo
 
 

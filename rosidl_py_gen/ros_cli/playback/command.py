@@ -210,6 +210,6 @@ def play(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
     rosidl-py bag play my_bag --topics /scan /odom --remap /scan:=/old_scan --loop
     rosidl-py bag play my_bag --publish-service-requests --start-paused
     """
-    from rosidl_py_gen.ros_cli.playback.play import play_bag
+    from rosidl_py_gen.ros_cli.playback.player import play_bag
 
     return play_bag(network, PlayOptions(**arguments))

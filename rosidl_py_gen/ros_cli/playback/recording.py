@@ -6,23 +6,24 @@ actions are played. Exclusion precedes inclusion. Patterns match whole names, as
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from heapq import heappop, heappush, merge
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.bag.display import ProgressBar, duration_text, time_text
-from rosidl_py_gen.ros_cli.bag.selection import BagSelection, compile_pattern
+from rosidl_py_gen.ros_cli.bag.display import opened_bag, time_text
+from rosidl_py_gen.ros_cli.bag.selection import BagSelection, start_of
 from rosidl_py_gen.ros_cli.name_lookup import topic_owner
+from rosidl_py_gen.ros_cli.options import compile_pattern
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Iterable, Iterator, Sequence
 
-    from rosidl_py_gen.bags import BagTopic, RawMessage
+    from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
     from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
     from rosidl_py_gen.ros_cli.playback.command import PlayOptions
 
@@ -34,16 +35,11 @@ class Recording:
     """Bags whose messages are played by their times; a context manager. Raises `CommandError` for another `storage`."""
 
     def __init__(self, places: Sequence[str], paths: Sequence[str], storage: str | None = None) -> None:
-        self._readers: list[BagReader] = []
-        try:
-            for place in places:
-                with ProgressBar("bytes") as show:
-                    reader = BagReader(place, search_path=paths, skip_damaged=True, on_progress=show)
-                self._readers.append(reader)
-                _require_storage(self._readers[-1], storage)
-        except BaseException:
-            self.close()
-            raise
+        with ExitStack() as stack:
+            self._readers = [stack.enter_context(opened_bag(place, search_path=paths)) for place in places]
+            for reader in self._readers:
+                _require_storage(reader, storage)
+            self._open = stack.pop_all()
         self.name = ", ".join(str(reader.path) for reader in self._readers)
         """Paths of the bags, for messages."""
         self.channels: list[tuple[BagReader, BagTopic]] = [
@@ -72,16 +68,11 @@ class Recording:
         """True if damaged parts were skipped so far."""
         return any(reader.damaged for reader in self._readers)
 
-    def close(self) -> None:
-        """Close the bags; may be called repeatedly."""
-        for reader in self._readers:
-            reader.close()
-
     def __enter__(self) -> Recording:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._open.close()
 
 
 def _require_storage(reader: BagReader, storage: str | None) -> None:
@@ -164,10 +155,7 @@ def select_messages(recording: Recording, topics: Sequence[str], options: PlayOp
     The end is the later one of ``--playback-duration`` and ``--playback-until-…``, and is inclusive as in rosbag2; that
     of ``--duration`` is exclusive as for the other commands.
     """
-    start = recording.start_ns + round(options.offset_s * NS_PER_S)
-    if start > recording.end_ns:
-        length = duration_text(recording.end_ns - recording.start_ns)
-        raise CommandError(f"{recording.name} is {length} long; expected a start offset within it")
+    start = start_of(recording.name, recording.start_ns, recording.end_ns, options.offset_s)
     ends = []
     if options.playback_s is not None:
         ends.append(start + round(options.playback_s * NS_PER_S) + 1 if options.playback_s else start)

@@ -1,4 +1,1 @@
-"""``rosidl-py bag record``.
-
-`record` runs it, `selection` chooses topics, `recorder` receives their messages, and `writer` writes them.
-"""
+"""``rosidl-py bag record``: `selection` chooses topics, `recorder` receives messages, `writer` writes them."""

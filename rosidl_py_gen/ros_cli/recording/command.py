@@ -177,6 +177,6 @@ def record(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
         raise click.UsageError("--use-sim-time waits for /clock, which --no-discovery prevents")
     if given.snapshots and given.cache_bytes == 0:
         raise click.UsageError("--snapshot-mode requires a --max-cache-size above 0")
-    from rosidl_py_gen.ros_cli.recording.record import record_bag
+    from rosidl_py_gen.ros_cli.recording.recorder import record_bag
 
     return record_bag(network, given)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import split_ros_name
-from rosidl_py_gen.ros_cli.bag.selection import compile_pattern
 from rosidl_py_gen.ros_cli.name_lookup import TopicOwner, is_hidden, topic_owner
+from rosidl_py_gen.ros_cli.options import compile_pattern
 from rosidl_py_gen.runtime import validate_full_name
 
 if TYPE_CHECKING:
@@ -29,11 +29,9 @@ class Selection:
     """Selection of the options; raises `CommandError` for invalid patterns, `InvalidNameError` for invalid names."""
 
     def __init__(self, options: RecordOptions) -> None:
-        self.named = [
-            *(TopicOwner("topic", name) for name in _full_names([*options.topics, *options.more_topics])),
-            *(TopicOwner("service", name) for name in _full_names(options.services)),
-            *(TopicOwner("action", name) for name in _full_names(options.actions)),
-        ]
+        topics = [*options.topics, *options.more_topics]
+        included = {"topic": topics, "service": options.services, "action": options.actions}
+        self.named = [TopicOwner(kind, name) for kind, names in included.items() for name in _full_names(names)]
         """Named topics, services and actions, hidden or not."""
         self._excluded = {
             "topic": {*_full_names(options.exclude_topics)},

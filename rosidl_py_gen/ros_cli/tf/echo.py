@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.stamps import sec_nanosec
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.tf import Transform
 
 
@@ -32,10 +33,9 @@ if TYPE_CHECKING:
 )
 @options.timeout("Maximum time to wait for the first transform.", 10)
 @options.as_json
-@options.node_options
-@verb
-def echo(
-    network: options.NetworkOptions,
+@options.endless_node_verb(lambda arguments: not (arguments["once"] or arguments["times"]))
+async def echo(
+    command_node: CommandNode,
     target: str,
     source: str,
     once: bool,
@@ -44,7 +44,7 @@ def echo(
     precision: int,
     timeout_s: float,
     as_json: bool,
-) -> AsyncCommand:
+) -> None:
     """Print the transform from SOURCE to TARGET repeatedly: the pose of SOURCE in TARGET.
 
     \b
@@ -53,29 +53,22 @@ def echo(
     """
     import asyncio
 
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.tf import InvalidTransformError, TransformBuffer, TransformError, TransformTimeoutError
 
-    count = 1 if once else times
-
-    async def main() -> None:
-        left = count
-        async with CommandNode(network) as command_node:
-            buffer = TransformBuffer(command_node.node)
-            try:
-                await buffer.wait_for_transform(target, source, timeout_s=timeout_s)
-            except (TransformTimeoutError, InvalidTransformError) as error:
-                raise CommandError(f'no transform from "{source}" to "{target}": {error}') from None
-            while left is None or left > 0:
-                try:
-                    _show(buffer.lookup_transform(target, source), precision, as_json)
-                    left = None if left is None else left - 1
-                except TransformError as error:
-                    terminal_output.note(f"warning: {error}")
-                if left != 0:
-                    await asyncio.sleep(1 / rate_hz)
-
-    return AsyncCommand(main(), endless=count is None)
+    left = 1 if once else times
+    buffer = TransformBuffer(command_node.node)
+    try:
+        await buffer.wait_for_transform(target, source, timeout_s=timeout_s)
+    except (TransformTimeoutError, InvalidTransformError) as error:
+        raise CommandError(f'no transform from "{source}" to "{target}": {error}') from None
+    while left is None or left > 0:
+        try:
+            _show(buffer.lookup_transform(target, source), precision, as_json)
+            left = None if left is None else left - 1
+        except TransformError as error:
+            terminal_output.note(f"warning: {error}")
+        if left != 0:
+            await asyncio.sleep(1 / rate_hz)
 
 
 def _show(transform: Transform, precision: int, as_json: bool) -> None:

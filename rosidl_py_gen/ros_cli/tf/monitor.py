@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
     from collections import deque
@@ -26,11 +26,10 @@ _HEADINGS = ("frame", "parent", "rate", "delay", "max_delay", "publishers")
 @options.report_count
 @options.window(1000)
 @options.as_json
-@options.node_options
-@verb
-def monitor(
-    network: options.NetworkOptions, frames: Sequence[str], times: int | None, window: int, as_json: bool
-) -> AsyncCommand:
+@options.endless_node_verb(lambda arguments: arguments["times"] is None)
+async def monitor(
+    command_node: CommandNode, frames: Sequence[str], times: int | None, window: int, as_json: bool
+) -> None:
     """Print once a second the rate and the delay of the transform of each frame.
 
     With two FRAMES, print only the frames between them, and the age of the transform from one to the other.
@@ -43,7 +42,7 @@ def monitor(
         raise CommandError(f"expected no frames or two, got {len(frames)}")
     if len({*frames}) == 1:
         raise CommandError(f"expected two different frames, got {frames[0]} twice")
-    return AsyncCommand(_Monitor(frames, times, window, as_json).run(network), endless=times is None)
+    await _Monitor(frames, times, window, as_json).run(command_node)
 
 
 class _Monitor:
@@ -57,14 +56,12 @@ class _Monitor:
         self._ages_ns: deque[int] = deque(maxlen=window)
         self._last_note = ""
 
-    async def run(self, network: options.NetworkOptions) -> None:
-        from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
+    async def run(self, command_node: CommandNode) -> None:
+        from rosidl_py_gen.ros_cli.command_node import first_of
         from rosidl_py_gen.ros_cli.tf.frame_statistics import listeners
 
-        async with CommandNode(network) as command_node:
-            await command_node.wait_for_discovery()
-            feeding = listeners(command_node.node, self._frames, self._note_age)
-            await first_of(self._report(command_node), *feeding)
+        await command_node.wait_for_discovery()
+        await first_of(self._report(command_node), *listeners(command_node.node, self._frames, self._note_age))
 
     def _note_age(self, arrived_ns: int) -> None:
         if self._path and (age_ns := self._frames.age_ns(self._path[0], self._path[1], arrived_ns)) is not None:

@@ -63,17 +63,15 @@ async def _show_live(network: options.NetworkOptions, kind: str, output: str | N
 
 
 def _show_recorded(path: str, kind: str, output: str | None) -> None:
-    from rosidl_py_gen.bags import BagReader
+    from rosidl_py_gen.ros_cli.bag.display import messages_of_type
     from rosidl_py_gen.ros_cli.tf.frame_statistics import FrameStatistics
 
     frames = FrameStatistics(window=10_000)
-    with BagReader(path) as reader:
-        topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]
-        if not topics:
-            raise CommandError(f"{path} has no topic of {_TYPE}")
-        for one in reader.messages(topics):
-            frames.add_message(one.message, one.log_time, one.topic, static=one.topic.endswith("/tf_static"))
-        _show(frames, {name: name for name in topics}, kind, output)
+    topics = {}
+    for one in messages_of_type(path, _TYPE):
+        topics[one.topic] = one.topic
+        frames.add_message(one.message, one.log_time, one.topic, static=one.topic.endswith("/tf_static"))
+    _show(frames, topics, kind, output)
 
 
 def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str | None) -> None:

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.topic.formats import Style
-    from rosidl_py_gen.runtime import AdaptiveSubscription
 
 _LOST_NOTE_INTERVAL_S = 1.0
 _EARLY = 0.25
@@ -68,10 +67,9 @@ _EARLY = 0.25
 )
 @topic_qos.qos_options
 @options.paths
-@options.node_options
-@verb
-def echo(
-    network: options.NetworkOptions,
+@options.endless_node_verb(lambda arguments: not arguments["once"])
+async def echo(
+    command_node: CommandNode,
     topic: str,
     type_name: str | None,
     once: bool,
@@ -88,7 +86,7 @@ def echo(
     timeout_s: float | None,
     qos: dict[str, Any],
     paths: Sequence[str],
-) -> AsyncCommand:
+) -> None:
     """Print the messages of a topic.
 
     \b
@@ -101,73 +99,62 @@ def echo(
     any(x < 1 for x in m.ranges).
     """
     from rosidl_py_gen.ros_cli import type_resolution
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, now_s
+    from rosidl_py_gen.ros_cli.command_node import now_s
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
-    from rosidl_py_gen.ros_cli.name_lookup import find_topic, full_topic_name
     from rosidl_py_gen.ros_cli.topic.formats import value_printer
     from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
+    naming = _full_name(command_node, topic, type_name, timeout_s)
+    name = await (naming if raw else type_resolution.preload_while_waiting(naming))
+    printer = value_printer(
+        style or "yaml", full_length=full_length, truncate_length=truncate_length, arrays=arrays, strings=strings
+    )
     rate_limit = _RateLimit(max_rate_hz, now_s)
+    cls: Any
+    if raw:
+        cls = type_resolution.opaque_class(command_node, name, type_name)
+        show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
+    else:
+        cls = await type_resolution.message_class(command_node, name, type_name, paths)
+        condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
+        show = _message_printer(_fields(cls, fields, arrays), condition, rate_limit, printer)
+    profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
+    subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
+        command_node.node, name, cls, raw=raw, qos=profile, note=terminal_output.note
+    )
+    lost, has_received, printed_s = _LostNotes(now_s), False, now_s()
+    async with subscription as messages:
+        try:
+            while True:
+                message, _ = await messages.receive_with_info(
+                    None if timeout_s is None else max(0.0, printed_s + timeout_s - now_s())
+                )
+                has_received = True
+                if show(message):
+                    printed_s = now_s()
+                    if once:
+                        return
+                if lost_messages:
+                    lost.note(messages.dropped)
+        except WaitTimeoutError as error:
+            text = f"on {name} in {timeout_s:g} s"
+            if filter_text and has_received:
+                raise CommandError(f"no message that passes the filter {text}") from None
+            raise CommandError(f"no message {text}: {error.reason}") from None
+        finally:
+            rate_limit.report_dropped()
 
-    async def main() -> None:
-        async with CommandNode(network) as command_node:
-            naming = full_name(command_node)
-            name = await (naming if raw else type_resolution.preload_while_waiting(naming))
-            printer = value_printer(
-                style or "yaml",
-                full_length=full_length,
-                truncate_length=truncate_length,
-                arrays=arrays,
-                strings=strings,
-            )
-            cls: Any
-            if raw:
-                cls = type_resolution.opaque_class(command_node, name, type_name)
-                show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
-            else:
-                cls = await type_resolution.message_class(command_node, name, type_name, paths)
-                field = _fields(cls, fields, arrays)
-                condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
-                show = _message_printer(field, condition, rate_limit, printer)
-            profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
-            subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
-                command_node.node, name, cls, raw=raw, qos=profile, note=terminal_output.note
-            )
-            async with subscription as messages:
-                try:
-                    await print_from(messages, name, show)
-                finally:
-                    rate_limit.report_dropped()
 
-    async def full_name(command_node: CommandNode) -> str:
-        """Return the full name of the topic after its publishers had time to be discovered."""
-        if type_name is None:
-            return await find_topic(command_node, topic, timeout_s)
-        name = full_topic_name(command_node, topic)
-        await command_node.wait_for_discovery()
-        return name
+async def _full_name(command_node: CommandNode, topic: str, type_name: str | None, timeout_s: float | None) -> str:
+    """Return the full name of the topic after its publishers had time to be discovered."""
+    from rosidl_py_gen.ros_cli.name_lookup import full_name
 
-    async def print_from(messages: AdaptiveSubscription[Any], name: str, show: Callable[[Any], bool]) -> None:
-        lost, has_received, printed_s = _LostNotes(now_s), False, now_s()
-        while True:
-            left_s = None if timeout_s is None else max(0.0, printed_s + timeout_s - now_s())
-            try:
-                message, _ = await messages.receive_with_info(left_s)
-            except WaitTimeoutError as error:
-                text = f"on {name} in {timeout_s:g} s"
-                if filter_text and has_received:
-                    raise CommandError(f"no message that passes the filter {text}") from None
-                raise CommandError(f"no message {text}: {error.reason}") from None
-            has_received = True
-            if show(message):
-                printed_s = now_s()
-                if once:
-                    return
-            if lost_messages:
-                lost.note(messages.dropped)
-
-    return AsyncCommand(main(), endless=not once)
+    if type_name is None:
+        return await command_node.find("topic", topic, timeout_s)
+    name = full_name(command_node.node, topic)
+    await command_node.wait_for_discovery()
+    return name
 
 
 class _LostNotes:

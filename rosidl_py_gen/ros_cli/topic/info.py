@@ -35,14 +35,6 @@ def _topics(node: Node) -> list[dict[str, Any]]:
     ]
 
 
-async def _find_discovered(command_node: CommandNode, topic: str, timeout_s: float | None) -> str:
-    from rosidl_py_gen.ros_cli.name_lookup import find_topic
-
-    name = await find_topic(command_node, topic, timeout_s)
-    await command_node.wait_for_discovery()
-    return name
-
-
 @click.command("list")
 @options.show_types
 @click.option("-v", "--verbose", is_flag=True, help="Show published and subscribed topics, and the numbers of each.")
@@ -73,9 +65,7 @@ async def list_(
 
 
 find = find_verb("topic", "msg", "sensor_msgs/msg/LaserScan", _topics, _hidden)
-type_ = type_verb(
-    "topic", "rosidl-py interface show $(rosidl-py topic type /scan)", _find_discovered, options.topic_timeout
-)
+type_ = type_verb("topic", "rosidl-py interface show $(rosidl-py topic type /scan)", options.topic_timeout)
 
 
 @click.command("info")
@@ -91,9 +81,8 @@ async def info(command_node: CommandNode, topic: str, timeout_s: float | None, v
     rosidl-py topic info /scan -v
     """
     node = command_node.node
-    name = await _find_discovered(command_node, topic, timeout_s)
-    if verbose:
-        await command_node.wait_for_node_names()
+    name = await command_node.find("topic", topic, timeout_s)
+    await (command_node.wait_for_node_names() if verbose else command_node.wait_for_discovery())
     types = dict(node.get_topic_names_and_types()).get(name, [])
     publishers = node.get_publishers_info_by_topic(name)
     subscriptions = node.get_subscriptions_info_by_topic(name)

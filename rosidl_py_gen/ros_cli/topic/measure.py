@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
@@ -60,54 +60,52 @@ def _meter_options(window: int) -> Callable[[F], F]:
         options.topic_timeout,
         options.paths,
         options.as_json,
-        options.node_options,
     )
 
 
-def _measuring(network: options.NetworkOptions, times: int | None, **arguments: Any) -> AsyncCommand:
-    return AsyncCommand(_measure(network, times=times, **arguments), endless=times is None)
+_node_verb = options.endless_node_verb(lambda arguments: arguments["times"] is None)
 
 
 @click.command("hz")
 @_meter_options(10000)
 @click.option("--filter", "filter_text", metavar="EXPR", help="Count only messages m for which EXPR is true.")
-@verb
-def hz(**arguments: Any) -> AsyncCommand:
+@_node_verb
+async def hz(**arguments: Any) -> None:
     """Print the rate of messages.
 
     \b
     rosidl-py topic hz /scan
     rosidl-py topic hz /scan /odom --json
     """
-    return _measuring(kind="hz", **arguments)
+    await _measure(kind="hz", **arguments)
 
 
 @click.command("bw")
 @_meter_options(100)
-@verb
-def bw(**arguments: Any) -> AsyncCommand:
+@_node_verb
+async def bw(**arguments: Any) -> None:
     """Print the received bytes per second.
 
     \b
     rosidl-py topic bw /camera/image_raw
     """
-    return _measuring(kind="bw", **arguments)
+    await _measure(kind="bw", **arguments)
 
 
 @click.command("delay")
 @_meter_options(10000)
-@verb
-def delay(**arguments: Any) -> AsyncCommand:
+@_node_verb
+async def delay(**arguments: Any) -> None:
     """Print the age of messages at their arrival, by the stamp in their headers.
 
     \b
     rosidl-py topic delay /scan
     """
-    return _measuring(kind="delay", **arguments)
+    await _measure(kind="delay", **arguments)
 
 
 async def _measure(
-    network: options.NetworkOptions,
+    command_node: CommandNode,
     kind: str,
     topics: tuple[str, ...],
     window: int,
@@ -118,8 +116,7 @@ async def _measure(
     filter_text: str | None = None,
 ) -> None:
     from rosidl_py_gen.ros_cli import type_resolution
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, first_of
-    from rosidl_py_gen.ros_cli.name_lookup import find_topic
+    from rosidl_py_gen.ros_cli.command_node import first_of
     from rosidl_py_gen.ros_cli.topic.statistics import BandwidthStatistics, DelayStatistics, RateStatistics
     from rosidl_py_gen.runtime import qos as presets
 
@@ -128,22 +125,21 @@ async def _measure(
         "bw": BandwidthStatistics,
         "delay": DelayStatistics,
     }
-    async with CommandNode(network) as command_node:
-        meters = []
-        for topic in topics:
-            name = await find_topic(command_node, topic, timeout_s)
-            cls, value = await _value_extractor(command_node, name, kind, paths, filter_text)
-            raw: Any = cls is None
-            subscription: Subscription[Any] = command_node.node.create_subscription(
-                cls or type_resolution.opaque_class(command_node, name),
-                name,
-                qos=presets.SENSOR_DATA.keep_last(_DEPTH),
-                raw=raw,
-            )
-            meters.append(_TopicMeter(name, subscription, value, kinds[kind](window)))
-            if not as_json and (kind == "bw" or len(topics) > 1):
-                terminal_output.line(f"Subscribed to [{name}]")
-        await first_of(_report(meters, times, as_json), *(meter.run() for meter in meters))
+    meters = []
+    for topic in topics:
+        name = await command_node.find("topic", topic, timeout_s)
+        cls, value = await _value_extractor(command_node, name, kind, paths, filter_text)
+        raw: Any = cls is None
+        subscription: Subscription[Any] = command_node.node.create_subscription(
+            cls or type_resolution.opaque_class(command_node, name),
+            name,
+            qos=presets.SENSOR_DATA.keep_last(_DEPTH),
+            raw=raw,
+        )
+        meters.append(_TopicMeter(name, subscription, value, kinds[kind](window)))
+        if not as_json and (kind == "bw" or len(topics) > 1):
+            terminal_output.line(f"Subscribed to [{name}]")
+    await first_of(_report(meters, times, as_json), *(meter.run() for meter in meters))
 
 
 async def _report(meters: Sequence[_TopicMeter], times: int | None, as_json: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 from rosidl_py_gen.ros_cli.plotting.output import (
     count_text,
     live_plot,
@@ -41,10 +41,9 @@ _DRAW_INTERVAL_S = 0.25
 @options.topic_timeout
 @topic_qos.qos_options
 @options.paths
-@options.node_options
-@verb
-def plot(
-    network: options.NetworkOptions,
+@options.endless_node_verb(lambda arguments: arguments["duration_s"] is None and arguments["times"] is None)
+async def plot(
+    command_node: CommandNode,
     words: Sequence[str],
     duration_s: float | None,
     times: int | None,
@@ -56,7 +55,7 @@ def plot(
     timeout_s: float | None,
     qos: dict[str, Any],
     paths: Sequence[str],
-) -> AsyncCommand:
+) -> None:
     """Plot fields of topics while messages arrive.
 
     The plot is drawn in a window, or in the terminal if there is no display; --out writes a file at the end. FIELD is
@@ -69,44 +68,27 @@ def plot(
     rosidl-py topic plot /battery percentage --duration 60 --out battery.png
     """
     require_output(out)
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.name_lookup import full_topic_name
+    from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TimeAxis, TopicLines, topics_and_fields
     from rosidl_py_gen.runtime import AdaptiveSubscription
     from rosidl_py_gen.runtime import qos as presets
 
-    topics = topics_and_fields(words)
     axis = TimeAxis(is_wall_clock=wall_clock, by_stamp=by_stamp, last_s=last_s)
-
-    async def main() -> None:
-        async with AsyncExitStack() as stack:
-            command_node = await stack.enter_async_context(CommandNode(network))
-            lines: list[TopicLines] = []
-            subscriptions: list[AdaptiveSubscription[Any]] = []
-            for topic, fields in topics:
-                name = full_topic_name(command_node, topic)
-                cls = await _message_class(command_node, name, timeout_s, paths)
-                one = TopicLines(PlotPanel(name), name, fields, by_stamp=by_stamp)
-                one.use(cls)
-                lines.append(one)
-                profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
-                subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
-                    command_node.node, name, cls, qos=profile, note=terminal_output.note
-                )
-                subscriptions.append(await stack.enter_async_context(subscription))
-            await _plot_live(lines, subscriptions, axis, duration_s, times, out, in_terminal)
-
-    return AsyncCommand(main(), endless=duration_s is None and times is None)
-
-
-async def _message_class(
-    command_node: CommandNode, topic: str, timeout_s: float | None, paths: Sequence[str]
-) -> type[Any]:
-    from rosidl_py_gen.ros_cli import type_resolution
-    from rosidl_py_gen.ros_cli.name_lookup import find_topic
-
-    name = await find_topic(command_node, topic, timeout_s)
-    return await type_resolution.message_class(command_node, name, paths=paths)
+    profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)
+    lines: list[TopicLines] = []
+    subscriptions: list[AdaptiveSubscription[Any]] = []
+    async with AsyncExitStack() as stack:
+        for topic, fields in topics_and_fields(words):
+            name = await command_node.find("topic", topic, timeout_s)
+            cls = await type_resolution.message_class(command_node, name, paths=paths)
+            one = TopicLines(PlotPanel(name), name, fields, by_stamp=by_stamp)
+            one.use(cls)
+            lines.append(one)
+            subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
+                command_node.node, name, cls, qos=profile, note=terminal_output.note
+            )
+            subscriptions.append(await stack.enter_async_context(subscription))
+        await _plot_live(lines, subscriptions, axis, duration_s, times, out, in_terminal)
 
 
 async def _plot_live(

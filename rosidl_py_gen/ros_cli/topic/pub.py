@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, AsyncIterator, Sequence
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import aclosing, suppress
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
+from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.runtime import Publisher, Rate
+    from rosidl_py_gen.ros_cli.command_node import CommandNode
+    from rosidl_py_gen.runtime import Publisher
 
 _ACKNOWLEDGE_TIMEOUT_S = 5.0
 """Maximum time at the end until subscribers have acknowledged all messages."""
@@ -52,10 +53,9 @@ _STDIN = "-"
 @topic_qos.qos_options
 @options.paths
 @options.as_json
-@options.node_options
-@verb
-def pub(
-    network: options.NetworkOptions,
+@options.endless_node_verb(lambda given: not (given["once"] or given["times"] or given["words"][-1:] == (_STDIN,)))
+async def pub(
+    command_node: CommandNode,
     topic: str,
     words: tuple[str, ...],
     rate: float | None,
@@ -68,7 +68,7 @@ def pub(
     qos: dict[str, Any],
     paths: tuple[str, ...],
     as_json: bool,
-) -> AsyncCommand:
+) -> None:
     """Publish messages.
 
     \b
@@ -82,38 +82,29 @@ def pub(
     import asyncio
 
     from rosidl_py_gen.ros_cli import message_text, type_resolution
-    from rosidl_py_gen.ros_cli.command_node import CommandNode, now_s
-    from rosidl_py_gen.ros_cli.name_lookup import find_topic, full_topic_name
+    from rosidl_py_gen.ros_cli.command_node import now_s
+    from rosidl_py_gen.ros_cli.name_lookup import full_name
     from rosidl_py_gen.runtime import WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 
     type_name, text = message_text.type_and_values(words)
     max_count = 1 if once else times
-
-    async def main() -> None:
-        async with CommandNode(network) as command_node:
-            if type_name is None:
-                name = await type_resolution.preload_while_waiting(find_topic(command_node, topic, timeout_s))
-            else:
-                name = full_topic_name(command_node, topic)
-            cls = await type_resolution.message_class(command_node, name, type_name, paths)
-            # Before the wait for subscriptions, so that errors in the text are reported at once.
-            template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
-            profile = topic_qos.requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
-            publisher: Publisher[Any] = command_node.node.create_publisher(cls, name, profile)
-            ends = max_count is not None or template is None
-            await _wait_for_subscriptions(publisher, int(ends) if wait is None else wait, timeout_s)
-            if not as_json:
-                terminal_output.line("publisher: beginning loop")
-            hz = rate or (1.0 if template else None)
-            async with aclosing(_repeated(*template) if template else _from_stdin(cls)) as messages:
-                await publish_each(publisher, messages, None if hz is None else command_node.node.create_rate(hz))
-            published_s = now_s()
-            with suppress(WaitTimeoutError):
-                await publisher.wait_for_acknowledged(_ACKNOWLEDGE_TIMEOUT_S)
-            await asyncio.sleep(published_s + keep_alive_s - now_s())
-
-    async def publish_each(publisher: Publisher[Any], messages: AsyncIterator[Message], pace: Rate | None) -> None:
+    if type_name is None:
+        name = await type_resolution.preload_while_waiting(command_node.find("topic", topic, timeout_s))
+    else:
+        name = full_name(command_node.node, topic)
+    cls = await type_resolution.message_class(command_node, name, type_name, paths)
+    # Before the wait for subscriptions, so that errors in the text are reported at once.
+    template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
+    profile = topic_qos.requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
+    publisher: Publisher[Any] = command_node.node.create_publisher(cls, name, profile)
+    ends = max_count is not None or template is None
+    await _wait_for_subscriptions(publisher, int(ends) if wait is None else wait, timeout_s)
+    if not as_json:
+        terminal_output.line("publisher: beginning loop")
+    hz = rate or (1.0 if template else None)
+    pace = None if hz is None else command_node.node.create_rate(hz)
+    async with aclosing(_repeated(*template) if template else _from_stdin(cls)) as messages:
         number = 0
         async for message in messages:
             number += 1
@@ -121,11 +112,13 @@ def pub(
                 _show(number, message, as_json)
             publisher.publish(message)
             if number == max_count:
-                return
+                break
             if pace is not None:
                 await pace.sleep()
-
-    return AsyncCommand(main(), endless=max_count is None and text != _STDIN)
+    published_s = now_s()
+    with suppress(WaitTimeoutError):
+        await publisher.wait_for_acknowledged(_ACKNOWLEDGE_TIMEOUT_S)
+    await asyncio.sleep(published_s + keep_alive_s - now_s())
 
 
 async def _wait_for_subscriptions(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
