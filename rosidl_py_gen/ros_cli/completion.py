@@ -5,7 +5,6 @@ A shell prints no errors while it completes, so errors result in no suggestions.
 
 from __future__ import annotations
 
-import asyncio
 import re
 import warnings
 from pathlib import PurePath
@@ -99,6 +98,8 @@ def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: st
 
 
 def _or_empty(find: Callable[[], Iterable[str]]) -> Iterable[str]:
+    import asyncio
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -132,6 +133,8 @@ def _names(what: str, context: click.Context) -> list[str]:
 
 def _query(context: click.Context, request: Callable[[CommandNode], Awaitable[T]]) -> T:
     """Run a request on a new node after discovery."""
+    import asyncio
+
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
     async def main() -> T:
@@ -190,6 +193,8 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
 
 def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
     """Return an installed class of a topic's messages, of a service or of an action; else that of the graph."""
+    import asyncio
+
     from rosidl_py_gen import get_action, get_message, get_service
     from rosidl_py_gen.ros_cli import name_lookup, type_resolution
 

@@ -157,7 +157,7 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
     function = inspect.unwrap(command.callback)
     signature = inspect.signature(function)
     kinds = {one.kind for one in signature.parameters.values()}
-    if hasattr(command.callback.__wrapped__, "__wrapped__"):  # type: ignore[attr-defined]  # `options.node_verb`
+    if hasattr(getattr(command.callback, "__wrapped__", None), "__wrapped__"):  # `options.node_verb`
         context.params["command_node"] = context.params.pop("network")
     signature.bind(**context.params)
     if inspect.Parameter.VAR_KEYWORD in kinds and command.name != "launch":  # which checks the values at once
