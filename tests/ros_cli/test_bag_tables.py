@@ -1,25 +1,43 @@
-"""``rosidl-py bag table`` and ``rosidl-py bag sql``."""
+"""``rosidl-py bag table`` and ``rosidl-py bag sql``: parts of bags, damage, names and values of any kind."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
+import math
+import shutil
+import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
+import duckdb
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from support.bag_datasets import bag_of, rows
+from support import bag_datasets
+from support.table_values import of_message, rows, same
 
-from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagWriter, mcap_writer
+from rosidl_py_gen import compile_definition, get_message
+from rosidl_py_gen.bags import BagReader, BagWriter, mcap_writer
+from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.tables.multi_bag import datasets as many
 from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
 
+pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is lost is said in them
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Image: Any = get_message("sensor_msgs/msg/Image")
+Odometry: Any = get_message("nav_msgs/msg/Odometry")
 String: Any = get_message("std_msgs/msg/String")
+QUERY = 'select epoch_ns(log_time) as log_time, data from "/s" order by log_time'
+RIGHT = [{"log_time": number, "data": f"number {number}"} for number in range(8)]
+MB = 1 << 20
+Values: Any = compile_definition("a_msgs/msg/Values", "float64 d\nfloat32[] f\nstring s\nint64 i")
+HOSTILE = '\x1b]0;t\x07\x9b2J\u202e"NaN\\", Infinity'
 
 
 def drive(path: Path, broken: bool = False) -> str:
@@ -150,15 +168,15 @@ def test_processes_of_this_machine_do_it_without_a_scheduler(
 ) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 20_000)
     monkeypatch.setattr(mcap_writer, "_CHUNK", 1 << 13)
-    large = bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
-    good, out = bag_of(tmp_path / "b.mcap", 1), tmp_path / "out"
+    large = bag_datasets.bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
+    good, out = bag_datasets.bag_of(tmp_path / "b.mcap", 1), tmp_path / "out"
     (tmp_path / "junk.mcap").write_bytes(b"junk" * 30)
     code, printed, err = run_here(
         *("bag", "table", str(large), str(tmp_path / "junk.mcap"), str(good), "-o", str(out), "--workers", "2")
     )
     assert code == 1 and printed == f"3001 messages of 1 topics in {out}\n"
     assert err == f"error: {tmp_path}/junk.mcap: damaged: does not begin with the magic bytes of MCAP\n"
-    assert rows(out) == [("b", 1)] + [("large", number) for number in range(3_000)]
+    assert bag_datasets.rows(out) == [("b", 1)] + [("large", number) for number in range(3_000)]
     assert len(list(out.rglob("bag=large/*.parquet"))) > 1
     code, printed, err = run_here("bag", "table", str(large), str(good), "-o", str(out))
     assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags were unchanged\n", "")
@@ -166,3 +184,353 @@ def test_processes_of_this_machine_do_it_without_a_scheduler(
     assert (code, printed) == (1, f"0 messages of 0 topics in {out}; 1 bags were unchanged\n")
     code, _, err = run_here("bag", "table", str(good), "-o", str(out), "--scheduler", "tcp://x:1", "--workers", "2")
     assert code == 2 and "expected only one of --scheduler and --workers" in err
+
+
+def fill(writer: Any) -> None:
+    with writer:
+        for number in range(8):
+            writer.write("/s", String(data=f"number {number}"), number)
+            odometry = Odometry()
+            odometry.pose.pose.position.x = number / 8
+            writer.write("/odom", odometry, number)
+
+
+def flipped(data: bytes, at: int) -> bytes:
+    """With one byte wrong: in all bits, or in one."""
+    return data[:at] + bytes([data[at] ^ (0xFF if at % 2 else 1 << at // 2 % 8)]) + data[at + 1 :]
+
+
+def damaged(data: bytes, count: int) -> list[bytes]:
+    """With a wrong byte, and cut, each at so many places."""
+    step = len(data) // count
+    return [*(flipped(data, at) for at in range(0, len(data), step)), *(data[:at] for at in range(1, len(data), step))]
+
+
+def messages(path: Path, topic: str) -> list[Any] | None:
+    """Those that `messages` gives, with their times; None when it refuses the bag."""
+    try:
+        with BagReader(path) as bag:
+            found = list(bag.messages(topic)) if topic in bag.topics else []
+    except RosidlError:
+        return None
+    return [(one.log_time, of_message(one.message)) for one in found]
+
+
+class Told:
+    """Runs both commands on a bag, and looks at what they say."""
+
+    def __init__(self, run_here: Any, folder: Path) -> None:
+        self._run, self._out = run_here, folder / "out"
+
+    def run(self, *arguments: str) -> str | None:
+        code, out, err = self._run("bag", *arguments)
+        assert code in (0, 1), (code, err)
+        if code == 0:
+            return str(out)
+        last = err.splitlines()[-1]
+        assert last.startswith("error: ") and len(last) > 20 and "Traceback" not in err, err
+        return None
+
+    def table(self, path: Path) -> dict[str, list[Any]] | None:
+        """Rows by topic, with their times; nothing is left in the folder when it ends with an error."""
+        shutil.rmtree(self._out, ignore_errors=True)
+        out = self.run("table", str(path), "--out", str(self._out), "--json")
+        files = [file for file in self._out.rglob("*") if file.is_file()]
+        if out is None:
+            assert files == []
+            return None
+        found: dict[str, list[Any]] = {}
+        for one in json.loads(out)["files"]:
+            table = pq.ParquetFile(one["path"]).read()
+            times = table.column("log_time").cast("int64").to_pylist()
+            found[one["topic"]] = [*zip(times, rows(table), strict=True)]
+            assert one["messages"] == len(times)
+        return found
+
+    def sql(self, path: Path) -> list[dict[str, Any]] | None:
+        """Rows of the query."""
+        out = self.run("sql", QUERY, str(path), "-f", "json")
+        return None if out is None else [json.loads(line) for line in out.splitlines()]
+
+
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_an_mcap_file_with_a_wrong_byte_or_an_end_anywhere_gives_right_rows_or_an_error(
+    run_here: Any, tmp_path: Path, compression: str
+) -> None:
+    path, told = tmp_path / "a.mcap", Told(run_here, tmp_path)
+    fill(BagWriter(path, compression=compression))
+    data, answers = path.read_bytes(), set()
+    other = data.replace(b"number 3", b"number 4")  # which only a checksum tells
+    assert (other != data) == (compression == "")
+    for wrong in (*damaged(data, 23), other):
+        path.write_bytes(wrong)
+        tables, asked = told.table(path), told.sql(path)
+        if tables is not None:
+            strings = [{"log_time": at, **row} for at, row in tables.get("/s", [])]
+            positions = [row["pose"]["pose"]["position"]["x"] for _, row in tables.get("/odom", [])]
+            assert strings == RIGHT[: len(strings)] and positions == [one / 8 for one in range(len(positions))]
+        if asked is not None:
+            assert asked == RIGHT[: len(asked)]
+        answers.add((tables is None, asked is None))
+    assert {(False, False), (True, True)} <= answers
+
+
+def test_a_database_with_wrong_bytes_gives_what_messages_gives_or_an_error(run_here: Any, tmp_path: Path) -> None:
+    """There are no checksums in it."""
+    folder, told = tmp_path / "a", Told(run_here, tmp_path)
+    fill(BagWriter(tmp_path / "a.mcap"))
+    assert run_here("bag", "convert", str(tmp_path / "a.mcap"), str(folder), "--storage", "sqlite3")[0] == 0
+    path = next(folder.glob("*.db3"))
+    data, answers = path.read_bytes(), set()
+    used = [at for at in range(len(data)) if data[at]]
+    used = used[:: len(used) // 29]
+    for wrong in (*(flipped(data, at) for at in used), *(data[:at] for at in range(1, len(data), len(data) // 7))):
+        path.write_bytes(wrong)
+        tables, asked = told.table(path), told.sql(path)
+        for topic in ("/s", "/odom") if tables is not None else ():
+            assert same([*map(list, tables.get(topic, []))], [*map(list, messages(path, topic) or [])]), topic
+        if asked is not None:
+            assert [(row["log_time"], {"data": row["data"]}) for row in asked] == (messages(path, "/s") or [])
+        answers.add((tables is None, asked is None))
+    assert {(False, False), (True, True)} <= answers
+
+
+def test_a_damaged_dataset_gives_rows_or_an_error(run_here: Any, tmp_path: Path) -> None:
+    bag, told = tmp_path / "a.mcap", Told(run_here, tmp_path)
+    fill(BagWriter(bag))
+    assert run_here("bag", "table", str(bag), "-o", str(tmp_path / "set"), "--topics", "/s")[0] == 0
+    file = next((tmp_path / "set").rglob("*.parquet"))
+    data, answers = file.read_bytes(), set()
+    for wrong in damaged(data, 29):
+        file.write_bytes(wrong)
+        answers.add(told.sql(tmp_path / "set") is None)
+    assert answers == {True, False}
+
+
+def test_messages_that_cannot_be_decoded_are_left_out_of_both_when_that_is_asked(run_here: Any, tmp_path: Path) -> None:
+    path, told = tmp_path / "a.mcap", Told(run_here, tmp_path)
+    with BagWriter(path) as writer:
+        writer.add_topic("/s", String)
+        for number in range(8):
+            data = String(data=f"number {number}").encode()
+            wrong = {2: data[:-1], 5: data[:4] + struct.pack("<I", 1 << 31) + data[8:]}.get(number, data)
+            writer.write("/s", wrong, number)
+    assert told.table(path) is None and told.sql(path) is None
+    kept = [one for one in RIGHT if one["log_time"] not in (2, 5)]
+    out = tmp_path / "kept"
+    assert run_here("bag", "table", str(path), "-o", str(out), "--skip-damaged")[1].startswith("6 messages of 1 topics")
+    table = pq.read_table(next(out.rglob("*.parquet")), columns=["data"], partitioning=None)
+    assert table.column("data").to_pylist() == [one["data"] for one in kept]
+    code, said, err = run_here("bag", "sql", 'select data from "/s" order by log_time', str(path), "--skip-damaged")
+    assert (code, said.split("\n")[:-1]) == (0, [one["data"] for one in kept]) and "skipped /s" in err
+
+
+MEASURED = """
+import atexit, sys
+from pathlib import Path
+from rosidl_py_gen import ros_cli
+status = Path("/proc/self/status")
+atexit.register(lambda: print("VmHWM:", status.read_text().partition("VmHWM:")[2].split()[0], file=sys.stderr))
+ros_cli.main(sys.argv[1:])
+"""
+
+
+def measured(*arguments: str) -> tuple[int, int, str]:
+    """Exit code, the most memory in bytes, and errors of a command in a process of its own."""
+    command = [sys.executable, "-c", MEASURED, "bag", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    told, _, last = ended.stderr.rpartition("VmHWM:")
+    return ended.returncode, int(last.split()[0]) * 1024, told
+
+
+def damages(folder: Path) -> dict[str, Path]:
+    """A bag with 24 MB of images, and ways to be wrong; each a file of that size, or a small one."""
+    whole, wrong = folder / "whole.mcap", {}
+    noise = np.random.default_rng(1).integers(0, 255, MB, np.uint8)
+    with BagWriter(whole, compression="") as writer:
+        for number in range(24):
+            writer.write("/s", String(data=f"number {number}"), number)
+            writer.write("/image", Image(data=noise), number)
+    data = whole.read_bytes()
+    for name, changed in {
+        "cut": data[: len(data) * 3 // 4],
+        "flipped": flipped(data, len(data) // 2),
+    }.items():
+        (folder / f"{name}.mcap").write_bytes(changed)
+        wrong[name] = folder / f"{name}.mcap"
+    wrong["counts"], wrong["bomb"] = folder / "counts.mcap", folder / "bomb.mcap"
+    with BagWriter(wrong["counts"]) as writer:
+        writer.add_topic("/image", Image)
+        for number in range(1000):
+            writer.write("/image", Image().encode()[:-4] + b"\xff\xff\xff\x7f", number)
+    with BagWriter(wrong["bomb"], compression="zstd") as writer:
+        for number in range(60):  # some kB, and a chunk each
+            writer.write("/image", Image(data=np.zeros(4 * MB, np.uint8)), number)
+            writer.write("/s", String(data="x"), number)
+    return wrong
+
+
+def test_damaged_bags_take_no_more_memory_than_whole_ones(tmp_path: Path) -> None:
+    wrong = damages(tmp_path)
+    whole = tmp_path / "whole.mcap"
+    commands = {
+        "table": lambda bag: ("table", bag, "--out", str(tmp_path / "out"), "--include-large", "--overwrite"),
+        "sql": lambda bag: ("sql", 'select count(*), max(octet_length(data)) from "/image"', bag),
+    }
+    for name, command in commands.items():  # a query needs a table first
+        code, most, err = measured(*command(str(whole)))
+        assert code == 0, err
+        for kind, path in wrong.items() if name == "table" else [("bomb", wrong["bomb"])]:
+            code, used, err = measured(*command(str(path)))
+            assert code == (0 if kind in ("cut", "bomb") else 1) and "Traceback" not in err, (name, kind, code, err)
+            assert (code == 1) == any(line.startswith("error: ") for line in err.splitlines()), (name, kind, err)
+            assert used < most + 64 * MB, (name, kind, used // MB, most // MB)
+
+
+def bag_of(path: Path, *topics: str) -> str:
+    with BagWriter(path) as made:
+        for topic in topics:
+            made.write(topic, String(data=topic), 1)
+    return str(path)
+
+
+def values_of(path: Path) -> str:
+    with BagWriter(path) as made:
+        made.write("/v", Values(d=math.nan, f=[math.inf, -math.inf, 0.5], s=HOSTILE, i=2**63 - 1), 1)
+        made.write("/v", Values(d=1e300, s="a,\n"), 2)
+    return str(path)
+
+
+def test_a_topic_may_have_a_name_that_duckdb_knows(run_here: Any, tmp_path: Path) -> None:
+    views = [one for (one,) in duckdb.connect().execute("select view_name from duckdb_views()").fetchall()]
+    own = [
+        "result of the query",
+        "topics",
+        "main",
+        "temp",
+        "range",
+        "read_csv",
+        "select",
+        "query",
+        "base",
+        "a.b",
+        "a'b",
+    ]
+    names = [*dict.fromkeys([*views, *own])]
+    bag = bag_of(tmp_path / "a.mcap", *(f"/{name}" for name in names))
+    for quote in "/ ":
+        listed = [f'"{quote.strip()}{name}"' for name in names]
+        query = "select data from (" + " union all ".join(f"select * from {one}" for one in listed) + ")"
+        code, said, err = run_here("bag", "sql", query, bag)
+        assert (code, err) == (0, "") and sorted(said.split("\n")[:-1]) == sorted(f"/{name}" for name in names)
+    assert run_here("bag", "sql", "select '\"' || data from '/a.b'", bag) == (0, '"/a.b\n', "")
+    code, _, err = run_here("bag", "sql", "select * from names", bag)
+    assert code == 1 and "no topic names" in err, "variables of this package are no tables"
+
+
+def test_json_is_valid_and_no_output_steers_a_terminal(run_here: Any, tmp_path: Path) -> None:
+    bag = values_of(tmp_path / "a.mcap")
+    query = 'select d, f, s, i, {a: [-d]} as n, s as "\x1b[1mname" from v order by log_time'
+    files = {form: str(tmp_path / f"out.{form}") for form in ("csv", "json", "parquet")}
+    for arguments in ((), ("--format", "csv"), ("--json",)):
+        code, said, err = run_here("bag", "sql", query, bag, *arguments)
+        assert (code, err) == (0, "") and said.replace("\n", "").replace("\t", "").isprintable(), arguments
+    first, second = map(json.loads, said.splitlines())
+    right = {"d": "NaN", "f": ["Infinity", "-Infinity", 0.5], "s": HOSTILE, "i": 2**63 - 1, "n": {"a": ["NaN"]}}
+    assert first == {**right, "\x1b[1mname": HOSTILE} and second["d"] == 1e300
+    for file, option in zip(files.values(), ("-o", "--output", "--out"), strict=True):
+        assert run_here("bag", "sql", query, bag, option, file) == (0, "", "")
+    assert Path(files["json"]).read_text(encoding="utf-8") == said
+    with open(files["csv"], encoding="utf-8", newline="") as stream:
+        texts = [one["s"] for one in csv.DictReader(stream)]
+    assert texts == [HOSTILE, "a,\n"] == pq.read_table(files["parquet"]).column("s").to_pylist(), "files are exact"
+
+
+def test_the_query_may_come_first_or_last(run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    one, two, query = bag_of(Path("a b.mcap"), "/s"), bag_of(Path("two.mcap"), "/s"), "select count(*) from s"
+    for words in ((query, one, two), (one, two, query), (query, "*.mcap"), ("*.mcap", query)):
+        assert run_here("bag", "sql", *words) == (0, "2\n", ""), words
+    for wrong in (("select 1",), (one,)):
+        code, _, err = run_here("bag", "sql", *wrong)
+        assert code == 2 and "expected a query and a bag" in err
+    code, _, err = run_here("bag", "sql", query, one, "--json", "--format", "csv")
+    assert code == 2 and "expected only one of --json and --format csv" in err
+
+
+def test_show_tables_lists_the_topics(run_here: Any, tmp_path: Path) -> None:
+    bag, out = bag_of(tmp_path / "a.mcap", "/s", "/a/b", "/tables"), str(tmp_path / "out")
+    right = [f"{name}\tstd_msgs/msg/String\t1\n" for name in ("/a/b", "/s", "/tables")]
+    assert run_here("bag", "sql", "show tables", bag) == (0, "".join(right), "")
+    assert run_here("bag", "sql", "/* all */show\n-- of them\ntables; -- by name", bag) == (0, "".join(right), "")
+    assert run_here("bag", "table", bag, "-o", out)[0] == 0
+    assert run_here("bag", "sql", "SHOW ALL TABLES;", out) == (0, "".join(right), "")
+    said = run_here("bag", "sql", "show tables", out, bag, "--json")[1]
+    assert json.loads(said.splitlines()[0]) == {"name": "/a/b", "type": "std_msgs/msg/String", "messages": 2}
+    with BagWriter(tmp_path / "none.mcap"):
+        pass
+    assert run_here("bag", "sql", "show tables", str(tmp_path / "none.mcap")) == (0, "", "")
+
+
+def test_a_topic_may_be_longer_than_names_of_files(run_here: Any, tmp_path: Path) -> None:
+    long = "/robot" + "/segment_of_a_name" * 14
+    bag, out = bag_of(tmp_path / "a.mcap", "/s", long), str(tmp_path / "out")
+    assert run_here("bag", "sql", f'select data, bag from "{long}"', bag) == (0, f"{long}\ta\n", "")
+    code, said, err = run_here("bag", "table", bag, "-o", out)
+    assert (code, said) == (0, f"1 messages of 1 topics in {out}\n")
+    assert "the name of its folder would have 294 characters; expected at most 255" in err
+    code, _, err = run_here("bag", "table", bag, "-o", out, "--overwrite", "--topics", long)
+    assert code == 1 and "expected at most 255" in err
+
+
+def test_a_topic_without_quotes_is_explained_before_anything_is_read(run_here: Any, tmp_path: Path) -> None:
+    bag = bag_of(tmp_path / "a.mcap", "/imu", "/a/imu")
+    for name, near in (("/imu", ""), ("/a/imu", ""), ("a/imu", ""), ("/imi", '; did you mean "/imu"?')):
+        code, said, err = run_here("bag", "sql", f"select * from {name} limit 5", bag)
+        assert (code, said) == (1, "")
+        assert err.endswith(f'; a topic with a slash needs double quotes: from "{name}"{near}\n'), err
+    code, _, err = run_here("bag", "sql", "select 1 / 2 from imu where", bag)
+    assert code == 1 and "double quotes" not in err
+
+
+def test_names_of_files_may_have_signs_that_fsspec_and_duckdb_read(run_here: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "speed=3[a]*" / "drive::x"
+    folder.mkdir(parents=True)
+    bag, out = bag_of(folder / "a::b.mcap", "/s"), folder / "out::1"
+    places = {"": (bag, str(out)), "file://": (f"file://{bag}", f"file://{folder}/out::2")}
+    for prefix, (source, target) in places.items():
+        assert run_here("bag", "table", source, "-o", target) == (0, f"1 messages of 1 topics in {target}\n", "")
+        assert Path(target.removeprefix("file://"), "topic=%2Fs", "bag=a%3A%3Ab").is_dir()
+        assert run_here("bag", "sql", "select data, bag from s", source) == (0, "/s\ta::b\n", "")
+        code, said, _ = run_here("bag", "info", source)
+        assert code == 0 and "a::b.mcap" in said, prefix
+    assert run_here("bag", "sql", "select * exclude (log_time, publish_time) from s", str(out)) == (0, "/s\ta::b\n", "")
+    assert run_here("bag", "sql", "select data from s", f"{tmp_path}/speed*/drive::x/a::*.mcap") == (0, "/s\n", "")
+    urls = (
+        "s3://b/a::b.mcap",
+        "simplecache::s3://b",
+        "zip://a::b",
+        "zip://a::s3://b",
+        "c://b",
+        "/a/b://c",
+        "a::b",
+        "a b://c",
+    )
+    assert [one for one in urls if is_url(one)] == [*urls[:4]]
+    assert [one for one in urls if has_colons_in_names(one)] == [urls[0]]
+
+
+def test_rows_wider_than_the_terminal_are_a_line_for_each_field(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("NO_COLOR", "1")
+    rows = [["1", "x" * 30, "[b]\x1b"], ["22", "漢", ""]]
+    monkeypatch.setenv("COLUMNS", "40")
+    terminal_output.table(rows, "a", "bb", "[red]c", has_names=False)
+    right = ["row 1", "  a       1", f"  bb      {'x' * 30}", "  [red]c  [b]\ufffd"]
+    assert capsys.readouterr().out.split("\n") == [*right, "row 2", "  a       22", "  bb      漢", "  [red]c  ", ""]
+    monkeypatch.setenv("COLUMNS", "44")
+    terminal_output.table(rows, "a", "bb", "[red]c", has_names=False)
+    shown = capsys.readouterr().out.splitlines()
+    assert len(shown) == 4 and all(name in shown[0] for name in ("a", "bb", "[red]c"))

@@ -1,21 +1,37 @@
-"""``rosidl-py`` as a whole: help, how runs end."""
+"""``rosidl-py`` as a whole: help, completion in shells, how runs end."""
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 import os
 import re
+import shlex
+import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 import pytest
+from click.shell_completion import get_completion_class
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from support.interface_packages import write
+from support.node_fixtures import until
+from support.program_processes import PACKAGE_XML
 
-from rosidl_py_gen import ros_cli
+from rosidl_py_gen import get_action, get_message, ros_cli
+from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.generator_cli import shells
+from rosidl_py_gen.ros_cli.completion import complete_call, complete_fields, complete_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from conftest import Ended, Tool
+    from support.node_fixtures import World
 
 
 def test_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> None:
@@ -167,3 +183,191 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
         main = made.main if isinstance(made, ros_cli.AsyncCommand) else made
         if main is not None:
             main.close()
+
+
+async def complete(tool: Tool, line: str, **environment: str) -> list[str]:
+    words = line.split(" ")
+    done: Ended = await tool(
+        _ROSIDL_PY_COMPLETE="bash_complete", COMP_WORDS=line, COMP_CWORD=str(len(words) - 1), **environment
+    )
+    assert done.err == ""
+    return [offer.partition(",")[2] for offer in done.out.splitlines() if offer]
+
+
+async def offered(what: str, incomplete: str, **params: Any) -> list[str]:
+    context = click.Context(click.Command("x"))
+    context.params.update(params, network={"spin_time_s": 3})
+    items = await asyncio.to_thread(complete_names, what, context, incomplete)
+    return [item.value for item in items]
+
+
+async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
+    node, other = dds.node("base"), dds.node("pilot")
+    node.create_publisher(String, "/speed")
+    node.create_publisher(String, "/_secret")
+    node.create_service(Trigger, "/stop", lambda request: Trigger.Response())
+    node.create_action_server(get_action("example_interfaces/action/Fibonacci"), "/drive", lambda goal: None)
+    node.declare_parameter("max_speed", 1.0)
+    await until(lambda: other.count_services("/drive/_action/get_result") == 1)
+    other.create_publisher(get_message("nav_msgs/msg/Odometry"), "/odom")
+    topics, hidden, services, plotted, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
+        complete(tool, "rosidl-py topic echo --spin-time 3 /"),
+        complete(tool, "rosidl-py topic echo --spin-time 3 /_"),
+        complete(tool, "rosidl-py service call --spin-time 3 /st"),
+        complete(tool, "rosidl-py topic plot --spin-time 3 /odom twist.twist."),
+        complete(tool, "rosidl-py graph --spin-time 3 --node /"),
+        complete(tool, "rosidl-py bag record --spin-time 3 --topics /rosout /sp"),
+        complete(tool, "rosidl-py bag record --spin-time 3 --all --exclude-actions /other /"),
+        offered("actions", "/"),
+        offered("parameters", "max", node="base"),
+        offered("parameters", "max", node="/nobody"),
+    )
+    assert {"/speed", "/rosout"} <= set(topics) and "/_secret" not in topics
+    assert not any("_action" in name for name in topics)
+    assert hidden == ["/_secret"]
+    assert services == ["/stop"]
+    assert plotted == ["twist.twist.linear", "twist.twist.angular"]
+    assert nodes == ["/base", "/pilot"]
+    assert (recorded, excluded) == (["/speed"], ["/drive"])
+    assert (actions, parameters, nobody) == (["/drive"], ["max_speed"], [])
+    position = "pose.pose.position"
+    cases = {
+        ("topic", "/odom", ""): ["nav_msgs/msg/Odometry"],
+        ("topic", "/odom", "std_msgs/msg/Strin"): ["std_msgs/msg/String"],  # a type that no node announces
+        ("service", "/stop", "std"): ["std_srvs/srv/Trigger"],
+        ("action", "/drive", ""): ["example_interfaces/action/Fibonacci"],
+        ("field", "/odom", "pose.pose.pos"): [position, *(f"{position}.{axis}" for axis in "xyz")],
+        ("field", "/odom", "nothing."): [],
+    }
+
+    def offers(kind: str, name: str, typed: str) -> list[str]:
+        context = click.Context(click.Command("x"))
+        context.params.update({"topic" if kind == "field" else kind: name}, network={"spin_time_s": 2})
+        found = complete_fields(context, typed) if kind == "field" else complete_call(kind, context, typed)
+        return [item.value for item in found]
+
+    found = await asyncio.gather(*(asyncio.to_thread(offers, *case) for case in cases))
+    assert dict(zip(cases, found, strict=True)) == cases
+
+
+async def test_groups_options_choices_and_types_need_no_network(tool: Tool) -> None:
+    groups, options, choices, types, packages = await asyncio.gather(
+        complete(tool, "rosidl-py "),
+        complete(tool, "rosidl-py graph --f"),
+        complete(tool, "rosidl-py graph --format "),
+        complete(tool, "rosidl-py interface show geometry_msgs/msg/PoseS"),
+        complete(tool, "rosidl-py interface package geo"),
+    )
+    assert groups == sorted(groups) and {"doctor", "graph", "interface", "topic"} <= set(groups)
+    assert (options, choices) == (["--format"], ["text", "mermaid", "svg", "json"])
+    assert (types, packages) == (["geometry_msgs/msg/PoseStamped"], ["geometry_msgs"])
+
+
+async def test_packages_and_launch_files_of_a_workspace_are_completed(tool: Tool, tmp_path: Path) -> None:
+    write(
+        tmp_path, {"robot/package.xml": PACKAGE_XML.format("robot"), "robot/launch/up.launch.py": "", "robot/x.py": ""}
+    )
+    offers = ["", "robo", "robot ", "robot up.launch.py ", "nobody "]
+    found = [await complete(tool, f"rosidl-py launch --path {tmp_path} {words}") for words in offers]
+    assert "robot" in found[0]
+    assert found[1:] == [["robot", ""], ["up.launch.py"], [], []]
+
+
+async def test_values_and_fields_of_known_types_need_no_network(tool: Tool) -> None:
+    values = {
+        "topic pub /a std_msgs/msg/ColorRGBA ": ['"{r: 0.0, g: 0.0, b: 0.0, a: 0.0}"'],
+        "topic pub /a std_msgs/msg/String ": ["\"{data: ''}\""],
+        "service call /a std_srvs/srv/SetBool ": ['"{data: false}"'],
+        "action send_goal /a example_interfaces/action/Fibonacci ": ['"{order: 0}"'],
+        "topic pub /a std_msgs/msg/String {} ": [],
+        "topic echo /a geometry_msgs/msg/PoseArray --field poses": [
+            *("poses", r"poses\[0\].position", r"poses\[0\].orientation")
+        ],
+        "topic echo /a geometry_msgs/msg/PoseArray --field poses[3].position.": [
+            *(rf"poses\[3\].position.{axis}" for axis in "xyz")
+        ],
+        "service find std_srvs/srv/T": ["std_srvs/srv/Trigger"],
+        "action find example_interfaces/action/F": ["example_interfaces/action/Fibonacci"],
+        "interface show std_srvs/srv/E": ["std_srvs/srv/Empty"],
+    }
+    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}", ROS_DOMAIN_ID="junk") for line in values))
+    assert dict(zip(values, offers, strict=True)) == values
+
+
+async def test_topics_of_a_bag_are_completed(tool: Tool, tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    with BagWriter(file) as bag:
+        for topic in ("/imu", "/odom"):
+            bag.write(topic, String(data="x"), log_time_ns=1)
+    lines = {
+        f"bag table {file} --out x --topics /": ["/imu", "/odom"],
+        f"bag convert {file} out --topics /imu /o": ["/odom"],
+        f"bag play {file} --topics /i": ["/imu"],
+        f"bag convert {tmp_path}/missing.mcap out --topics /": [],
+        f"bag plot {file} /": ["/imu", "/odom"],
+        f"bag plot {file} /imu d": ["data"],
+        f"bag plot {file} /imu data /o": ["/odom"],
+        f"bag plot {file}": [str(file)],
+    }
+    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}") for line in lines))
+    assert dict(zip(lines, offers, strict=True)) == lines
+
+
+async def test_a_shell_gets_nothing_where_nothing_can_be_asked(tool: Tool) -> None:
+    assert await complete(tool, "rosidl-py topic echo /", ROS_DOMAIN_ID="junk") == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_each_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    ros_cli.main(["completion", shell])
+    script = capsys.readouterr().out
+    assert f"_ROSIDL_PY_COMPLETE={shell}_complete" in script
+    if shutil.which(shell):
+        done = subprocess.run([shell, "-n"], input=script, text=True, capture_output=True)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_a_real_bash_completes() -> None:
+    tools_dir = Path(sys.executable).parent
+    if not (tools_dir / "rosidl-py").exists():
+        pytest.skip("the command is not installed beside this Python")
+    lines = {
+        "rosidl-py interf": "<interface>",
+        "rosidl-py service call /a std_srvs/srv/SetBool ": '<"{data: false}">',
+        "rosidl-py-gen --filter std_msgs:action_m": "<action_msgs>",
+        "rosidl-py-gen --filter=std_ms": "<std_msgs>",
+        "rosidl-py-gen interface std_msgs/msg/Strin": "<std_msgs/msg/String>",
+    }
+    script = 'eval "$(rosidl-py completion bash)"; eval "$(rosidl-py-gen completion bash)"; ' + "".join(
+        f"COMPREPLY=(); COMP_LINE={shlex.quote(line)}; COMP_POINT=${{#COMP_LINE}}; "
+        f"_{line.split()[0].replace('-', '_')}_completion {line.split()[0]}; "
+        'printf "<%s>" "${COMPREPLY[@]}"; echo; '
+        for line in lines
+    )
+    path = os.pathsep.join([str(tools_dir), os.environ["PATH"]])
+    done = subprocess.run(
+        ["bash", "-c", script], env={**os.environ, "PATH": path}, capture_output=True, text=True, cwd="/"
+    )
+    assert (dict(zip(lines, done.stdout.splitlines(), strict=True)), done.stderr) == (lines, "")
+
+
+def test_what_other_nodes_are_called_is_never_run_by_a_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["/a$(touch x)", "/a`touch x`", "/a;x", "/a b", "/a*", "/a\nplain,/b", "/a\x1b[31m", "/a'b"]
+
+    @click.command()
+    @click.option("--topic", shell_complete=lambda ctx, param, incomplete: shells.items(names, incomplete))
+    def command(topic: str) -> None: ...
+
+    shells.install()
+    monkeypatch.setenv("COMP_WORDS", "x --topic /a")
+    monkeypatch.setenv("COMP_CWORD", "2")
+    quoted = ["'/a$(touch x)'", "'/a`touch x`'", r"/a\;x", '"/a b"', r"/a\*", r"/a\'b"]
+    for shell, expected in (
+        ("bash", [f"plain,{name}" for name in quoted]),
+        ("zsh", [line for name in quoted for line in ("plain", name, "_")]),
+    ):
+        maker = get_completion_class(shell)
+        assert maker is not None
+        assert maker(command, {}, "x", "_X_COMPLETE").complete().split("\n") == expected
+    assert [shlex.split(name) for name in quoted] == [[name] for name in names if name.isprintable()]

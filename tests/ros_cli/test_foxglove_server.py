@@ -1,20 +1,45 @@
-"""The server of ``rosidl-py foxglove`` without the rest of the command."""
+"""Parts of ``rosidl-py foxglove``: the protocol, access, limits of viewers, and names that ROS refuses."""
 
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import struct
-from contextlib import suppress
-from typing import Any
+import threading
+import time
+from collections import deque
+from contextlib import asynccontextmanager, suppress
+from time import time_ns
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from support import raw_endpoints
 from support.foxglove_viewer import served, viewer
+from support.node_fixtures import until
 from websockets.asyncio.client import connect
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from rosidl_py_gen import compile_definition, encode, get_message, get_service
+from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
+from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
+from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
+from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
+from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
+from rosidl_py_gen.ros_cli.foxglove.serve import ConnectionGraph
+from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
+from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
+from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, Handlers, RateLimit, ServerState, Viewer
 from rosidl_py_gen.runtime import CallTimeoutError
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from support.node_fixtures import World
+
+    from rosidl_py_gen.runtime import Node
 
 
 @pytest.mark.parametrize(
@@ -138,3 +163,638 @@ def test_what_is_no_message_is_refused(message: str | bytes, said: str) -> None:
     with pytest.raises(protocol.ProtocolError, match=r"^Invalid message: ") as refused:
         protocol.read(message)
     assert said in str(refused.value)
+
+
+GOOD = [
+    None,
+    "http://localhost",
+    "http://localhost:8080",
+    "https://127.0.0.1:3000",
+    "http://[::1]:8080",
+    "https://app.foxglove.dev",
+    "https://lichtblick-suite.github.io",
+    "file://",
+]
+HOSTILE = [
+    "https://evil.example",
+    "http://app.foxglove.dev",
+    "https://app.foxglove.dev.evil.example",
+    "https://evil.example/https://app.foxglove.dev",
+    "https://app.foxglove.dev:444",
+    "http://localhost.evil.example",
+    "http://localhost@evil.example",
+    "http://user@localhost",
+    "http://127.0.0.1.evil.example",
+    "ftp://localhost",
+    "localhost",
+    "null",
+    "",
+    "http://[::1",
+    "*",
+    "file:///home/x.html",
+]
+
+
+@asynccontextmanager
+async def front(**settings: Any) -> AsyncIterator[str]:
+    """The address of a server."""
+    async with served(**settings) as (_, address):
+        yield address
+
+
+async def visit(address: str, origin: str | None, **how: Any) -> str:
+    protocols: Any = ["foxglove.sdk.v1"]
+    how.setdefault("additional_headers", {} if origin is None else {"Origin": origin})
+    try:
+        async with connect(address, subprotocols=protocols, proxy=None, **how) as connection:
+            return str(json.loads(await connection.recv())["op"])
+    except InvalidStatus as refused:
+        return f"{refused.response.status_code} {refused.response.body.decode()}"
+
+
+async def test_pages_of_this_machine_known_apps_and_what_is_no_page_may_connect() -> None:
+    async with front() as address:
+        for origin in GOOD:
+            assert await visit(address, origin) == "serverInfo", origin
+
+
+async def test_other_pages_may_not_connect() -> None:
+    async with front() as address:
+        for origin in HOSTILE:
+            assert (await visit(address, origin)).startswith(f"403 pages of {origin} must not connect"), origin
+        twice = [("Origin", "http://localhost"), ("Origin", "https://evil.example")]
+        assert (await visit(address, None, additional_headers=twice)).startswith("403")
+
+
+async def test_pages_that_were_allowed_may_connect() -> None:
+    async with front(origins=["https://one.example/", "null"]) as address:
+        assert await visit(address, "https://one.example") == "serverInfo"
+        assert await visit(address, "null") == "serverInfo"
+        assert (await visit(address, "https://two.example")).startswith("403")
+    async with front(origins=["*"]) as address:
+        assert await visit(address, "https://two.example") == "serverInfo"
+
+
+async def test_with_a_token_nobody_connects_without_it() -> None:
+    async with front(token="let me/in&é") as address:
+        assert await visit(f"{address}/?token=let%20me/in%26%C3%A9", None) == "serverInfo"
+        right = "token=let%20me/in%26%C3%A9"
+        for wrong in ("", "?token=", "?token=let", "?TOKEN=let%20me/in%26%C3%A9", f"?{right}&{right}", f"?{right}x",
+                      "?" + "a=1&" * 100 + right, "?token=%ff"):  # fmt: skip
+            assert (await visit(f"{address}/{wrong}", None)).startswith("401"), wrong
+        assert (await visit(f"{address}/?{right}", "https://evil.example")).startswith("403")
+
+
+async def test_a_message_that_is_too_large_ends_its_viewer_only() -> None:
+    async with front() as address, viewer(address) as good:
+        for sent in (b"\1" * ((1 << 20) + 1), [b"\1" * 600_000, b"\1" * 600_000]):
+            async with viewer(address) as bad:
+                await bad.connection.send(sent)
+                await bad.until(lambda bad=bad: not bad.is_open)
+                assert bad.connection.close_code == 1009
+        await good.send("subscribe", subscriptions=[{"id": 1, "channelId": 77}])
+        await good.until(lambda: "Unknown channel ID: 77" in good.warnings())
+
+
+async def test_a_viewer_that_sends_too_much_is_read_more_slowly_and_others_are_not() -> None:
+    async with front(per_s=50) as address, viewer(address) as good, viewer(address) as flood:
+        start = time.monotonic()
+        for _ in range(150):
+            await flood.connection.send("{")
+        await flood.send("subscribe", subscriptions=[{"id": 1, "channelId": 88}])
+        await good.send("subscribe", subscriptions=[{"id": 1, "channelId": 77}])
+        await good.until(lambda: "Unknown channel ID: 77" in good.warnings())
+        assert "Unknown channel ID: 88" not in flood.warnings()
+        await flood.until(lambda: "Unknown channel ID: 88" in flood.warnings())
+        assert time.monotonic() - start > 1.8
+
+
+async def test_there_is_an_end_of_viewers() -> None:
+    async with front() as address:
+        held = [connect(address, proxy=None, subprotocols=["foxglove.sdk.v1"]) for _ in range(64)]  # type: ignore[list-item]
+        connections = [await one for one in held]
+        assert (await visit(address, None)).startswith("503 there are 64 viewers already")
+        await connections.pop().close()
+        while (await visit(address, None)).startswith("503"):
+            await asyncio.sleep(0.01)
+        await asyncio.gather(*(one.close() for one in connections))
+
+
+async def test_who_does_not_speak_http_is_let_go() -> None:
+    async with front() as address:
+        host, port = address.removeprefix("ws://").split(":")
+        for said in (
+            b"\0" * 100 + b"\r\n\r\n",
+            b"GET / HTTP/1.1\r\n\r\n",
+            b"GET /" + b"a" * 20_000,
+            b"POST / HTTP/1.1\r\n\r\n",
+        ):
+            reader, writer = await asyncio.open_connection(host, int(port))
+            writer.write(said + b"\r\n\r\n")
+            assert not (await asyncio.wait_for(reader.read(), 10)).startswith(b"HTTP/1.1 101")
+            writer.close()
+        assert await visit(address, None) == "serverInfo"
+
+
+async def test_what_the_server_sends_comes_in_its_order_whole() -> None:
+    async def call(data: bytes) -> bytes:
+        return data * 3
+
+    async with served() as (server, address), viewer(address) as seen:
+        server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), call)
+        for number in range(1, 20):
+            data = bytes([number]) * 40_000
+            assert await seen.call("/x", data, number) == data * 3
+    with pytest.raises((OSError, ConnectionClosed)):
+        await visit(address, None)
+
+
+def test_a_viewer_may_send_so_many_at_once_and_then_at_its_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr("rosidl_py_gen.ros_cli.foxglove.viewer.monotonic", lambda: now)
+    pace = RateLimit(10)
+    assert [pace.wait_s() for _ in range(10)] == [0.0] * 10
+    assert pace.wait_s() == pytest.approx(0.1)
+    now += 0.1
+    assert pace.wait_s() == pytest.approx(0.1)
+    now += 1000
+    assert [pace.wait_s() for _ in range(10)] == [0.0] * 10
+    assert pace.wait_s() > 0
+
+
+class _Messages:
+    """A connection on which a viewer sends these messages."""
+
+    def __init__(self, *messages: str | bytes) -> None:
+        self._messages = deque(messages)
+        self.is_aborted = False
+        self.transport = SimpleNamespace(abort=self._abort)
+
+    def _abort(self) -> None:
+        self.is_aborted = True
+
+    def __aiter__(self) -> _Messages:
+        return self
+
+    async def __anext__(self) -> str | bytes:
+        if not self._messages:
+            raise StopAsyncIteration
+        return self._messages.popleft()
+
+    async def send(self, message: Any) -> None:
+        pass
+
+
+class _NoPace:
+    def wait_s(self) -> float:
+        return 0.0
+
+
+async def _nothing(*_: Any) -> dict[str, Any]:
+    return {}
+
+
+def _viewer(connection: Any, shown: ServerState | None = None, queue: int = 256) -> Viewer:
+    handlers = Handlers(lambda: None, _nothing, _nothing, _nothing)  # type: ignore[arg-type]
+    return Viewer(connection, 1, shown or ServerState(), handlers, queue, may_publish=True)
+
+
+async def _statuses(*messages: dict[str, Any], shown: ServerState | None = None) -> tuple[Viewer, str]:
+    """Return a viewer that has sent these messages, and the statuses it got."""
+    connection: Any = _Messages()
+    one = _viewer(connection, shown)
+    for message in messages:
+        await one._handle(json.dumps(message), _NoPace())  # type: ignore[arg-type]
+    told = [json.loads(text) for text in one._control if isinstance(text, str)]
+    return one, "\n".join(said["message"] for said in told if said["op"] == "status")
+
+
+# ------------------------------------------------------------------------------------------------- one message
+
+
+def test_every_list_of_a_message_has_a_limit_of_entries() -> None:
+    entries: dict[str, Any] = {"subscriptions": {"id": 1, "channelId": 1}, "channels": {}, "parameters": {"name": "x"}}
+    for op, (key, _) in protocol._READ.items():
+        if key:
+            text = json.dumps({"op": op, key: [entries.get(key, 7)] * (limits.MAX_ENTRIES + 1)})
+            with pytest.raises(protocol.ProtocolError, match=f"got 8193 {key}, expected at most 8192"):
+                protocol.read(text)
+
+
+def test_large_and_odd_texts_are_refused_with_the_limit() -> None:
+    def set_(value: str) -> str:
+        return '{"op": "setParameters", "parameters": [{"name": "/x.y", "value": ' + value + "}]}"
+
+    wrong: list[tuple[str | bytes, str]] = [
+        ('{"op":"nothing","x":[' + "7," * limits.MAX_TEXT + "7]}", "characters, expected at most 1048576"),
+        (set_("1" + "0" * 400), "of 401 digits, expected -2^63 to 2^63 - 1"),
+        (set_("[1, -9223372036854775809]"), "expected -2^63"),
+        (set_("9" * 900_000), "of 900000 digits"),
+        (set_("1e400"), "beyond the range of a double"),
+        (set_("[-1e400]"), "beyond the range of a double"),
+        (set_("[" + "7," * limits.MAX_VALUES + "7]"), "got 16385 values in lists, expected at most 16384"),
+        (json.dumps({"op": "x" * 500_000}), "there is no 'xxx"),
+        (json.dumps({"op": "getParameters", "parameterNames": ["x" * 1025]}), "1025 characters, expected at most 1024"),
+        (json.dumps({"op": "getParameters", "parameterNames": [], "id": "x" * 9999}), "expected at most 1024"),
+        (b"\2" + struct.pack("<III", 1, 1, 4000) + b"c" * 4000, "an encoding of 4000 bytes"),
+    ]
+    for message, said in wrong:
+        with pytest.raises(protocol.ProtocolError) as refused:
+            protocol.read(message)
+        assert said in str(refused.value) and len(str(refused.value)) < 300, message[:60]
+    assert protocol.read(set_("-9223372036854775808")).what == [("/x.y", -(1 << 63))]
+
+
+async def test_refused_entries_of_one_message_are_counted() -> None:
+    one, said = await _statuses({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 0}] * 100})
+    assert said.count("Unknown channel ID: 0") == 8 and "92 further entries of the message are refused" in said
+    assert one.watched == {}
+
+
+# --------------------------------------------------------------------------------------------- what is retained
+
+
+async def test_a_viewer_follows_so_many_parameters_and_no_more() -> None:
+    def names(tag: str, length: int = 1) -> dict[str, Any]:
+        return {"op": "subscribeParameterUpdates", "parameterNames": [f"{tag}{n}" + "x" * length for n in range(5000)]}
+
+    one, said = await _statuses(names("/a."), names("/a."), names("/b."))
+    assert "would be 10000 names" in said and len(one.followed or ()) == 5000
+    one, said = await _statuses(names("/a.", 110))
+    assert "expected at most 8192 names with 524288 characters; an empty list follows all" in said
+    assert one.followed == set()
+    one, said = await _statuses({"op": "subscribeParameterUpdates", "parameterNames": []}, names("/a."))
+    assert one.followed is None and said == ""
+
+
+async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
+    def channel(number: int, size: int) -> dict[str, Any]:
+        return {"id": number, "topic": f"/q{number}", "encoding": "cdr", "schemaName": "q/msg/Q", "schema": "#" * size}
+
+    most = limits.MAX_SCHEMA_BYTES
+    shown = ServerState()
+    _, said = await _statuses({"op": "advertise", "channels": [channel(1, most + 1)]}, shown=shown)
+    assert f"its definition has {most + 1} bytes, expected at most {most}" in said and shown.offers == {}
+    full, total = limits.MAX_VIEWER_SCHEMA_BYTES // most, limits.MAX_VIEWER_SCHEMA_BYTES
+    channels = [channel(number, most) for number in range(full + 2)]
+    one, said = await _statuses({"op": "advertise", "channels": channels}, shown=shown)
+    refused = f"/q{full} cannot be published: with its definition there are {total + most} bytes"
+    assert refused in said and len(shown.offers) == full
+    await one._handle('{"op": "unadvertise", "channelIds": [0, 0, 99]}', _NoPace())  # type: ignore[arg-type]
+    assert len(shown.offers) == full - 1
+    many = [channel(number, 0) for number in range(100)]
+    _, said = await _statuses({"op": "advertise", "channels": many})
+    assert said.count("64 topics are published already") == 8 and "28 further entries" in said
+
+
+async def test_definitions_of_all_viewers_have_a_limit_and_equal_ones_count_once(memory: World) -> None:
+    told: Any = SimpleNamespace(offers={}, send_control=lambda *_: None)
+    publisher = ClientPublishing(SimpleNamespace(node=memory.node()), told, paths=())  # type: ignore[arg-type]
+    comments = "#" * 500_000
+    one, same = [await publisher._compile("own_msgs/msg/One", f"int8 x\n{comments}".encode()) for _ in range(2)]
+    assert one is same
+    await publisher._compile("own_msgs/msg/Two", f"int8 y\n{comments}".encode())
+    with pytest.raises(CommandError, match=r"3 \(1500021 bytes\); expected at most 256 \(1048576 bytes\)"):
+        await publisher._compile("own_msgs/msg/Three", f"int8 z\n{comments}".encode())
+    await publisher.close()
+
+
+async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(memory: World) -> None:
+    warnings: list[str] = []
+    offers = {(1, n): ClientAdvertisement(f"/q{n}", "cdr", "nobody/msg/Knows", "", b"") for n in range(4)}
+    told: Any = SimpleNamespace(offers=offers, send_control=lambda _, text: warnings.append(text))
+    command_node: Any = SimpleNamespace(node=memory.node())
+    publisher = ClientPublishing(command_node, told, paths=())
+    for key in offers:
+        await publisher.publish_from_viewer(key, bytes(400_000))
+    waiting = [len(one.waiting) for one in publisher._publishers.values()]
+    assert waiting == [1, 1, 0, 0] and "messages for /q2 are dropped" in "".join(warnings)
+    await publisher.close()
+
+
+async def test_pending_calls_have_a_limit_of_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "MAX_JOB_BYTES", 1000)
+    never = asyncio.Event()
+
+    async def wait(_: bytes) -> bytes:
+        await never.wait()
+        return b""
+
+    async with served() as (server, address), viewer(address) as seen:
+        server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), wait)
+        known = await seen.until(lambda: seen.services.get("/x"))
+        for number in (1, 2):  # the first is larger, but alone
+            await seen.connection.send(struct.pack("<BIII", 2, known["id"], number, 3) + b"cdr" + bytes(5000))
+        failed = await seen.until(lambda: seen.of("serviceCallFailure"))
+        assert failed[0]["callId"] == 2 and "expected at most 1000 at a time" in failed[0]["message"]
+
+
+async def test_what_waits_for_a_viewer_has_a_limit_of_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "MAX_CONTROL_BYTES", 1000)
+    connection: Any = _Messages()
+    one = _viewer(connection)
+    channel = AdvertisedChannel({"id": 5})
+    channel.watchers[one] = 7
+    one.watched[7] = channel
+    for number in range(50):
+        channel.send(bytes([number]) * 300, number)
+    assert [time_ns for _, time_ns, _ in one._messages] == [47, 48, 49]
+    channel.send(bytes(5000), 50)
+    assert [time_ns for _, time_ns, _ in one._messages] == [50]
+    for number in range(4):
+        one.send_control("x" * 400)
+        assert connection.is_aborted == (number == 3)
+    channel.close()
+    assert one.watched == {}
+
+
+async def test_warnings_to_all_viewers_have_a_limit() -> None:
+    async with served() as (server, address), viewer(address) as seen:
+        await seen.until(lambda: seen.of("serverInfo"))
+        for number in range(500):
+            server.send_control(f"node{number}", f"node{number}: " + "x" * 10_000)
+        await seen.until(lambda: "further warnings" in seen.warnings())
+        assert len(seen.of("status")) == limits.MAX_WARNINGS + 1
+        assert max(len(said["message"]) for said in seen.of("status")) <= limits.MAX_STATUS_LENGTH
+
+
+# ---------------------------------------------------------------------------------------------------- the loop
+
+
+@pytest.mark.real_time("threads")
+async def test_other_tasks_run_between_the_messages_of_a_viewer() -> None:
+    heavy = json.dumps({"op": "unsubscribe", "subscriptionIds": [7] * 8000, "x": [7] * 200_000})
+    connection: Any = _Messages(*[heavy] * 5, *["{}"] * 50)
+    running = asyncio.ensure_future(_viewer(connection).run(_NoPace()))  # type: ignore[arg-type]
+    turns = 0
+    while not running.done():
+        await asyncio.sleep(0)
+        turns += 1
+    assert turns >= 55
+
+
+@pytest.mark.real_time("threads")
+async def test_large_messages_are_decoded_in_a_thread_and_small_ones_on_the_loop() -> None:
+    worker, text = Worker(), get_message("std_msgs/msg/String")
+    threads = []
+
+    def convert(message: Any) -> bytes:
+        threads.append(threading.current_thread())
+        return encode(message)
+
+    for data in (b"x", b"x" * limits.MAX_INLINE):
+        message: Any = text(data=data.decode())
+        assert await Decoder(text).run(encode(message), worker, convert) == encode(message)
+    as_json = json.dumps({"data": "y" * limits.MAX_INLINE}).encode()
+    assert b"yyy" in await Decoder(text, "json").run(as_json, worker, convert)
+    assert threads[0] is threading.current_thread() and threads[1] is threads[2] is not threads[0]
+    assert threads[1].daemon
+    worker.close()
+
+
+@pytest.mark.real_time("threads")
+async def test_a_cancelled_function_is_skipped_by_the_worker() -> None:
+    worker, go, done = Worker(), threading.Event(), []
+    first = asyncio.ensure_future(worker.run(go.wait, 10))
+    await asyncio.sleep(0)
+    second = asyncio.ensure_future(worker.run(done.append, 2))
+    await asyncio.sleep(0)
+    second.cancel()
+    await asyncio.wait([second])
+    await asyncio.sleep(0)
+    go.set()
+    assert await first
+    await worker.run(done.append, 3)
+    assert done == [3]
+    worker.close()
+
+
+async def test_messages_that_would_become_many_objects_are_refused() -> None:
+    line = "=" * 80
+    nested = compile_definition("own_msgs/msg/Nested", f"own_msgs/Part[] x\n{line}\nMSG: own_msgs/Part\nuint8[] a\n")
+    plain = compile_definition(
+        "own_msgs/msg/Plain", f"own_msgs/Pair[] x\n{line}\nMSG: own_msgs/Pair\nuint8 a\nuint8 b\n"
+    )
+    wide = compile_definition("own_msgs/msg/Wide", f"own_msgs/Row[] x\n{line}\nMSG: own_msgs/Row\nfloat64[100000] a\n")
+    names = compile_definition("own_msgs/msg/Names", "string[] x\n")
+    large = b"\0\1\0\0" + struct.pack("<I", 1 << 20) + bytes(2 << 20)
+    worker = Worker()
+    for cls, encoding, data, said in (
+        (nested, "cdr", large, "a type with a sequence of strings, or of messages that vary in size"),
+        (names, "cdr", large, "expected at most 1048576"),
+        (plain, "json", b'{"x": [' + b"{}," * 400_000 + b"{}]}", "bytes of JSON, expected at most 1048576"),
+        (wide, "json", b'{"x": [' + b"{}," * 100 + b"{}]}", "values, expected at most 1048576; use CDR"),
+    ):
+        with pytest.raises(CommandError) as refused:
+            await Decoder(cls, encoding).run(data, worker, encode)
+        assert said in str(refused.value)
+    assert await Decoder(plain).run(large, worker, encode) == large
+    worker.close()
+
+
+String: Any = get_message("std_msgs/msg/String")
+Event: Any = get_message("rcl_interfaces/msg/ParameterEvent")
+AnyParameter: Any = get_message("rcl_interfaces/msg/Parameter")
+Trigger: Any = get_service("std_srvs/srv/Trigger")
+DDS_STRING, DDS_TRIGGER = "std_msgs::msg::dds_::String_", "std_srvs::srv::dds_::Trigger_Response_"
+SHOWN: dict[str, Any] = {"paths": (), "hidden": False}
+
+
+class Told:
+    """A server without viewers, which keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.offers: dict[tuple[int, int], ClientAdvertisement] = {}
+        self.channels: dict[str, Any] = {}
+        self.calls: dict[str, Any] = {}
+        self.warnings: list[str] = []
+        self.graph: tuple[Any, ...] = ()
+
+    def open_channel(self, topic: str, type_name: str, definition: str) -> Any:
+        made = self.channels[topic] = SimpleNamespace(viewers=frozenset(), send=print)
+        return made
+
+    def close_channel(self, channel: Any) -> None:
+        pass
+
+    def watch(self, topic: str) -> None:
+        self.channels[topic].viewers = frozenset({1})
+
+    def add_service(self, name: str, type_name: str, texts: Any, call: Any) -> None:
+        self.calls[name] = call
+
+    def remove_services(self, names: list[str]) -> None:
+        pass
+
+    def publish_graph(self, *graph: Any) -> None:
+        self.graph = graph
+
+    def send_control(self, about: str, text: str) -> None:
+        self.warnings.append(text)
+
+
+@pytest.fixture
+def told() -> Any:
+    return Told()
+
+
+def command_node_of(node: Node) -> Any:
+    return SimpleNamespace(node=node)
+
+
+def write(node: Node, topic: str, type_name: str) -> None:
+    """Write to a DDS topic of any name."""
+    raw_endpoints.announce(node, topic, type_name, "x")
+
+
+# ---------------------------------------------------------------------------------------------------------- odd names
+
+
+async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_else(memory: World, told: Any) -> None:
+    robot, ours = memory.pair()
+    for topic in ("rt/2d_scan", "rt/a//b", "rt/"):
+        write(robot, topic, DDS_STRING)
+    write(robot, "rt/plain", "Plain")
+    words = robot.create_publisher(String, "words")
+    topics = TopicBridge(command_node_of(ours), told, time_ns, **SHOWN)
+    await until(lambda: "/words" in dict(ours.get_topic_names_and_types()))
+    topics.refresh()
+    wanted = ["/2d_scan", "/a//b", "/plain", "/words"]
+    await until(lambda: {*wanted} <= {*told.channels})
+    for topic in wanted:
+        told.watch(topic)
+    topics.update_subscriptions()
+    assert await words.wait_for_subscribers(5)
+    topics.refresh()
+    for topic in ("/2d_scan", "/a//b", "/plain"):
+        assert len([text for text in told.warnings if text.startswith(f"{topic} cannot be read: ")]) == 1
+    await topics.close()
+
+
+async def test_services_and_parameters_with_names_that_ros_refuses_are_left_out(memory: World, told: Any) -> None:
+    robot, ours = memory.pair()
+    for service in ("2d", "a//b", "odd//node/list_parameters", "list_parameters"):
+        write(robot, f"rr/{service}Reply", DDS_TRIGGER)
+    robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
+    robot.declare_parameter("gain", 1.0)
+    services = ServiceBridge(command_node_of(ours), told, **SHOWN)
+    parameters = ParameterBridge(command_node_of(ours), told, print, is_read_only=False)
+    async with robot:
+        services.refresh()
+        await until(lambda: "/trigger" in told.calls)
+        assert (await parameters.get([]))["/alice.gain"] == 1.0
+    assert not {"/2d", "/a//b"} & {*told.calls}
+    await services.close()
+    await parameters.close()
+
+
+async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, told: Any) -> None:
+    robot, ours = memory.pair()
+    robot.create_publisher(String, "words")
+    robot._scope.discovery.add_node("odd", "/2d//space")
+    await until(lambda: any(one.name == "odd" for one in ours.get_nodes()))
+    ConnectionGraph(ours, told, hidden=False).refresh()
+    assert told.graph[0]["/words"] == ["/alice"]
+
+
+async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World, told: Any) -> None:
+    ours, namesake = memory.node("same"), memory.node("same")
+    ours._scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
+    topics = TopicBridge(command_node_of(ours), told, time_ns, **SHOWN)
+    await asyncio.sleep(0)
+    namesake.create_publisher(String, "theirs")
+    ours.create_publisher(String, "ours")
+    await until(lambda: {"/ours", "/theirs"} <= {*dict(ours.get_topic_names_and_types())})
+    topics.refresh()
+    await until(lambda: "/theirs" in told.channels)
+    assert "/ours" not in told.channels
+    await topics.close()
+
+
+# ------------------------------------------------------------------------------------------------ late, and too much
+
+
+async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, told: Any) -> None:
+    robot, ours = memory.pair()
+    service = robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
+    services = ServiceBridge(command_node_of(ours), told, **SHOWN)
+    services.refresh()
+    await until(lambda: "/trigger" in told.calls)
+    service.close()
+    await until(lambda: ours.count_services("/trigger") == 0)
+    services.refresh()
+    with pytest.raises(CommandError, match=r"^service /trigger has disappeared$"):
+        await told.calls["/trigger"](Trigger.Request().encode())
+    assert ours.count_clients("/trigger") == 0
+    await services.close()
+
+
+async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, told: Any) -> None:
+    robot, ours = memory.pair()
+    robot.declare_parameter("gain", 1.0)
+    parameters = ParameterBridge(command_node_of(ours), told, print, is_read_only=False)
+    async with robot:
+        await parameters.get([])
+        events = robot.create_publisher(Event, "/parameter_events")
+        assert await events.wait_for_subscribers(5)
+        for node in ("/nobody", "/alice"):
+            event = Event(node=node, new_parameters=[AnyParameter(name="x")])
+            event.new_parameters[0].value.type, event.new_parameters[0].value.integer_value = 2, 1
+            events.publish(event)
+        while "/alice.x" not in (known := await parameters.get([])):
+            await asyncio.sleep(0.01)
+        assert "/nobody.x" not in known
+    await parameters.close()
+
+
+async def test_viewers_can_define_so_many_types_and_no_more(
+    memory: World, told: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(limits, "MAX_SCHEMAS", 2)
+    node = memory.node()
+    publisher = ClientPublishing(command_node_of(node), told, paths=())
+
+    async def refusal(number: int, name: str, schema: bytes) -> str:
+        topic = f"/many{number}"
+        told.offers[1, number] = ClientAdvertisement(topic, "cdr", f"viewers/msg/{name}", "ros2msg", schema)
+        publisher.update_publishers()
+        await until(lambda: node.count_publishers(topic) > 0 or any(topic in text for text in told.warnings))
+        return "".join(text for text in told.warnings if topic in text)
+
+    assert await refusal(0, "Wrong", b"no field\n")
+    assert [await refusal(number, f"Many{number}", b"int8 x\n") for number in (1, 2)] == ["", ""]
+    assert await refusal(3, "Many2", b"int8 x\n") == ""
+    assert "too many definitions: 3 (21 bytes); expected at most 2 (" in await refusal(4, "Many4", b"int8 x\n")
+    await publisher.close()
+
+
+async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, loaded, times = asyncio.get_running_loop(), asyncio.Event(), []
+
+    def load() -> None:
+        times.append(loop.time())
+        loop.call_soon_threadsafe(loaded.set)
+
+    monkeypatch.setattr(type_resolution, "load_compiler", load)
+    await type_resolution.preload_while_waiting(asyncio.sleep(0))
+    began = loop.time()
+    await asyncio.wait_for(type_resolution.preload_while_waiting(loaded.wait()), 10)
+    assert [time > began for time in times] == [True]
+
+
+async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, failed = asyncio.get_running_loop(), asyncio.Event()
+
+    def fail() -> None:
+        loop.call_soon_threadsafe(failed.set)
+        raise ImportError("broken")
+
+    monkeypatch.setattr(type_resolution, "load_compiler", fail)
+    complaints: list[Any] = []
+    loop.set_exception_handler(lambda _, context: complaints.append(context))
+    await asyncio.wait_for(type_resolution.preload_while_waiting(failed.wait()), 20)
+    await loop.run_in_executor(None, print)
+    for _ in range(10):
+        await asyncio.sleep(0)
+        gc.collect()
+    assert complaints == []

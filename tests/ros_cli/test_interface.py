@@ -1,26 +1,34 @@
-"""``rosidl-py interface``: definitions, prototypes and hashes, without DDS."""
+"""``rosidl-py interface``: definitions, prototypes and hashes, also of types that a node described once."""
 
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from each_case import each_case
+from support.announced_types import Told, fresh, told_by
+from support.node_fixtures import World
 
 from rosidl_py_gen import from_dict, get_action, get_message, get_service, ros_cli, type_hash
 from rosidl_py_gen.base.resources import install_command, interfaces_dir
+from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.ros_cli.message_text import message_from
+from rosidl_py_gen.type_loading.disk_cache import VARIABLE, store_description
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     Run = Callable[..., str]
+    from pathlib import Path
+
 
 BUNDLED = [
     str(name)
@@ -201,3 +209,112 @@ def test_without_the_extra_definitions_are_shown_and_the_rest_says_what_to_insta
         done = run(*needs)
         assert done.returncode == 1 and install_command("node") in done.stderr, done.stderr
         assert "Traceback" not in done.stderr
+
+
+POINT = "nowhere_msgs/msg/Inner"
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def kept(run_here: Any, cache: Path) -> Any:
+    return partial(run_here, "interface")
+
+
+def keep(told: Told, *parts: str, sources: bool = True) -> None:
+    for part in parts or ("",):
+        name = told.name + part
+        store_description(told.library.type_hash(name), encode(told.answer(name if part else "", sources=sources)))
+
+
+async def test_what_a_node_described_is_shown_later(memory: World, kept: Any) -> None:
+    told = fresh("# how fast\nfloat64 speed 1.5\nint32 MOST=7")
+    node = memory.node()
+    told_by(memory, told)
+    await node.resolve_type("/t", timeout_s=10)
+    memory.close()
+    code, out, err = kept("show", told.name)
+    assert (code, out) == (0, "# how fast\nfloat64 speed 1.5\nint32 MOST=7\n")
+    assert err == f"{told.name} is not on the search path; using the cached definition {told.hash}\n"
+    assert kept("show", told.name.replace("/msg/", "/"))[1] == out
+    assert kept("hash", told.name)[1] == f"{told.hash}  {told.name}\n"
+    assert json.loads(kept("proto", "--json", told.name)[1]) == {"speed": 1.5}
+    assert json.loads(kept("show", "--json", told.name)[1])["hash"] == told.hash
+
+
+def test_nested_types_are_known_from_what_contains_them(kept: Any) -> None:
+    told = fresh("Inner[] inner", **{POINT: "int8 x\nint8 y"})
+    keep(told)
+    assert kept("show", told.name)[1] == "Inner[] inner\n\tint8 x\n\tint8 y\n"
+    assert kept("show", POINT)[1] == "int8 x\nint8 y\n"
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "parts", "example"),
+    [
+        ("srv", "int8 a\n---\nint8 b", [], {"a": 0}),
+        ("srv", "int8 a\n---\nint8 b", ["_Request", "_Response"], {"a": 0}),
+        (
+            "action",
+            "int8 a\n---\nint8 b\n---\nint8 c",
+            ["_SendGoal_Request", "_GetResult_Response", "_FeedbackMessage"],
+            {"a": 0},
+        ),
+    ],
+)
+def test_services_and_actions_are_put_together_of_their_parts(
+    kept: Any, kind: str, text: str, parts: list[str], example: Any
+) -> None:
+    told = fresh(text, kind)
+    keep(told, *parts)
+    code, out, err = kept("show", told.name)
+    assert (code, out) == (0, text + "\n"), err
+    assert json.loads(kept("proto", "--json", told.name)[1]) == example
+    assert kept("hash", told.name)[1] == f"{told.hash}  {told.name}\n"
+
+
+def test_of_several_definitions_the_newest_is_shown_and_the_others_are_named(kept: Any, cache: Path) -> None:
+    old = fresh("int8 x")
+    new = Told(old.name, "int8 x\nint8 y")
+    for age, told in enumerate((old, new)):
+        keep(told)
+        os.utime(cache / f"{told.hash}.cdr", (age, age))
+    _, out, err = kept("show", old.name)
+    assert out == "int8 x\nint8 y\n"
+    assert err.endswith(f"{new.hash}; other cached definitions: {old.hash}\n")
+
+
+def test_halves_of_several_definitions_are_not_put_together(kept: Any) -> None:
+    old = fresh("int8 a\n---\nint8 b", "srv")
+    new = Told(old.name, "int8 a2\n---\nint8 b")
+    keep(old, "_Request", "_Response")
+    keep(new, "_Request")
+    code, out, err = kept("show", old.name)
+    assert (code, out) == (1, "")
+    assert f"several definitions of {old.name}_Request" in err
+
+
+def test_what_was_changed_on_disk_is_not_shown(kept: Any, cache: Path) -> None:
+    told, other = fresh(), fresh("int8 z")
+    keep(told)
+    (cache / f"{told.hash}.cdr").write_bytes(encode(Told(told.name, "int8 evil").answer()))
+    (cache / f"{other.hash}.cdr").write_bytes(b"\0\1\0\0" + told.name.encode() + b"\xff" * 50)
+    (cache / "RIHS01_x.cdr").mkdir()
+    code, out, err = kept("show", told.name)
+    assert (code, out) == (1, "") and 'no package "nowhere_msgs"' in err and "Traceback" not in err
+
+
+def test_the_search_path_comes_first_and_nothing_kept_is_the_usual_error(
+    kept: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep(Told("std_msgs/msg/String", "string other"))
+    _, out, err = kept("show", "std_msgs/msg/String")
+    assert out.endswith("string data\n") and err == ""
+    for setting in ("/proc/nowhere", "off"):
+        monkeypatch.setenv(VARIABLE, setting)
+        code, _, err = kept("show", "nowhere_msgs/msg/Kind")
+        assert code == 1 and 'no package "nowhere_msgs"' in err

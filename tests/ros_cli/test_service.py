@@ -1,4 +1,4 @@
-"""``rosidl-py service`` beside a server of the test's own."""
+"""``rosidl-py service`` and ``rosidl-py action`` beside servers of the test."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from geometry_msgs.msg import Polygon, TransformStamped
 from std_msgs.msg import UInt8MultiArray
 from support.node_fixtures import until
 
+from rosidl_py_gen import get_message, get_service
 from rosidl_py_gen.ros_cli.message_text import rclpy_repr
 from rosidl_py_gen.runtime import IntrospectionState
-from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.qos import ACTION_STATUS, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,9 +26,10 @@ if TYPE_CHECKING:
     from conftest import Tool
     from support.node_fixtures import World
 
-    from rosidl_py_gen.runtime import Node, ServiceServer
+    from rosidl_py_gen.runtime import Node, ServerGoal, ServiceServer
 
-TYPE = "example_interfaces/srv/AddTwoInts"
+
+ADD = "example_interfaces/srv/AddTwoInts"
 
 
 def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
@@ -50,7 +53,7 @@ async def test_a_call_prints_request_and_response(network: World, tool: Tool) ->
 
 async def test_a_call_prints_the_response_alone_as_json(memory: World, tool: Tool) -> None:
     serve(memory)
-    ended = await tool("service", "call", "add", TYPE, "--stdin", "--json", stdin='{"a": 40, "b": 2}')
+    ended = await tool("service", "call", "add", ADD, "--stdin", "--json", stdin='{"a": 40, "b": 2}')
     assert (ended.code, json.loads(ended.out)) == (0, {"sum": 42})
 
 
@@ -62,7 +65,7 @@ async def test_a_call_goes_by_the_definition_of_the_server_when_the_local_one_di
     (package / "package.xml").write_text("<package><name>example_interfaces</name></package>")
     (package / "srv" / "AddTwoInts.srv").write_text("int64 other\n---\nint64 sum\n")
     serve(network)
-    ended = await tool("service", "call", "/add", TYPE, "{a: 1, b: 2}", "--json", "--path", str(tmp_path))
+    ended = await tool("service", "call", "/add", ADD, "{a: 1, b: 2}", "--json", "--path", str(tmp_path))
     assert (ended.code, ended.out, ended.err) == (0, '{"sum": 3}\n', "")
 
 
@@ -80,7 +83,7 @@ async def test_a_server_that_never_answers_is_an_error(memory: World, tool: Tool
     server = node.create_service(AddTwoInts, "/never")
     ended = await tool("service", "call", "/never", "--timeout", "1")
     assert ended.code == 1
-    assert ended.err == f"error: no response from /never ({TYPE}) in 1 s\n"
+    assert ended.err == f"error: no response from /never ({ADD}) in 1 s\n"
     assert server is not None
 
 
@@ -99,7 +102,7 @@ async def test_ctrl_c_ends_a_call_that_waits(memory: World, tool: Tool) -> None:
         (["/add", "{a: 1"], "error: not YAML: 2:1: "),
         (["/add", "{c: 1}"], 'unknown field "c"'),
         (["/add", "{a: x}"], "AddTwoInts_Request.a"),
-        (["/add", "std_srvs/srv/Empty"], f"service /add has type {TYPE}, not std_srvs/srv/Empty"),
+        (["/add", "std_srvs/srv/Empty"], f"service /add has type {ADD}, not std_srvs/srv/Empty"),
         (["/ad", "--timeout", "1"], 'did you mean "/add"?'),
     ],
 )
@@ -115,16 +118,16 @@ async def test_list_shows_services_and_hides_those_of_actions(memory: World, too
     node, _ = serve(memory)
     node.create_action_server("example_interfaces/action/Fibonacci", "/count", lambda goal: {})
     ended = await tool("service", "list", "-t")
-    assert f"/add [{TYPE}]" in ended.out.splitlines()
+    assert f"/add [{ADD}]" in ended.out.splitlines()
     assert "_action" not in ended.out
     found = {one["name"]: one for one in json.loads((await tool("service", "list", "-a", "--json")).out)}
-    assert found["/add"] == {"name": "/add", "types": [TYPE], "servers": 1, "clients": 0}
+    assert found["/add"] == {"name": "/add", "types": [ADD], "servers": 1, "clients": 0}
     assert "/count/_action/send_goal" in found
 
 
 async def test_find_and_type_are_each_others_inverse(memory: World, tool: Tool) -> None:
     serve(memory)
-    assert (await tool("service", "type", "/add")).out == f"{TYPE}\n"
+    assert (await tool("service", "type", "/add")).out == f"{ADD}\n"
     assert (await tool("service", "find", "example_interfaces/AddTwoInts")).out == "/add\n"
 
 
@@ -132,7 +135,7 @@ async def test_info_counts_and_names_both_ends(memory: World, tool: Tool) -> Non
     node, _ = serve(memory)
     node.create_client(AddTwoInts, "/add")
     ended = await tool("service", "info", "/add", "-v")
-    assert ended.out.startswith(f"Type: {TYPE}\nClients count: 1\nServices count: 1\n\nNode: /adder\n")
+    assert ended.out.startswith(f"Type: {ADD}\nClients count: 1\nServices count: 1\n\nNode: /adder\n")
     found = json.loads((await tool("service", "info", "/add", "-v", "--json")).out)
     assert [one["endpoint"] for one in found["endpoints"]] == ["SERVER", "CLIENT"]
     assert found["endpoints"][0]["reliability"] == "RELIABLE"
@@ -172,3 +175,153 @@ def test_messages_are_shown_as_rclpy_shows_them() -> None:
     assert rclpy_repr(UInt8MultiArray(data=np.zeros(200, np.uint8)), 2).endswith("data=[0, 0, ...])")
     assert rclpy_repr(TransformStamped(child_frame_id="a" * 5), 3).count("child_frame_id='aaa'...") == 1
     assert rclpy_repr(Polygon(), 3) == "geometry_msgs.msg.Polygon(points=[])"
+
+
+FIBONACCI = "example_interfaces/action/Fibonacci"
+
+
+class Counter:
+    """An action server that counts; order 99 never ends, 98 aborts, above that is rejected."""
+
+    def __init__(self, world: World, name: str = "/count", **options: Any) -> None:
+        self.node = world.node("counter")
+        self.goals: list[ServerGoal[Fibonacci]] = []
+        accept = options.pop("accept", lambda goal: goal.order < 100)
+        self.server = self.node.create_action_server(Fibonacci, name, self._run, goal_callback=accept, **options)
+
+    async def _run(self, goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | None:
+        self.goals.append(goal)
+        while goal.request.order == 99 and not goal.is_cancel_requested:
+            await asyncio.sleep(0.01)
+        if goal.is_cancel_requested:
+            goal.canceled(Fibonacci.Result(sequence=[7]))
+        elif goal.request.order == 98:
+            goal.abort(Fibonacci.Result())
+        else:
+            for number in range(goal.request.order):
+                goal.publish_feedback(Fibonacci.Feedback(sequence=[number]))
+            return Fibonacci.Result(sequence=[0, 1])
+        return None
+
+
+async def test_a_goal_is_followed_to_its_result(network: World, tool: Tool) -> None:
+    counter = Counter(network)
+    ended = await tool("action", "send_goal", "/count", "{order: 2}", "--feedback")
+    (goal,) = counter.goals
+    assert ended.out == (
+        "Waiting for an action server to become available...\nSending goal:\n    order: 2\n\n"
+        f"Goal accepted with ID: {goal.goal_id.hex()}\n\n"
+        "Feedback:\n    sequence:\n    - 0\n\nFeedback:\n    sequence:\n    - 1\n\n"
+        "Result:\n    sequence:\n    - 0\n    - 1\n\nGoal finished with status: SUCCEEDED\n"
+    )
+    assert (ended.code, ended.err) == (0, "")
+
+
+async def test_a_goal_is_followed_as_lines_of_json(memory: World, tool: Tool) -> None:
+    Counter(memory)
+    ended = await tool("action", "send_goal", "count", FIBONACCI, "{order: 1}", "--feedback", "--json")
+    feedback, end = map(json.loads, ended.out.splitlines())
+    assert feedback == {"feedback": {"sequence": [0]}}
+    assert (end["status"], end["result"], len(end["goal_id"])) == ("SUCCEEDED", {"sequence": [0, 1]}, 32)
+
+
+async def test_a_result_with_an_unknown_status_is_an_error_without_traceback(memory: World, tool: Tool) -> None:
+    node = memory.node("broken")
+    node.create_publisher(Fibonacci.FeedbackMessage, "/count/_action/feedback")
+    node.create_publisher(get_message("action_msgs/msg/GoalStatusArray"), "/count/_action/status", ACTION_STATUS)
+    cancel: Any = get_service("action_msgs/srv/CancelGoal")
+    accepted, result = Fibonacci.SendGoal.Response(accepted=True), Fibonacci.GetResult.Response(status=77)
+    accepted.stamp.sec = -5
+    node.create_service(Fibonacci.SendGoal, "/count/_action/send_goal", lambda request: accepted)
+    node.create_service(cancel, "/count/_action/cancel_goal", lambda request: cancel.Response())
+    node.create_service(Fibonacci.GetResult, "/count/_action/get_result", lambda request: result)
+    ended = await tool("action", "send_goal", "/count", FIBONACCI, "{order: 1}")
+    assert ended.code == 1 and "Goal accepted" in ended.out
+    assert ended.err.startswith("error: action server /count sent a result of goal ") and ended.err.count("\n") == 1
+
+
+async def test_ctrl_c_cancels_the_goal_and_waits_for_its_end(memory: World, tool: Tool) -> None:
+    counter = Counter(memory)
+    process = await tool.start("action", "send_goal", "/count", "{order: 99}")
+    await until(lambda: bool(counter.goals), 15)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.err) == (130, "Canceling goal...\n")
+    assert ended.out.endswith("Result:\n    sequence:\n    - 7\n\nGoal finished with status: CANCELED\n")
+
+
+async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(memory: World, tool: Tool) -> None:
+    asked = asyncio.Event()
+
+    async def accept(goal: Fibonacci.Goal) -> bool:
+        asked.set()
+        await asyncio.sleep(0.5)
+        return True
+
+    counter = Counter(memory, accept=accept)
+    process = await tool.start("action", "send_goal", "/count", "{order: 99}")
+    await asyncio.wait_for(asked.wait(), 15)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out.splitlines()[-1]) == (130, "Goal finished with status: CANCELED")
+    assert counter.goals
+
+
+async def test_a_goal_that_cannot_be_canceled_may_still_be_running(memory: World, tool: Tool) -> None:
+    counter = Counter(memory, cancel_callback=False)
+    process = await tool.start("action", "send_goal", "/count", "{order: 99}", "--timeout", "1.5")
+    await until(lambda: bool(counter.goals), 15)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert ended.code == 1
+    assert "refused to cancel" in ended.err
+    assert "error: the goal may still be running: no result" in ended.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["/count", "{order: 98}"], ""),
+        (["/count", "{order: 100}"], "error: Goal was rejected.\n"),
+        (["/count", "{order: many}"], "Fibonacci_Goal.order"),
+        (["/count", "{order: 1", "--json"], "error: not YAML"),
+        (["/count", "std_srvs/action/Empty"], f"action /count has type {FIBONACCI}, not std_srvs/action/Empty"),
+        (["/cont", "--timeout", "1"], 'did you mean "/count"?'),
+    ],
+)
+async def test_a_goal_that_does_not_succeed_is_a_failure(
+    memory: World, tool: Tool, words: list[str], said: str
+) -> None:
+    Counter(memory)
+    ended = await tool("action", "send_goal", *words)
+    assert ended.code == 1
+    assert said in ended.err
+    assert "Traceback" not in ended.err
+    assert said or ended.out.endswith("Goal finished with status: ABORTED\n")
+
+
+async def test_a_server_that_answers_no_goal_is_an_error(memory: World, tool: Tool) -> None:
+    async def accept(goal: Fibonacci.Goal) -> bool:
+        await asyncio.sleep(60)
+        return True
+
+    Counter(memory, accept=accept)
+    ended = await tool("action", "send_goal", "/count", "--timeout", "1.5")
+    assert (ended.code, ended.err) == (1, "error: action /count: no reply to the goal in 1.5 s\n")
+
+
+async def test_list_type_find_and_info_know_actions(memory: World, tool: Tool) -> None:
+    counter = Counter(memory)
+    memory.node("asker").create_action_client(Fibonacci, "/count")
+    listed, found, typed, info, as_json = await asyncio.gather(
+        tool("action", "list", "-t", "--spin-time", "1.5"),
+        tool("action", "find", FIBONACCI, "--spin-time", "1.5"),
+        tool("action", "type", "/count"),
+        tool("action", "info", "/count", "-t", "--spin-time", "1.5"),
+        tool("action", "info", "/count", "--json", "--spin-time", "1.5"),
+    )
+    assert (listed.out, found.out, typed.out) == (f"/count [{FIBONACCI}]\n", "/count\n", f"{FIBONACCI}\n")
+    assert info.out == (
+        f"Action: /count\nAction clients: 1\n    /asker [{FIBONACCI}]\nAction servers: 1\n    /counter [{FIBONACCI}]\n"
+    )
+    assert json.loads(as_json.out)["servers"] == [{"node": counter.node.fully_qualified_name, "types": [FIBONACCI]}]

@@ -1,25 +1,35 @@
-"""``rosidl-py topic`` beside a node of the test: list, info, type, find, pub, hz, bw, delay."""
+"""``rosidl-py topic`` beside a node of the test, its notes if no messages arrive, and its standard input."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 import signal
+import sys
+import threading
 import time
+from contextlib import aclosing
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support.node_fixtures import WAITS, take, until
+from support.node_fixtures import WAITS, start_process, take, until
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.ros_cli import type_resolution
+from rosidl_py_gen.ros_cli.topic import stdin
 from rosidl_py_gen.ros_cli.topic.statistics import RateStatistics
-from rosidl_py_gen.runtime import Node
+from rosidl_py_gen.runtime import Node, QoSProfile
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from support.node_fixtures import World
+
+    from rosidl_py_gen.runtime import Node
+
 
 STRING, BOOL, POSE = "std_msgs/msg/String", "std_msgs/msg/Bool", "geometry_msgs/msg/PoseStamped"
 
@@ -194,3 +204,301 @@ async def test_measuring_ends_with_ctrl_c_and_says_when_nothing_comes(node: Node
         assert WAITS.fullmatch(line.decode())
     process.send_signal(signal.SIGINT)
     assert (await tool.end(process)).code == 0
+
+
+LATCHED = QoSProfile().transient_local()
+
+
+def test_messages_look_as_ros2_shows_them(topic_peer: tuple[str, str], run_here: Any) -> None:
+
+    def once(*words: str) -> str:
+        return str(run_here("topic", "echo", "--once", *words, *topic_peer)[1])
+
+    long = once("/demo/scan")
+    assert (long.count("\n- "), long.endswith("\n- 127.0\n- '...'\nintensities: []\n---\n")) == (129, True)
+    assert once("/demo/scan", "-l", "2") == (
+        "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: la...\nangle_min: 0.0\nangle_max: 0.0\n"
+        "angle_increment: 0.0\ntime_increment: 0.0\nscan_time: 0.0\nrange_min: 0.0\nrange_max: .nan\nranges:\n- 0.0\n"
+        "- 1.0\n- '...'\nintensities: []\n---\n"
+    )
+    csv = "0,0,<string length: 5>,0.0,0.0,0.0,0.0,0.0,0.0,nan,0.0,1.0,2.0,...\n"
+    assert once("/demo/scan", "--csv", "-l", "3", "--no-str") == csv
+    assert once("/demo/scan", "--field", "header") == "stamp:\n  sec: 0\n  nanosec: 0\nframe_id: laser\n---\n"
+    assert once("/demo/scan", "--field", "ranges[5]") == "5.0\n---\n"
+    assert once("/demo/pose", "--flow-style", "--field", "pose.position") == "{x: 1.5, y: 0.0, z: 0.0}\n---\n"
+    data = once("/demo/scan", "--json")
+    scan = json.loads(data)
+    assert (len(scan["ranges"]), scan["range_max"], data.count("\n")) == (200, "NaN", 1)
+    raw = once("/demo/pose", "--raw")
+    assert (raw.startswith("b'\\x00\\x01\\x00\\x00"), raw.endswith("'\n---\n")) == (True, True)
+    bare = once("/demo/_imu", "--no-arr", "--no-str")
+    assert "orientation_covariance: '<array type: float64[9]>'\n" in bare
+    assert "frame_id: '<string length: 0>'\n" in bare
+
+
+def test_messages_the_filter_has_no_value_for_are_noted_once(topic_peer: tuple[str, str], run_here: Any) -> None:
+    words = ("--once", "--filter", "m.ranges[0] > 1", "--field", "ranges")
+    code, out, err = run_here("topic", "echo", "/demo/_scans", *words, *topic_peer)
+    assert (code, out, WAITS.sub("", err)) == (0, "- 4.0\n---\n", "skipped a message: there is no element 0 among 0\n")
+
+
+async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: Any) -> None:
+    node = network.node("robot", enable_rosout=False, parameter_events=False)
+    publisher = node.create_publisher(STRING, "/words", LATCHED)
+    for word in ("a", "needle 1", "b", "needle 2", "\x1b[31mneedle\t3\nnext line"):
+        publisher.publish({"data": word})
+    process = await tool.start("topic", "echo", "/words", "--field", "data", "--filter", "'needle' in m.data")
+    for expected in (
+        b"needle 1\n",
+        b"---\n",
+        b"needle 2\n",
+        b"---\n",
+        "\ufffd[31mneedle\t3\n".encode(),
+        b"next line\n",
+    ):
+        assert await asyncio.wait_for(process.stdout.readline(), 25) == expected
+    process.send_signal(signal.SIGINT)
+    assert (await tool.end(process)).code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            ["/words", STRING, "--filter", "__import__('os').system('touch pwned')"],
+            "is not allowed; there are abs, all",
+        ),
+        (["/words", STRING, "--filter", "m.dta"], 'has no field "dta"; did you mean "data"?'),
+        (["/words", STRING, "--field", "data.x"], "m.data is string, which has no fields"),
+        (["/words", "std_msgs/msg/Strin"], 'did you mean "std_msgs/msg/String"?'),
+        (["/words", "--timeout", "0.2"], "no topic /words was found"),
+        (["/words", STRING, "--once", "--timeout", "0.2"], "/words in 0.2 s: no other participant was found"),
+        (["/wo rds", STRING], "/wo rds"),
+    ],
+)
+def test_echo_says_what_is_wrong(
+    words: list[str], reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run_here("topic", "echo", *words)
+    assert (code, os.listdir()) == (1, [])
+    assert reason in err
+
+
+async def test_fields_are_cut_as_messages_are_and_several_may_be_asked_for(memory: World, tool: Any) -> None:
+    node = memory.node("camera", enable_rosout=False, parameter_events=False)
+    scan: Any = get_message("sensor_msgs/msg/LaserScan")(ranges=[1.5, float("nan"), 2.5], range_max=float("inf"))
+    scan.header.frame_id = "front, left"
+    imu = get_message("sensor_msgs/msg/Imu")()
+    for name, message in (("/scan", scan), ("/imu", imu)):
+        node.create_publisher(type(message), name, LATCHED).publish(message)
+    for words, expected in [
+        (["/scan", "--field", "ranges", "--no-arr"], "<sequence type: float32, length: 3>\n---\n"),
+        (["/scan", "--field", "ranges[1:9]", "--no-arr", "--no-str"], "<sequence type: float32, length: 2>\n---\n"),
+        (["/scan", "--field", "ranges[0]", "--no-arr"], "1.5\n---\n"),
+        (["/scan", "--field", "header.frame_id", "--no-str", "--no-arr"], "<string length: 11>\n---\n"),
+        (["/imu", "--field", "orientation_covariance", "--no-arr"], "<array type: float64[9]>\n---\n"),
+        (["/imu", "--field", "orientation_covariance[:2]", "--no-arr"], "<sequence type: float64, length: 2>\n---\n"),
+        (
+            ["/scan", "--field", "ranges[0]", "--field", "header.frame_id"],
+            "ranges[0]: 1.5\nheader.frame_id: front, left\n---\n",
+        ),
+        (
+            ["/scan", "--field", "ranges", "--field", "angle_min", "--no-arr", "--flow-style"],
+            "{ranges: '<sequence type: float32, length: 3>', angle_min: 0.0}\n---\n",
+        ),
+        (["/scan", "--field", "angle_min", "--field", "header.frame_id", "--csv"], '0.0,"front, left"\n'),
+        (
+            ["/scan", "--field", "range_max", "--field", "ranges", "--json"],
+            '{"range_max": "Infinity", "ranges": [1.5, "NaN", 2.5]}\n',
+        ),
+    ]:
+        ended = await tool("topic", "echo", *words, "--once")
+        assert (ended.out, ended.err) == (expected, ""), words
+    wrong = await tool("topic", "echo", "/scan", "--field", "ranges", "--field", "nope", "--once")
+    assert (wrong.code, wrong.out) == (1, "")
+
+
+async def test_publishers_that_offer_less_are_heard_too_when_they_come_later(node: Node, tool: Any) -> None:
+    durable = node.create_publisher(STRING, "/words", LATCHED)
+    durable.publish({"data": "latched"})
+    process = await tool.start("topic", "echo", "/words", "--field", "data")
+    assert await asyncio.wait_for(process.stdout.readline(), 25) == b"latched\n"
+    careless = node.create_publisher(STRING, "/words", QoSProfile().best_effort())
+    assert await careless.wait_for_subscribers(25)
+    careless.publish({"data": "careless"})
+    await process.stdout.readline()
+    assert await asyncio.wait_for(process.stdout.readline(), 25) == b"careless\n"
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert ended.code == 0
+    assert "some, but not all, publishers are reliable" in ended.err
+    assert "some, but not all, publishers are transient local" in ended.err
+
+
+async def test_quality_of_service_can_be_given(node: Node, tool: Any) -> None:
+    process = await tool.start(
+        *("topic", "echo", "/words", STRING, "--qos-profile", "parameters", "--qos-reliability", "best_effort"),
+        *("--qos-depth", "3", "--qos-liveliness-lease-duration-seconds", "2.5"),
+    )
+    await until(lambda: len(node.get_subscriptions_info_by_topic("/words")) == 1, 25)
+    (info,) = node.get_subscriptions_info_by_topic("/words")
+    qos = info.qos_profile
+    assert (qos.reliability.name, qos.durability.name, qos.liveliness_lease_ns) == ("BEST_EFFORT", "VOLATILE", 2.5e9)
+    process.send_signal(signal.SIGTERM)
+    assert (await tool.end(process)).code == 0
+
+
+async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) -> None:
+    publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
+    words = ("--field", "data", "--csv", "--filter", "m.data % 2 == 0", "--max-rate", "2.5", "--timeout", "0.3")
+    process = await tool.start("topic", "echo", "/count", *words)
+    assert await publisher.wait_for_subscribers(25)
+    for number in range(20):
+        publisher.publish({"data": number})
+        await asyncio.sleep(0.1)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (1, "0\n4\n8\n12\n16\n")
+    said = "5 messages were dropped, as --max-rate is 2.5\n"
+    assert ended.err.startswith(said + "error: no message that passes the filter on /count")
+
+
+async def test_a_topic_as_fast_as_the_rate_is_shown_in_full(memory: World, tool: Any) -> None:
+    publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
+    process = await tool.start("topic", "echo", "/count", "--field", "data", "--csv", "--max-rate", "10")
+    assert await publisher.wait_for_subscribers(25)
+    for number in range(20):
+        publisher.publish({"data": number})
+        await asyncio.sleep(0.09 if number % 2 else 0.11)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.out, ended.err) == ("".join(f"{number}\n" for number in range(20)), "")
+
+
+async def test_the_dropped_are_told_when_echo_is_interrupted(memory: World, tool: Any) -> None:
+    publisher = memory.node("talker").create_publisher(STRING, "/words")
+    process = await tool.start("topic", "echo", "/words", "--field", "data", "--max-rate", "0.1")
+    assert await publisher.wait_for_subscribers(25)
+    for word in ("a", "b", "c"):
+        publisher.publish({"data": word})
+    await asyncio.sleep(1)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (0, "a\n---\n")
+    assert ended.err == "2 messages were dropped, as --max-rate is 0.1\n"
+
+
+async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> None:
+    process = await tool.start("topic", "echo", "/late", "--once", "--timeout", "20")
+    assert await asyncio.wait_for(process.stderr.readline(), 25) == (
+        b"topic /late does not appear to be published yet; waiting for it\n"
+    )
+    node.create_publisher(STRING, "/late", LATCHED).publish({"data": "here"})
+    assert (await tool.end(process)).out == "data: here\n---\n"
+
+
+async def test_a_type_that_only_the_publisher_has_is_shown(node: Node, tool: Any, tmp_path: Path) -> None:
+    cls = compile_definition("far_msgs/msg/Secret", "int32 number 42\nstring[] names")
+    node.create_publisher(cls, "/secret", LATCHED).publish(cls(names=["x"]))
+    shown = await tool("topic", "echo", "/secret", "--once", HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
+    assert (shown.out, shown.err) == ("number: 42\nnames:\n- x\n---\n", "")
+
+
+async def test_whoever_has_enough_of_the_output_may_go(node: Node) -> None:
+    publisher = node.create_publisher(STRING, "/words")
+    reading, writing = os.pipe()
+    process = await start_process(
+        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "topic", "echo", "/words"),
+        stdout=writing,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    os.close(writing)
+    assert await publisher.wait_for_subscribers(20)
+    os.close(reading)
+    publisher.publish({"data": "x"})
+    _, err = await asyncio.wait_for(process.communicate(), 10)
+    assert (process.returncode, err) == (141, b"")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["std_msgs/msg/Bool"], "types differ, std_msgs/msg/String and std_msgs/msg/Bool"),
+        (["--qos-durability", "transient_local"], "their quality of service is incompatible"),
+    ],
+)
+async def test_echo_says_why_nothing_comes(dds: World, tool: Any, arguments: list[str], reason: str) -> None:
+    publisher = dds.node("talker").create_publisher(STRING, "/words")
+    done = await tool("topic", "echo", "/words", *arguments, "--timeout", "8")
+    assert f"warning: no messages on /words from node /talker to this command: {reason}" in done.err
+    assert done.code == 1 and publisher.subscription_count == 0
+
+
+async def test_pub_says_why_nobody_listens(dds: World, tool: Any) -> None:
+    dds.node("listener").create_subscription(STRING, "/words")
+    done = await tool("topic", "pub", "/words", "std_msgs/msg/Bool", "data: true", "-w", "1", "--timeout", "8")
+    reason = "types differ, std_msgs/msg/Bool and std_msgs/msg/String"
+    assert f"warning: no messages on /words from this command to node /listener: {reason}" in done.err
+
+
+async def test_info_shows_what_does_not_fit_together(dds: World, tool: Any) -> None:
+    old, new = (compile_definition("silent_msgs/msg/Changed", text) for text in ("int32 x", "int64 x"))
+    alice, bob = dds.pair()
+    alice.create_publisher(old, "/changed", QoSProfile())
+    bob.create_subscription(new, "/changed")
+    bob.create_subscription(BOOL, "/changed")
+    await until(lambda: alice.count_subscribers("/changed") == 2)
+    shown, plain = await asyncio.gather(
+        tool("topic", "info", "-v", "/changed"), tool("topic", "info", "/changed", "--json")
+    )
+    said = (
+        "no messages from /alice to /bob: their definitions of silent_msgs/msg/Changed differ: "
+        f"{type_hash(old)} and {type_hash(new)}"
+    )
+    assert f"warning: {said}" in shown.out
+    assert "warning: no messages from /alice to /bob: types differ, silent_msgs/msg/Changed and std_msgs" in shown.out
+    assert said in json.loads(plain.out)["mismatches"]
+
+
+async def test_lists_of_an_empty_domain_come_with_a_note(memory: World, tool: Any) -> None:
+    commands = [(group, "list") for group in ("topic", "node", "service", "action", "param")] + [("lifecycle", "nodes")]
+    note = "no nodes were found in domain"
+    for words in commands:
+        for options in ((), ("--json",)):
+            ended = await tool(*words, *(option for option in options if words[0] != "param"))
+            assert (ended.code, ended.err.count("\n"), ended.err.startswith(note)) == (0, 1, True), words
+    memory.node("talker", enable_rosout=False)
+    for words in commands:
+        assert (await tool(*words)).err == "", words
+
+
+def test_a_thread_that_reads_on_reads_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "first").write_text('{"data": "a"}\n')
+    (tmp_path / "second").write_bytes(b"of somebody else")
+    read, go_on = os.read, threading.Event()
+    reads: list[bytes] = []
+    before = set(threading.enumerate())
+
+    def late_read(number: int, size: int) -> bytes:
+        thread = threading.current_thread()
+        if thread.name != "rosidl-py-stdin" or thread in before:
+            return read(number, size)
+        if reads:
+            go_on.wait(10)
+        reads.append(read(number, size))
+        return reads[-1]
+
+    async def first_document() -> str:
+        async with aclosing(stdin.documents()) as documents:
+            return await anext(documents)
+
+    monkeypatch.setattr(os, "read", late_read)
+    with open(tmp_path / "first", "rb") as file:
+        monkeypatch.setattr(sys, "stdin", file)
+        assert asyncio.run(first_document()) == '{"data": "a"}'
+    (thread,) = (one for one in {*threading.enumerate()} - before if one.name == "rosidl-py-stdin")
+    with open(tmp_path / "second", "rb") as other:
+        go_on.set()
+        thread.join(10)
+        assert other.read() == b"of somebody else"
+    assert reads == [b'{"data": "a"}\n', b""]
