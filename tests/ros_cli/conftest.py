@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -76,6 +77,10 @@ class Tool:
         """Run a command to its end."""
         return await self.end(await self.start(*arguments, stdin=stdin, **environment), stdin)
 
+    async def interrupt(self, process: Any, number: int = signal.SIGINT) -> Ended:
+        process.send_signal(number)
+        return await self.end(process)
+
     async def end(self, process: Any, stdin: str = "") -> Ended:
         try:
             out, err = await asyncio.wait_for(process.communicate(stdin.encode()), PATIENCE_S)
@@ -110,9 +115,7 @@ def topic_peer() -> Iterator[tuple[str, str]]:
 
 
 @pytest.fixture
-def run_here(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, only_loopback: None
-) -> Callable[..., tuple[int, str, str]]:
+def run_here(capsys: Any, monkeypatch: Any, only_loopback: None) -> Callable[..., tuple[int, str, str]]:
     """Run a command in this process, which is quick, but nothing goes on beside. Gives exit code, output, errors."""
 
     def run(*arguments: str, stdin: str = "") -> tuple[int, str, str]:

@@ -76,8 +76,7 @@ async def test_what_a_node_publishes_is_recorded_with_what_it_offers(network: Wo
     assert await late.wait_for_subscribers(20)
     late.publish(String(data="late"))
     await until(lambda: count_of(tmp_path / "bag") == 52, 20)  # flushed once a second
-    process.send_signal(signal.SIGTERM)
-    ended = await tool.end(process)
+    ended = await tool.interrupt(process, signal.SIGTERM)
     assert ended.code == 0, ended.err
     size = 628 if network.kind == "dds" else 615  # DDS fills up to multiples of four bytes
     assert f"recorded 52 messages of 3 topics, {size} B, in {tmp_path / 'bag'}\n" in ended.err
@@ -95,9 +94,7 @@ async def test_what_a_node_publishes_is_recorded_with_what_it_offers(network: Wo
     assert sorted(one.data for one in decoded)[0] == "late"  # type: ignore[attr-defined]
 
 
-async def test_topics_with_a_pattern_are_recorded_into_several_files(
-    node: Node, tool: Any, tmp_path: Path, run_here: Any
-) -> None:
+async def test_a_pattern_of_topics_becomes_several_files(node: Node, tool: Any, tmp_path: Path, run_here: Any) -> None:
     left, depth, hidden, other = (
         node.create_publisher(String, name, QoSProfile(depth=100))
         for name in ("camera/left", "camera/left/depth", "camera/_raw", "other")
@@ -117,8 +114,7 @@ async def test_topics_with_a_pattern_are_recorded_into_several_files(
         sent += 1
         await asyncio.sleep(0.01)
     await until(lambda: count_of(path) == 2 * sent, 20)
-    process.send_signal(signal.SIGINT)
-    ended = await tool.end(process)
+    ended = await tool.interrupt(process)
     assert ended.code == 0 and f"recorded {2 * sent} messages of 2 topics" in ended.err
     told = json.loads(run_here("bag", "info", str(path), "--json")[1])
     assert {one["name"]: one["count"] for one in told["topics"]} == {"/camera/left": sent, "/camera/_raw": sent}
@@ -158,17 +154,14 @@ async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
         assert reader.has_index and [item.message.data for item in reader][-1] == "w29"
 
 
-async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_node(
-    node: Node, tool: Any, tmp_path: Path
-) -> None:
+async def test_a_type_nobody_installed_has_the_definition_of_its_node(node: Node, tool: Any, tmp_path: Path) -> None:
     cls = compile_definition("nobody_has/msg/Odd", ODD)
     sample = cls(name="odd")
     node.create_publisher(cls, "odd", LATCHED).publish(sample)
     process = await tool.start("bag", "record", "/odd", "-o", str(tmp_path / "bag"), ROSIDL_PY_GEN_CACHE=str(tmp_path))
     await wait_for_lines(process, "recording /odd [nobody_has/msg/Odd]")
     await until(lambda: count_of(tmp_path / "bag") == 1, 20)
-    process.send_signal(signal.SIGINT)
-    ended = await tool.end(process)
+    ended = await tool.interrupt(process)
     assert ended.code == 0 and "recorded 1 messages of 1 topics" in ended.err
     script = (
         "import sys\nfrom rosidl_py_gen.bags import BagReader\n"
@@ -232,9 +225,7 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
 # --------------------------------------------------------------------------------------------------------------- play
 
 
-def test_no_bag_is_made_where_nothing_can_be_heard(
-    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_bag_is_made_where_nothing_can_be_heard(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
     def missing(*_: object) -> None:
         raise BackendMissingError("no middleware")
 

@@ -38,9 +38,7 @@ def humble(tmp_path: Path) -> str:
     return str(write_humble(tmp_path / "humble.db3", *topics))
 
 
-def test_a_bag_without_definitions_is_written_with_those_of_the_path(
-    run_here: Any, humble: str, tmp_path: Path
-) -> None:
+def test_a_bag_without_definitions_gets_those_of_the_path(run_here: Any, humble: str, tmp_path: Path) -> None:
     out, folder = tmp_path / "out.mcap", package(tmp_path / "then" / "old_msgs", THEN)
     code, said, err = run_here("bag", "convert", humble, str(out), "--path", folder)
     assert code == 0 and said == f"6 messages of 3 topics in {out}\n", err
@@ -54,9 +52,7 @@ def test_a_bag_without_definitions_is_written_with_those_of_the_path(
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_types_that_are_known_nowhere_are_named_and_nothing_is_written(
-    run_here: Any, humble: str, tmp_path: Path, storage: str
-) -> None:
+def test_types_that_are_known_nowhere_are_told(run_here: Any, humble: str, tmp_path: Path, storage: str) -> None:
     out = tmp_path / "out"
     code, _, err = run_here("bag", "convert", humble, str(out), "-s", storage)
     assert code == 1 and not out.exists()
@@ -69,9 +65,7 @@ def test_types_that_are_known_nowhere_are_named_and_nothing_is_written(
         assert len(list(reader.messages("/reading", raw=True))) == 3
 
 
-def test_a_definition_that_is_not_that_of_the_samples_is_not_written(
-    run_here: Any, humble: str, tmp_path: Path
-) -> None:
+def test_a_definition_that_is_not_that_of_messages_is_refused(run_here: Any, humble: str, tmp_path: Path) -> None:
     folder = package(tmp_path / "now" / "old_msgs", NOW)
     code, _, err = run_here("bag", "convert", humble, str(tmp_path / "out.mcap"), "--path", folder)
     assert code == 1 and not (tmp_path / "out.mcap").exists()
@@ -107,9 +101,7 @@ def odd_bag(path: Path) -> Path:
     return path
 
 
-async def test_topics_that_ros_2_cannot_have_are_named_and_the_others_played(
-    dds: World, tool: Any, tmp_path: Path
-) -> None:
+async def test_topics_that_ros_2_cannot_have_are_not_played(dds: World, tool: Any, tmp_path: Path) -> None:
     node = dds.node("robot", enable_rosout=False, parameter_events=False)
     heard = node.create_subscription(String, "/good")
     process = await tool.start("bag", "play", str(odd_bag(tmp_path / "odd.mcap")))

@@ -153,9 +153,7 @@ async def test_keys_step_pause_and_change_the_rate(dds: World, terminal: Termina
         (signal.SIGHUP, -signal.SIGHUP),
     ],
 )
-async def test_the_terminal_is_as_before_whatever_ends_it(
-    dds: World, terminal: Terminal, bag: str, number: int, code: int
-) -> None:
+async def test_the_terminal_is_as_before(dds: World, terminal: Terminal, bag: str, number: int, code: int) -> None:
     await terminal.start("bag", "play", bag, "--start-paused", "--discovery", "off")
     assert terminal.process is not None
     await until(lambda: terminal.last.endswith(", paused;"), 25)
@@ -165,9 +163,7 @@ async def test_the_terminal_is_as_before_whatever_ends_it(
     assert "paused" in terminal.seen and HIDE_CURSOR not in terminal.seen
 
 
-async def test_a_stopped_player_gives_the_terminal_back_until_it_goes_on(
-    dds: World, terminal: Terminal, bag: str
-) -> None:
+async def test_a_stopped_player_gives_the_terminal_back(dds: World, terminal: Terminal, bag: str) -> None:
     await terminal.start("bag", "play", bag, "--discovery", "off")
     assert terminal.process is not None
     for _ in range(2):
@@ -195,9 +191,7 @@ async def test_an_error_gives_the_terminal_back_too(terminal: Terminal, monkeypa
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
-async def test_space_pauses_a_recorder_and_the_terminal_is_as_before(
-    dds: World, terminal: Terminal, tmp_path: Path, end: int
-) -> None:
+async def test_space_pauses_a_recorder(dds: World, terminal: Terminal, tmp_path: Path, end: int) -> None:
     node = dds.node("robot", enable_rosout=False, parameter_events=False)
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"

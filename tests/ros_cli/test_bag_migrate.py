@@ -155,9 +155,7 @@ def test_a_type_that_is_called_otherwise_needs_a_rule(run_here: Run, bag: str, t
     assert code == 1 and "rules.yaml:2:21: new_msgs/msg/Whel is not among the new definitions" in err
 
 
-def test_everything_that_cannot_be_carried_over_is_told_before_anything_is_written(
-    run_here: Run, bag: str, tmp_path: Path
-) -> None:
+def test_everything_that_cannot_be_carried_over_is_told_first(run_here: Run, bag: str, tmp_path: Path) -> None:
     now = str(write(tmp_path / "now", {"robot_msgs/msg/Wheel.msg": "int32 speed\nint8 name\nint8[] track\n"}))
     out = tmp_path / "out"
     code, _, err = run_here("bag", "migrate", bag, "--path", now, "-o", str(out))
@@ -228,9 +226,7 @@ def test_values_that_fit_are_the_same(
     np.testing.assert_array_equal(found.message.a, expected)
 
 
-def test_messages_whose_type_did_not_change_keep_their_bytes_and_get_the_new_text(
-    run_here: Run, bag: str, tmp_path: Path
-) -> None:
+def test_messages_of_an_equal_type_keep_their_bytes(run_here: Run, bag: str, tmp_path: Path) -> None:
     now = str(write(tmp_path / "now", {"std_msgs/msg/String.msg": "# Ours.\nstring data\n"}))
     out = str(tmp_path / "out")
     code, said, err = run_here("bag", "migrate", bag, "--path", now, "-o", out, "--topics", "/words")
@@ -345,12 +341,8 @@ def test_rules_that_are_wrong_are_told_with_their_place(text: str, error: str) -
 
 def test_words_of_yaml_are_names_here() -> None:
     found = parse_rules("fields:\n  a/B: {y: no, on: 'null', off: ~, 1: x}\n")
-    assert {old: rule.target for old, rule in found.fields["a/msg/B"].items()} == {
-        "y": "no",
-        "on": "null",
-        "off": "",
-        "1": "x",
-    }
+    expected = {"y": "no", "on": "null", "off": "", "1": "x"}
+    assert {old: rule.target for old, rule in found.fields["a/msg/B"].items()} == expected
     assert parse_rules("") == parse_rules("types:\nfields: {}\n")
 
 
@@ -398,12 +390,7 @@ def test_policies_have_the_names_of_rosbag2(tmp_path: Path) -> None:
     path.write_text(ALL)
     assert read_qos_overrides(str(path)) == {
         "/scan": QoSProfile(
-            History.KEEP_LAST,
-            5,
-            Reliability.BEST_EFFORT,
-            Durability.TRANSIENT_LOCAL,
-            1_500_000_000,
-            INFINITE_NS,
+            *(History.KEEP_LAST, 5, Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL, 1_500_000_000, INFINITE_NS),
             Liveliness.MANUAL_BY_TOPIC,
         ),
         "/a/map": QoSProfile(History.KEEP_ALL),

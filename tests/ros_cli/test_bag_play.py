@@ -116,9 +116,7 @@ class Remote:
 
 
 @pytest.mark.parametrize(("rate", "step_s"), [("1", 0.1), ("2", 0.05), ("0.5", 0.2)])
-async def test_messages_come_as_far_apart_as_they_were_recorded(
-    node: Node, tool: Any, words: str, rate: str, step_s: float
-) -> None:
+async def test_messages_come_as_far_apart_as_then(node: Node, tool: Any, words: str, rate: str, step_s: float) -> None:
     heard = Heard(node, "words")
     ended = await played(tool, words, "--rate", rate)
     assert heard.data == [f"w{number}" for number in range(10)]
@@ -229,12 +227,8 @@ def mixed(tmp_path: Path) -> str:
 
 TOPICS = {"/a", "/b", "/ns/a"}
 SERVICE = {"/add/_service_event", "/ns/add/_service_event"}
-ACTION = {
-    "/count/_action/send_goal/_service_event",
-    "/count/_action/get_result/_service_event",
-    "/count/_action/status",
-    "/count/_action/feedback",
-}
+PARTS = "send_goal/_service_event", "get_result/_service_event", "status", "feedback"
+ACTION = {f"/count/_action/{part}" for part in PARTS}
 
 
 @pytest.mark.parametrize(
@@ -414,9 +408,7 @@ def _time(seconds: float) -> Any:
     return stamp
 
 
-async def test_who_has_no_definition_of_the_services_gets_it_from_the_player(
-    memory: World, tool: Any, words: str
-) -> None:
+async def test_the_player_describes_its_services(memory: World, tool: Any, words: str) -> None:
     process = await tool.start("bag", "play", words, "--start-paused")
     ended = await tool("service", "call", "/rosbag2_player/resume", "rosbag2_interfaces/srv/Resume")
     assert ended.code == 0, ended.err

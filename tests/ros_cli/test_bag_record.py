@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import tracemalloc
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
@@ -68,8 +67,7 @@ async def recording(tool: Any, path: Path, *options: str) -> AsyncIterator[Any]:
     """A recorder that writes each message at once, and that SIGINT ends; it has to end with 0."""
     process = await tool.start("bag", "record", "-o", str(path), "--max-cache-size", "0", *options)
     yield process
-    process.send_signal(signal.SIGINT)
-    ended = await tool.end(process)
+    ended = await tool.interrupt(process)
     assert ended.code == 0, ended.err
 
 
@@ -88,9 +86,7 @@ async def taken(node: Node, recorder: str = RECORDER) -> bool:
     return bool((await call(node, "is_paused", "IsPaused", "---\nbool paused\n", recorder)).paused)
 
 
-async def test_messages_of_humble_are_recorded_with_the_definition_of_humble(
-    tool: Any, node: Node, tmp_path: Path
-) -> None:
+async def test_messages_of_humble_have_the_definition_of_humble(tool: Any, node: Node, tmp_path: Path) -> None:
     current: Any = get_message("sensor_msgs/msg/Range")
     of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
     humble = node.create_publisher(without_hash(of_humble), "range")
@@ -263,9 +259,7 @@ async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Pa
 # ------------------------------------------------------------------------------------------- services and actions
 
 
-async def test_events_of_a_service_have_their_type_and_quality_of_service(
-    node: Node, tool: Any, tmp_path: Path
-) -> None:
+async def test_events_of_a_service_have_their_type_and_qos(node: Node, tool: Any, tmp_path: Path) -> None:
     server = node.create_service(AddTwoInts, "add", lambda one: AddTwoInts.Response(sum=one.a + one.b))
     client = node.create_client(AddTwoInts, "add")
     for end in (server, client):
@@ -487,8 +481,7 @@ async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Pa
     publisher.publish(String(data="never"))
     publisher.publish(String(data="x" * 4000))
     await taken(node, "/box")
-    process.send_signal(signal.SIGINT)
-    ended = await tool.end(process)
+    ended = await tool.interrupt(process)
     assert ended.code == 0 and "recorded 5 messages of 1 topics" in ended.err
     assert "1 messages are larger than --max-cache-size, and are not in a snapshot\n" in ended.err
     assert "arrived faster" not in ended.err

@@ -8,7 +8,6 @@ from contextlib import nullcontext
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-import click
 import pytest
 from std_msgs.msg import String
 from support.node_fixtures import until
@@ -17,7 +16,6 @@ from rosidl_py_gen import ros_cli
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli import command_node as module
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, context_opened_early
-from rosidl_py_gen.ros_cli.completion import complete_names
 from rosidl_py_gen.ros_cli.message_text import type_and_values
 from rosidl_py_gen.ros_cli.type_resolution import action_class, message_class, opaque_class, service_class
 from rosidl_py_gen.runtime import EnvironmentSettingError, Node
@@ -169,9 +167,7 @@ async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> No
 
 
 @pytest.mark.parametrize("error", [None, CommandError("wrong")])
-def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
-    dds: World, error: CommandError | None
-) -> None:
+def test_a_command_listens_while_it_is_loaded_until_its_end(dds: World, error: CommandError | None) -> None:
     assert dds
     used: list[Any] = []
 
@@ -192,9 +188,7 @@ def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
     assert used[0] is used[1] and used[0].is_closed
 
 
-def test_what_keeps_a_command_from_listening_is_told_by_the_command(
-    dds: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_keeps_a_command_from_listening_is_told(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     with (
@@ -245,11 +239,6 @@ async def test_actions_and_services_are_found_by_the_types_of_their_servers() ->
         node.create_action_server("example_interfaces/action/Fibonacci", "count", lambda goal: {})
         assert (await service_class(command_node, "/add"))._TYPE.name == "example_interfaces/srv/AddTwoInts"
         assert (await action_class(command_node, "/count"))._TYPE.name == "example_interfaces/action/Fibonacci"
-
-
-def test_types_are_completed_without_a_network() -> None:
-    found = [item.value for item in complete_names("types", click.Context(click.Command("x")), "std_msgs/msg/Str")]
-    assert found == ["std_msgs/msg/String"]
 
 
 async def test_a_type_that_nobody_has_is_refused() -> None:

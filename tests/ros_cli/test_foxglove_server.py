@@ -61,21 +61,6 @@ async def test_both_names_of_the_protocol_are_known(name: Any) -> None:
         assert connection.subprotocol == name and "serverInfo" in str(await connection.recv())
 
 
-async def test_who_has_too_many_questions_is_told() -> None:
-    never = asyncio.Event()
-
-    async def wait(_: bytes) -> bytes:
-        await never.wait()
-        return b""
-
-    async with served() as (server, address), viewer(address) as seen:
-        server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), wait)
-        known = await seen.until(lambda: seen.services.get("/x"))
-        for number in range(65):
-            await seen.connection.send(struct.pack("<BIII", 2, known["id"], number, 3) + b"cdr")
-        await seen.until(lambda: "64 calls and parameter requests are in flight already" in seen.warnings())
-
-
 async def test_who_takes_nothing_of_what_it_is_told_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "MAX_CONTROL_MESSAGES", 100)
     protocols: Any = ["foxglove.sdk.v1"]
@@ -165,34 +150,13 @@ def test_what_is_no_message_is_refused(message: str | bytes, said: str) -> None:
     assert said in str(refused.value)
 
 
-GOOD = [
-    None,
-    "http://localhost",
-    "http://localhost:8080",
-    "https://127.0.0.1:3000",
-    "http://[::1]:8080",
-    "https://app.foxglove.dev",
-    "https://lichtblick-suite.github.io",
-    "file://",
-]
-HOSTILE = [
-    "https://evil.example",
-    "http://app.foxglove.dev",
-    "https://app.foxglove.dev.evil.example",
-    "https://evil.example/https://app.foxglove.dev",
-    "https://app.foxglove.dev:444",
-    "http://localhost.evil.example",
-    "http://localhost@evil.example",
-    "http://user@localhost",
-    "http://127.0.0.1.evil.example",
-    "ftp://localhost",
-    "localhost",
-    "null",
-    "",
-    "http://[::1",
-    "*",
-    "file:///home/x.html",
-]
+_GOOD = """http://localhost http://localhost:8080 https://127.0.0.1:3000 http://[::1]:8080 https://app.foxglove.dev
+https://lichtblick-suite.github.io file://"""
+_HOSTILE = """https://evil.example http://app.foxglove.dev https://app.foxglove.dev.evil.example
+https://evil.example/https://app.foxglove.dev https://app.foxglove.dev:444 http://localhost.evil.example
+http://localhost@evil.example http://user@localhost http://127.0.0.1.evil.example ftp://localhost localhost null
+http://[::1 * file:///home/x.html"""
+GOOD, HOSTILE = [None, *_GOOD.split()], ["", *_HOSTILE.split()]
 
 
 @asynccontextmanager
@@ -472,21 +436,27 @@ async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(mem
     await publisher.close()
 
 
-async def test_pending_calls_have_a_limit_of_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limits, "MAX_JOB_BYTES", 1000)
-    never = asyncio.Event()
-
+async def test_pending_calls_have_limits_of_number_and_size(monkeypatch: pytest.MonkeyPatch) -> None:
     async def wait(_: bytes) -> bytes:
-        await never.wait()
+        await asyncio.Event().wait()
         return b""
 
-    async with served() as (server, address), viewer(address) as seen:
-        server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), wait)
+    async def send(seen: Any, number: int, size: int) -> None:
         known = await seen.until(lambda: seen.services.get("/x"))
-        for number in (1, 2):  # the first is larger, but alone
-            await seen.connection.send(struct.pack("<BIII", 2, known["id"], number, 3) + b"cdr" + bytes(5000))
-        failed = await seen.until(lambda: seen.of("serviceCallFailure"))
-        assert failed[0]["callId"] == 2 and "expected at most 1000 at a time" in failed[0]["message"]
+        await seen.connection.send(struct.pack("<BIII", 2, known["id"], number, 3) + b"cdr" + bytes(size))
+
+    async with served() as (server, address):
+        server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), wait)
+        async with viewer(address) as seen:
+            for number in range(65):
+                await send(seen, number, 0)
+            await seen.until(lambda: "64 calls and parameter requests are in flight already" in seen.warnings())
+        monkeypatch.setattr(limits, "MAX_JOB_BYTES", 1000)
+        async with viewer(address) as seen:
+            for number in (1, 2):  # the first is larger, but alone
+                await send(seen, number, 5000)
+            failed = await seen.until(lambda: seen.of("serviceCallFailure"))
+            assert failed[0]["callId"] == 2 and "expected at most 1000 at a time" in failed[0]["message"]
 
 
 async def test_what_waits_for_a_viewer_has_a_limit_of_size(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -747,9 +717,7 @@ async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, to
     await parameters.close()
 
 
-async def test_viewers_can_define_so_many_types_and_no_more(
-    memory: World, told: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_viewers_can_define_so_many_types_and_no_more(memory: World, told: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(limits, "MAX_SCHEMAS", 2)
     node = memory.node()
     publisher = ClientPublishing(command_node_of(node), told, paths=())

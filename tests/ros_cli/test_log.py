@@ -87,15 +87,8 @@ async def test_a_publisher_that_keeps_nothing_is_heard_too(memory: World, tool: 
     await asyncio.sleep(3)
     publisher.publish(Log(level=35, name="strange", msg="x", file="a.cpp", line=3, function="f"))
     done = await tool.end(process)
-    assert json.loads(done.out) == {
-        "time_ns": 0,
-        "level": "35",
-        "name": "strange",
-        "text": "x",
-        "file": "a.cpp",
-        "line": 3,
-        "function": "f",
-    }
+    told = {"time_ns": 0, "level": "35", "name": "strange", "text": "x", "file": "a.cpp", "line": 3, "function": "f"}
+    assert json.loads(done.out) == told
 
 
 def bag(path: Path) -> str:
@@ -115,23 +108,18 @@ def test_bags_need_no_network(tmp_path: Path, run_here: Any) -> None:
         "[ERROR] [3.000000000] [arm.driver]: text 3\n    at a.py:7 in go\n"
         "[FATAL] [4.000000000] [arm.driver]: text 4\n    at a.py:7 in go\n"
     )
-    assert (
-        run_here("log", "--bag", path, "-n", "1", "--node", "arm*")[1] == "[DEBUG] [0.000000000] [arm.driver]: text 0\n"
-    )
+    assert run_here("log", "--bag", path, "-n", "1", "--node", "arm*")[1].endswith("[arm.driver]: text 0\n")
     with BagWriter(tmp_path / "none.mcap") as writer:
         writer.write("/words", String(data="x"), log_time_ns=0)
     code, _, err = run_here("log", "--bag", str(tmp_path / "none.mcap"))
     assert code == 1 and "has no topic of rcl_interfaces/msg/Log" in err
 
 
-def test_a_recording_has_nothing_new(run_here: Any) -> None:
+def test_what_a_recording_cannot_answer_is_told(run_here: Any) -> None:
     code, said, err = run_here("log", "--bag", "x.mcap", "--new")
     assert (code, said) == (2, "") and "use either --bag or --new" in err
-
-
-def test_what_is_no_expression_is_told(run_here: Any) -> None:
     code, _, err = run_here("log", "--bag", "x", "--text", "(")
-    assert code == 1 and err.startswith("error: --text '(' is not a regular expression: ")
+    assert code == 1 and err.startswith('error: --text: "(" is not a regular expression: ')
 
 
 def test_levels_have_their_colours_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

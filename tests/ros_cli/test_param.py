@@ -68,26 +68,13 @@ async def test_values_are_printed_with_their_type_or_alone(memory: World, tool: 
 async def test_what_cannot_be_read_says_why(memory: World, tool: Tool, words: list[str], said: str) -> None:
     drive(memory)
     ended = await tool("param", "get", *words)
-    assert (ended.code, ended.out) == (1, "")
-    assert said in ended.err
-    assert "Traceback" not in ended.err
+    assert (ended.code, ended.out, said in ended.err, "Traceback" in ended.err) == (1, "", True, False), ended.err
 
 
 async def test_a_node_without_parameter_services_says_so(memory: World, tool: Tool) -> None:
     memory.node("bare", start_services=False)
     ended = await tool("param", "get", "/bare", "speed", "--timeout", "1")
     assert ended.err == "error: node /bare exists, but offered no parameter services in 1 s\n"
-
-
-async def test_set_reads_values_as_parameter_files_do(memory: World, tool: Tool) -> None:
-    node = drive(memory)
-    for name, value, expected in [
-        *(("speed", "2.5", 2.5), ("on", "off", False)),
-        *(("arm.names", "[c, '1']", ("c", "1")), ("arm.names", "[]", ())),
-    ]:
-        ended = await tool("param", "set", "/drive", name, value)
-        assert (ended.code, ended.out) == (0, "Set parameter successful\n")
-        assert node.get_parameter(name) == expected
 
 
 async def test_an_empty_list_has_the_type_that_was_declared(memory: World, tool: Tool) -> None:
@@ -224,12 +211,8 @@ async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(
     assert (every.code, one.out) == (0, "  arm.names\n")
     assert {"name": "speed", "type": "double"} in json.loads(typed.out)["/drive"]
     assert servers and clients
-
-
-async def test_a_filter_that_is_no_regular_expression_is_refused(tool: Tool) -> None:
     ended = await tool("param", "list", "--filter", "*x")
-    assert (ended.code, ended.err.partition(":")[0]) == (1, "error")
-    assert "nothing to repeat" in ended.err
+    assert ended.code == 1 and ended.err.startswith("error: --filter: ") and "nothing to repeat" in ended.err
 
 
 _TEXT = """int64 i
@@ -334,9 +317,10 @@ async def test_a_parameter_gets_a_number_of_its_type(memory: World, tool: Tool) 
         *(("d", "1e-3", 0.001), ("d", "2", 2.0), ("d", '"-Infinity"', -math.inf), ("i", "3.0", 3), ("i", "1e3", 1000)),
         *(("s", "5", "5"), ("s", "1.10", "1.10"), ("ds", '[1, 2.5, "Infinity"]', (1.0, 2.5, math.inf))),
         *(("is", "[1.0, 2]", (1, 2)), ("ss", "[1, x]", ("1", "x")), ("any", "3", 3), ("b", "yes", True)),
+        *(("b", "off", False), ("ss", "[c, '1']", ("c", "1")), ("ss", "[]", ())),
     ]:
         ended = await tool("param", "set", "/drive", name, text)
-        assert (ended.code, node.get_parameter(name)) == (0, expected), ended.err
+        assert (ended.out, node.get_parameter(name)) == ("Set parameter successful\n", expected), ended.err
     for name, text in [("i", "3.7"), ("b", "3"), ("is", "3"), ("ss", "[true]"), ("nope", "1"), ("i", "[1, a]")]:
         assert (await tool("param", "set", "/drive", name, text)).code == 1, text
     assert fit_parameter("[1]", ParameterType.BYTE_ARRAY) is None

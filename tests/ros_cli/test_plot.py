@@ -7,9 +7,6 @@ import io
 import math
 import os
 import re
-import signal
-import subprocess
-import sys
 import time
 import xml.etree.ElementTree as ET
 from contextlib import nullcontext
@@ -159,9 +156,7 @@ def test_fields_are_numbers_switches_times_and_elements(run_here: Any, tmp_path:
     assert len(drawn_lines(out)) == 20
 
 
-def test_the_time_is_that_of_a_part_of_the_header_or_of_the_day(
-    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_time_is_that_of_a_part_a_header_or_the_day(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setenv("TZ", "UTC")
     time.tzset()
     bag, out = drive(tmp_path / "drive"), tmp_path / "a.svg"
@@ -259,9 +254,7 @@ def test_a_topic_without_messages_is_an_error(run_here: Any, tmp_path: Path) -> 
     assert code == 1 and err.endswith("a.mcap has no messages on /f in the selected time\n")
 
 
-def test_without_matplotlib_there_are_files_after_its_installation_and_text(
-    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_matplotlib_there_is_text(run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import importlib.util
 
     find = importlib.util.find_spec
@@ -276,9 +269,7 @@ def test_without_matplotlib_there_are_files_after_its_installation_and_text(
     assert run_here("bag", "plot", bag, "/on", "data", "--terminal")[2] == ""
 
 
-def test_a_window_shows_the_plot_until_it_is_closed(
-    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_window_shows_the_plot_until_it_is_closed(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
     import matplotlib.pyplot as plt
 
     from rosidl_py_gen.ros_cli.plotting import figure
@@ -353,8 +344,7 @@ async def test_a_topic_is_plotted_while_it_is_received(memory: World, tool: Any,
         publisher.publish(imu)
         switch.publish(Bool(data=number > 20))
         await asyncio.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    ended = await tool.end(process)
+    ended = await tool.interrupt(process)
     assert (ended.code, ended.out) == (0, f"100 messages of 2 topics in {out}\n")
     lines = drawn_lines(out)
     assert [*lines] == ["/imu.angular_velocity.x", "/on.data"]
@@ -386,9 +376,7 @@ async def test_a_live_plot_ends_after_messages_or_seconds(memory: World, tool: A
     assert (ended.code, ended.out) == (0, f"1 messages of /f in {tmp_path / 'a.png'}\n")
 
 
-async def test_a_window_is_redrawn_until_it_is_closed(
-    memory: World, tool: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_window_is_redrawn_until_it_is_closed(memory: World, tool: Any, monkeypatch: Any) -> None:
     from rosidl_py_gen.ros_cli.topic import plot
 
     drawn: list[int] = []
@@ -452,10 +440,3 @@ def test_a_browser_shows_the_terminal(tmp_path: Path, browser: Browser) -> None:
     bottom = browser.run("return document.querySelector('pre').getBoundingClientRect().bottom")
     browser.resize(800, math.ceil(bottom) + 12)
     update_picture("topic_plot.png", browser.screenshot())
-
-
-def test_a_process_that_prints_help_has_not_imported_matplotlib() -> None:
-    program = "import sys; from rosidl_py_gen.ros_cli import main\ntry: main(['bag', 'plot', '--help'])\n"
-    program += "finally: print([name for name in ('matplotlib', 'numpy') if name in sys.modules])"
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert ended.stdout.endswith("\n[]\n"), ended.stdout

@@ -131,6 +131,8 @@ async def test_files_that_cannot_be_written_are_told_before_anybody_waits(memory
     )
     assert ending.code == 1 and "expected one of .png, .mmd" in ending.err
     assert no_file.code == 1 and "write it to a file: -o frames.png" in no_file.err
+    nothing = await tool("tf", "tree", "--wait-time", "0.1")
+    assert (nothing.code, nothing.out) == (0, "no transforms\n")
 
 
 async def test_what_is_wrong_with_the_whole_is_told(memory: World, tool: Tool) -> None:
@@ -150,11 +152,6 @@ async def test_what_is_wrong_with_the_whole_is_told(memory: World, tool: Tool) -
         "warning: odom comes from 2 publishers\n"
     )
     assert done.out.startswith("bench\n└─ tool ") and "/one, /two" in done.out
-
-
-async def test_nothing_is_a_tree_too(memory: World, tool: Tool) -> None:
-    done = await tool("tf", "tree", "--wait-time", "0.1")
-    assert (done.code, done.out) == (0, "no transforms\n")
 
 
 async def test_monitor_tells_rates_and_delays_every_second(memory: World, tool: Tool) -> None:

@@ -34,8 +34,7 @@ async def router(
     found = re.fullmatch(r"Zenoh router [0-9a-f]{1,32} listens on (tcp/127\.0\.0\.1:[1-9]\d*)\n", line)
     assert found is not None, line
     yield found[1]
-    process.send_signal(number)
-    ended = await tool.end(process)
+    ended = await tool.interrupt(process, number)
     assert (ended.code, ended.out) == (0, "")
     assert re.match(err + r"\Z", ended.err), ended.err
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.environments import require
@@ -32,7 +32,7 @@ def sros2_keystore(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def succeed(run_here: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
+def succeed(run_here: Any) -> Callable[..., str]:
     """Run a command of ``rosidl-py security`` that succeeds without notes, and return its output."""
 
     def run(*words: str) -> str:
@@ -44,7 +44,7 @@ def succeed(run_here: Callable[..., tuple[int, str, str]]) -> Callable[..., str]
 
 
 @pytest.fixture
-def fail(run_here: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
+def fail(run_here: Any) -> Callable[..., str]:
     """Run a command that fails with exit code 1 and no output, and return its error."""
 
     def run(*words: str) -> str:

@@ -28,6 +28,8 @@ from rosidl_py_gen.ros_cli.security import certificates
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    Run = Callable[..., str]
+
 
 VALIDITY = re.compile(r"<(not_before|not_after)>(.+?)<")
 
@@ -73,19 +75,19 @@ def files(root: Path) -> dict[str, Any]:
     return {str(path.relative_to(root)): described(path) for path in found}
 
 
-def create_like_sros2(root: Path, succeed: Callable[..., str]) -> None:
+def create_like_sros2(root: Path, succeed: Run) -> None:
     succeed("create_keystore", str(root))
     for name in ("/", "/talker", "/listener", "/robot/arm"):
         succeed("create_enclave", str(root), name)
 
 
-def test_a_keystore_has_the_files_of_sros2(tmp_path: Path, sros2_keystore: Path, succeed: Callable[..., str]) -> None:
+def test_a_keystore_has_the_files_of_sros2(tmp_path: Path, sros2_keystore: Path, succeed: Run) -> None:
     create_like_sros2(tmp_path / "made", succeed)
     assert files(tmp_path / "made") == files(sros2_keystore)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
-def test_private_keys_are_readable_for_their_owner_alone(tmp_path: Path, succeed: Callable[..., str]) -> None:
+def test_private_keys_are_readable_for_their_owner_alone(tmp_path: Path, succeed: Run) -> None:
     umask = os.umask(0)
     try:
         create_like_sros2(tmp_path / "made", succeed)
@@ -120,7 +122,7 @@ def test_keys_are_created_with_their_mode(tmp_path: Path, monkeypatch: pytest.Mo
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".new-")]
 
 
-def test_certificates_signatures_and_validity_belong_together(keystore: Path, succeed: Callable[..., str]) -> None:
+def test_certificates_signatures_and_validity_belong_together(keystore: Path, succeed: Run) -> None:
     succeed("create_enclave", str(keystore), "/robot/arm")
     folder = keystore / "enclaves/robot/arm"
     ca = x509.load_pem_x509_certificate((folder / "identity_ca.cert.pem").read_bytes())
@@ -148,7 +150,7 @@ def signed_with(path: Path, ca: x509.Certificate) -> None:
 
 
 @pytest.mark.parametrize("name", ["permissions", "governance"])
-def test_openssl_verifies_the_signatures(keystore: Path, succeed: Callable[..., str], name: str) -> None:
+def test_openssl_verifies_the_signatures(keystore: Path, succeed: Run, name: str) -> None:
     succeed("create_enclave", str(keystore), "/talker")
     folder = keystore / "enclaves/talker"
     words = ["openssl", "smime", "-verify", "-text", "-in", f"{name}.p7s", "-CAfile", "permissions_ca.cert.pem"]
@@ -161,9 +163,7 @@ def test_openssl_verifies_the_signatures(keystore: Path, succeed: Callable[..., 
     assert done.stdout.replace("\r", "").startswith("<dds ")
 
 
-def test_a_keystore_of_sros2_gets_enclaves_and_permissions(
-    sros2_keystore: Path, golden: Path, succeed: Callable[..., str], run_here: Callable[..., tuple[int, str, str]]
-) -> None:
+def test_a_keystore_of_sros2_is_extended(sros2_keystore: Path, golden: Path, succeed: Run, run_here: Any) -> None:
     assert succeed("list_enclaves", str(sros2_keystore)).split() == ["/", "/listener", "/robot/arm", "/talker"]
     code, out, err = run_here("security", "create_enclave", str(sros2_keystore), "/new")
     key = (sros2_keystore / "private/identity_ca.key.pem").resolve()
@@ -182,9 +182,7 @@ def test_a_keystore_of_sros2_gets_enclaves_and_permissions(
     )
 
 
-def test_the_domain_is_that_of_the_environment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fail: Callable[..., str], run_here: Callable[..., Any]
-) -> None:
+def test_the_domain_is_that_of_the_environment(tmp_path: Path, monkeypatch: Any, fail: Run, run_here: Any) -> None:
     root = tmp_path / "keystore"
     monkeypatch.setenv("ROS_DOMAIN_ID", "233")
     assert "ROS_DOMAIN_ID must be a whole number from 0 to 232" in fail("create_keystore", str(root))
@@ -207,7 +205,7 @@ def test_the_domain_is_that_of_the_environment(
     assert run_here("security", "create_enclave", str(root), "/b")[::2] == (0, "")
 
 
-def test_json_of_each_command(tmp_path: Path, golden: Path, succeed: Callable[..., str]) -> None:
+def test_json_of_each_command(tmp_path: Path, golden: Path, succeed: Run) -> None:
     root = str(tmp_path / "keystore")
     made = json.loads(succeed("create_keystore", root, "--json"))
     assert made.items() >= {"keystore": root, "domain_id": 0}.items()
@@ -227,13 +225,13 @@ def test_json_of_each_command(tmp_path: Path, golden: Path, succeed: Callable[..
 # ---------------------------------------------------------------------------------------------- repeated and incomplete
 
 
-def test_a_keystore_is_not_created_twice(keystore: Path, fail: Callable[..., str]) -> None:
+def test_a_keystore_is_not_created_twice(keystore: Path, fail: Run) -> None:
     before = (keystore / "private/ca.key.pem").read_bytes()
     assert "a keystore exists already; choose another folder" in fail("create_keystore", str(keystore))
     assert (keystore / "private/ca.key.pem").read_bytes() == before
 
 
-def test_an_enclave_keeps_its_key_and_its_certificate(keystore: Path, succeed: Callable[..., str]) -> None:
+def test_an_enclave_keeps_its_key_and_its_certificate(keystore: Path, succeed: Run) -> None:
     succeed("create_enclave", str(keystore), "/a")
     folder = keystore / "enclaves/a"
     before = [(folder / name).read_bytes() for name in ("key.pem", "cert.pem", "permissions.xml")]
@@ -242,7 +240,7 @@ def test_an_enclave_keeps_its_key_and_its_certificate(keystore: Path, succeed: C
 
 
 @pytest.mark.parametrize("lost", ["key.pem", "cert.pem"])
-def test_half_an_enclave_gets_a_new_key(keystore: Path, succeed: Callable[..., str], lost: str) -> None:
+def test_half_an_enclave_gets_a_new_key(keystore: Path, succeed: Run, lost: str) -> None:
     succeed("create_enclave", str(keystore), "/a")
     (keystore / "enclaves/a" / lost).unlink()
     succeed("create_enclave", str(keystore), "/a")
@@ -252,17 +250,12 @@ def test_half_an_enclave_gets_a_new_key(keystore: Path, succeed: Callable[..., s
 @pytest.mark.parametrize(
     "lost",
     [
-        "public/permissions_ca.cert.pem",
-        "private/identity_ca.key.pem",
+        *("public/permissions_ca.cert.pem", "private/identity_ca.key.pem", "public/ca.cert.pem"),
         "public/identity_ca.cert.pem private/permissions_ca.key.pem",
-        "public/ca.cert.pem",
-        "enclaves/governance.p7s",
-        "enclaves/governance.xml enclaves/governance.p7s",
+        *("enclaves/governance.p7s", "enclaves/governance.xml enclaves/governance.p7s"),
     ],
 )
-def test_an_incomplete_keystore_is_completed_with_its_own_key(
-    keystore: Path, succeed: Callable[..., str], fail: Callable[..., str], lost: str
-) -> None:
+def test_an_incomplete_keystore_keeps_its_key(keystore: Path, succeed: Run, fail: Run, lost: str) -> None:
     succeed("create_enclave", str(keystore), "/a")
     key = (keystore / "private/ca.key.pem").read_bytes()
     for name in lost.split():
@@ -275,7 +268,7 @@ def test_an_incomplete_keystore_is_completed_with_its_own_key(
 
 
 @pytest.mark.parametrize("separate", [False, True])
-def test_a_lost_key_is_not_replaced(keystore: Path, fail: Callable[..., str], separate: bool) -> None:
+def test_a_lost_key_is_not_replaced(keystore: Path, fail: Run, separate: bool) -> None:
     """A new authority would make all certificates of the enclaves invalid."""
     lost = "private/ca.key.pem"
     if separate:
@@ -290,7 +283,7 @@ def test_a_lost_key_is_not_replaced(keystore: Path, fail: Callable[..., str], se
     assert "is missing; create one with `rosidl-py security create_keystore" in fail("list_enclaves", str(keystore))
 
 
-def test_authorities_may_differ(keystore: Path, succeed: Callable[..., str]) -> None:
+def test_authorities_may_differ(keystore: Path, succeed: Run) -> None:
     key = certificates.new_key()
     for path, data in (
         (keystore / "private/permissions_ca.key.pem", certificates.key_pem(key)),
@@ -331,9 +324,7 @@ def test_authorities_may_differ(keystore: Path, succeed: Callable[..., str]) -> 
     ],
     ids=["subject", "good", "authority", "key"],
 )
-def test_files_of_others_are_refused(
-    keystore: Path, succeed: Callable[..., str], fail: Callable[..., str], make: Callable[..., Any], reason: str | None
-) -> None:
+def test_files_of_others_are_refused(keystore: Path, succeed: Run, fail: Run, make: Any, reason: str | None) -> None:
     succeed("create_enclave", str(keystore), "/a")
     path = keystore / "enclaves/a/cert.pem"
     key = certificates.load_key(keystore / "enclaves/a/key.pem")
@@ -349,8 +340,8 @@ def test_files_of_others_are_refused(
 def test_expired_certificates_are_refused(
     keystore: Path,
     monkeypatch: pytest.MonkeyPatch,
-    succeed: Callable[..., str],
-    fail: Callable[..., str],
+    succeed: Run,
+    fail: Run,
     tmp_path: Path,
 ) -> None:
     monkeypatch.setattr(certificates, "_VALIDITY", timedelta(seconds=-10))
@@ -361,9 +352,7 @@ def test_expired_certificates_are_refused(
     assert "ca.cert.pem: the certificate has expired; create a keystore with new keys" in fail("create_keystore", root)
 
 
-def test_wide_permissions_do_not_replace_others_silently(
-    keystore: Path, golden: Path, succeed: Callable[..., str], run_here: Callable[..., Any]
-) -> None:
+def test_replaced_permissions_are_told(keystore: Path, golden: Path, succeed: Run, run_here: Any) -> None:
     succeed("create_enclave", str(keystore), "/two_grants")
     succeed("create_permission", str(keystore), "/two_grants", str(golden / "policies/two_grants.xml"))
     code, _, err = run_here("security", "create_enclave", str(keystore), "/two_grants")
@@ -372,9 +361,7 @@ def test_wide_permissions_do_not_replace_others_silently(
 
 
 @pytest.mark.parametrize("step", range(12))
-def test_an_interrupted_command_can_be_repeated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: Callable[..., Any], step: int
-) -> None:
+def test_an_interrupted_command_can_be_repeated(tmp_path: Path, monkeypatch: Any, run_here: Any, step: int) -> None:
     """The command is interrupted before its n-th file, and repeated until it succeeds."""
     replace, count = os.replace, 0
 
@@ -403,37 +390,11 @@ def test_an_interrupted_command_can_be_repeated(
         signed_with(folder / "permissions.p7s", certificates.load_certificate(folder / "permissions_ca.cert.pem"))
 
 
+_NAMES = "a // /a/ /a//b /.. /../../outside /a/../../outside /./a /.new-x /<a> /a&b /a,CN=/b /a* /1a /a/1 ~ /~a /{x}"
 NAMES = [
-    "",
-    "a",
-    "//",
-    "/a/",
-    "/a//b",
-    "/..",
-    "/../../outside",
-    "/a/../../outside",
-    "/./a",
-    "/.new-x",
-    "/a b",
-    "/a\nb",
-    "/a\n",
-    "/a\x1b[31m",
-    "/a\x00b",
-    "/<a>",
-    '/a"&amp;',
-    "/a&b",
-    "/a,CN=/b",
-    "/a*",
-    "/1a",
-    "/a/1",
-    "/\u00e9",
-    "/" + "a" * 64,
-    "/" + "a/" * 200 + "a",
-    "C:\\a",
-    "/governance.p7s",
-    "~",
-    "/~a",
-    "/{x}",
+    *_NAMES.split(),
+    *("", "/a b", "/a\nb", "/a\n", "/a\x1b[31m", "/a\x00b", '/a"&amp;', "/\u00e9", "C:\\a", "/governance.p7s"),
+    *("/" + "a" * 64, "/" + "a/" * 200 + "a"),
 ]
 
 
@@ -442,7 +403,7 @@ def tree(root: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
-def test_names_that_no_enclave_has(keystore: Path, fail: Callable[..., str], tmp_path: Path, name: str) -> None:
+def test_names_that_no_enclave_has(keystore: Path, fail: Run, tmp_path: Path, name: str) -> None:
     before = tree(tmp_path)
     for words in (
         ("create_enclave", str(keystore), name),
@@ -455,7 +416,7 @@ def test_names_that_no_enclave_has(keystore: Path, fail: Callable[..., str], tmp
     assert tree(tmp_path) == before
 
 
-def test_the_longest_name(keystore: Path, succeed: Callable[..., str], fail: Callable[..., str]) -> None:
+def test_the_longest_name(keystore: Path, succeed: Run, fail: Run) -> None:
     succeed("create_enclave", str(keystore), "/" + "a" * 63)
     assert "has 65 characters; the common name of a certificate has at most 64" in fail(
         "create_enclave", str(keystore), "/" + "a" * 64
@@ -463,9 +424,7 @@ def test_the_longest_name(keystore: Path, succeed: Callable[..., str], fail: Cal
 
 
 @pytest.mark.skipif(os.name == "nt", reason="symbolic links of POSIX")
-def test_links_of_folders_do_not_lead_out(
-    keystore: Path, succeed: Callable[..., str], fail: Callable[..., str], tmp_path: Path
-) -> None:
+def test_links_of_folders_do_not_lead_out(keystore: Path, succeed: Run, fail: Run, tmp_path: Path) -> None:
     outside = tmp_path / "outside"
     outside.mkdir()
     (keystore / "enclaves/a").symlink_to("../../outside")
@@ -481,7 +440,7 @@ def test_links_of_folders_do_not_lead_out(
 @pytest.mark.skipif(os.name == "nt", reason="symbolic links of POSIX")
 @pytest.mark.parametrize("dangling", [True, False])
 def test_links_of_files_are_replaced_not_followed(
-    keystore: Path, tmp_path: Path, run_here: Callable[..., Any], dangling: bool
+    keystore: Path, tmp_path: Path, run_here: Any, dangling: bool
 ) -> None:
     outside = tmp_path / "outside"
     outside.mkdir()
@@ -500,7 +459,7 @@ def test_links_of_files_are_replaced_not_followed(
     assert not (folder / "key.pem").is_symlink() and (folder / "key.pem").stat().st_mode & 0o777 == 0o600
 
 
-def test_a_folder_in_the_place_of_a_file(keystore: Path, fail: Callable[..., str]) -> None:
+def test_a_folder_in_the_place_of_a_file(keystore: Path, fail: Run) -> None:
     for name in ("key.pem", "governance.p7s", "permissions.xml"):
         folder = keystore / "enclaves" / name.partition(".")[0]
         (folder / name).mkdir(parents=True)
@@ -509,9 +468,7 @@ def test_a_folder_in_the_place_of_a_file(keystore: Path, fail: Callable[..., str
     assert not [*keystore.rglob(".new-*")]
 
 
-def test_a_file_in_the_place_of_a_folder(
-    keystore: Path, tmp_path: Path, fail: Callable[..., str], run_here: Callable[..., Any]
-) -> None:
+def test_a_file_in_the_place_of_a_folder(keystore: Path, tmp_path: Path, fail: Run, run_here: Any) -> None:
     (keystore / "enclaves/a").write_text("")
     assert "enclaves/a" in fail("create_enclave", str(keystore), "/a")
     assert "enclaves/a" in fail("create_enclave", str(keystore), "/a/b")
@@ -527,13 +484,13 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize(("name", "data"), [(name, data) for name, all_data in DAMAGE.items() for data in all_data])
-def test_damaged_files_of_the_authority(keystore: Path, fail: Callable[..., str], name: str, data: bytes) -> None:
+def test_damaged_files_of_the_authority(keystore: Path, fail: Run, name: str, data: bytes) -> None:
     (keystore / name).write_bytes(data)
     error = fail("create_enclave", str(keystore), "/a")
     assert "not a private key; expected PEM" in error or "not a certificate: " in error
 
 
-def test_keys_with_a_password_or_of_another_kind(keystore: Path, fail: Callable[..., str]) -> None:
+def test_keys_with_a_password_or_of_another_kind(keystore: Path, fail: Run) -> None:
     path = keystore / "private/ca.key.pem"
     encryption = serialization.BestAvailableEncryption(b"word")
     form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
@@ -545,7 +502,7 @@ def test_keys_with_a_password_or_of_another_kind(keystore: Path, fail: Callable[
     assert "is not the key of " in fail("create_enclave", str(keystore), "/a")
 
 
-def test_private_keys_are_never_printed(keystore: Path, run_here: Callable[..., Any], golden: Path) -> None:
+def test_private_keys_are_never_printed(keystore: Path, run_here: Any, golden: Path) -> None:
     root = str(keystore)
     texts = []
     for words in (
@@ -564,7 +521,7 @@ def test_private_keys_are_never_printed(keystore: Path, run_here: Callable[..., 
     assert not [line for line in secrets for text in texts if line in text]
 
 
-def test_folders_with_strange_names_are_skipped(keystore: Path, run_here: Callable[..., Any]) -> None:
+def test_folders_with_strange_names_are_skipped(keystore: Path, run_here: Any) -> None:
     for name in ("good", "a b", "new\nline", "esc\x1b[31m", "1digit"):
         (keystore / "enclaves" / name).mkdir()
         (keystore / "enclaves" / name / "key.pem").touch()
@@ -573,14 +530,14 @@ def test_folders_with_strange_names_are_skipped(keystore: Path, run_here: Callab
     assert err.count("skipped ") == 4 == err.count("\n") and "\x1b" not in err
 
 
-def test_a_damaged_governance(keystore: Path, fail: Callable[..., str]) -> None:
+def test_a_damaged_governance(keystore: Path, fail: Run) -> None:
     (keystore / "enclaves/governance.xml").write_text("<dds>\n<domain_access_rules></dds>")
     (keystore / "enclaves/governance.p7s").unlink()
     assert "governance.xml:2:24: not XML: mismatched tag" in fail("create_keystore", str(keystore))
 
 
 @pytest.fixture
-def readable_keystore(keystore: Path, succeed: Callable[..., str]) -> Iterator[Path]:
+def readable_keystore(keystore: Path, succeed: Run) -> Iterator[Path]:
     """A keystore in a folder that other users can enter; they can read everything in it."""
     succeed("create_enclave", str(keystore), "/a")
     with tempfile.TemporaryDirectory() as folder:
@@ -597,7 +554,7 @@ def readable_keystore(keystore: Path, succeed: Callable[..., str]) -> Iterator[P
 @pytest.mark.parametrize(
     "words", ["create_keystore {root}/new", "create_enclave {root} /new", "create_enclave {root} /a"]
 )
-def test_folders_that_the_user_may_not_write(readable_keystore: Path, run_here: Callable[..., Any], words: str) -> None:
+def test_folders_that_the_user_may_not_write(readable_keystore: Path, run_here: Any, words: str) -> None:
     before = tree(readable_keystore)
     os.seteuid(65534)
     try:
@@ -621,9 +578,7 @@ def test_commands_at_the_same_time_make_one_enclave(keystore: Path) -> None:
     assert not [*keystore.rglob(".new-*")]
 
 
-def test_without_cryptography_the_hint_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fail: Callable[..., str]
-) -> None:
+def test_without_cryptography_the_hint_names_the_extra(tmp_path: Path, monkeypatch: Any, fail: Run) -> None:
     for name in [one for one in sys.modules if re.match(r"cryptography\b|rosidl_py_gen\.ros_cli\.security\.cert", one)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "cryptography", None)

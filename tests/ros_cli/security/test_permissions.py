@@ -15,6 +15,8 @@ from rosidl_py_gen.ros_cli.security.policy import expand_name
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    Run = Callable[..., str]
+
 pytestmark = pytest.mark.needs("cryptography")
 ENCLAVES = "/fleet/camera", "/fleet/planner", "/two_grants", "/idle", "/"
 TIME = re.compile(r"<(not_before|not_after)>.+?<")
@@ -25,16 +27,14 @@ def without_times(path: Path) -> str:
 
 
 @pytest.mark.parametrize("name", ENCLAVES)
-def test_permissions_are_those_of_sros2(keystore: Path, golden: Path, succeed: Callable[..., str], name: str) -> None:
+def test_permissions_are_those_of_sros2(keystore: Path, golden: Path, succeed: Run, name: str) -> None:
     succeed("create_enclave", str(keystore), name)
     succeed("create_permission", str(keystore), name, str(golden / "policies/fleet.xml"))
     recorded = golden / "permissions" / f"{name[1:].replace('/', '.') or 'root'}.xml"
     assert without_times(keystore / f"enclaves{name}/permissions.xml") == without_times(recorded)
 
 
-def test_generate_artifacts_makes_everything(
-    tmp_path: Path, golden: Path, monkeypatch: pytest.MonkeyPatch, run_here: Callable[..., Any]
-) -> None:
+def test_generate_artifacts_makes_everything(tmp_path: Path, golden: Path, monkeypatch: Any, run_here: Any) -> None:
     root = tmp_path / "deep/keystore"
     monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(root))
     words = ["-e", "/extra", "/idle", "-p", str(golden / "policies/fleet.xml")]
@@ -50,9 +50,7 @@ def test_generate_artifacts_makes_everything(
     assert (root / "enclaves/idle/key.pem").read_bytes() == key
 
 
-def test_nothing_is_written_before_all_policies_are_valid(
-    tmp_path: Path, golden: Path, fail: Callable[..., str]
-) -> None:
+def test_nothing_is_written_before_all_policies_are_valid(tmp_path: Path, golden: Path, fail: Run) -> None:
     root, wrong = tmp_path / "keystore", tmp_path / "wrong.xml"
     wrong.write_text("<policy version='0.2.0'><enclaves/></policy>")
     fleet = str(golden / "policies/fleet.xml")
@@ -66,9 +64,7 @@ def test_nothing_is_written_before_all_policies_are_valid(
     assert "no keystore: ROS_SECURITY_KEYSTORE is not set; expected -k ROOT" in fail("generate_artifacts", "-e", "/a")
 
 
-def test_permissions_need_an_enclave_of_keystore_and_policy(
-    keystore: Path, golden: Path, succeed: Callable[..., str], fail: Callable[..., str], tmp_path: Path
-) -> None:
+def test_permissions_need_an_enclave(keystore: Path, golden: Path, succeed: Run, fail: Run, tmp_path: Path) -> None:
     policy = str(golden / "policies/fleet.xml")
     error = fail("create_permission", str(keystore), "/idle", policy)
     assert (
@@ -83,7 +79,7 @@ def test_permissions_need_an_enclave_of_keystore_and_policy(
     assert "none.xml: cannot be read: No such file or directory" in missing
 
 
-def test_completion_offers_the_enclaves_of_the_keystore(keystore: Path, succeed: Callable[..., str]) -> None:
+def test_completion_offers_the_enclaves_of_the_keystore(keystore: Path, succeed: Run) -> None:
     import click
 
     from rosidl_py_gen.ros_cli.security.commands import create_permission

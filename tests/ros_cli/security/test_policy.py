@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from conftest import Tool
     from support.node_fixtures import World
 
+    Run = Callable[..., str]
+
 
 XI = 'xmlns:xi="http://www.w3.org/2001/XInclude"'
 POLICY = f"""<policy version="0.2.0" {XI}><enclaves>
@@ -160,7 +162,7 @@ def test_all_problems_are_reported_up_to_a_limit(tmp_path: Path) -> None:
     assert len(found) == 21 and found[-1].endswith(": 80 more problems are not shown")
 
 
-def test_the_command_shows_the_line(tmp_path: Path, keystore: Path, fail: Callable[..., str]) -> None:
+def test_the_command_shows_the_line(tmp_path: Path, keystore: Path, fail: Run) -> None:
     path = tmp_path / "p.xml"
     path.write_text(policy('  <topics publish="YES"><topic>t</topic></topics>'))
     error = fail("create_permission", str(keystore), "/a", str(path))
@@ -251,12 +253,8 @@ def test_includes_below_the_folder(folder: Path, href: str) -> None:
 @pytest.mark.parametrize(
     "href",
     [
-        "../outside.xml",
-        "sub/../../outside.xml",
-        "%2e%2e/outside.xml",
-        "/etc/passwd",
-        "//etc/passwd",
-        "../policies-too/x.xml",
+        *("../outside.xml", "sub/../../outside.xml", "%2e%2e/outside.xml"),
+        *("/etc/passwd", "//etc/passwd", "../policies-too/x.xml"),
     ],
 )
 def test_includes_stay_below_the_folder(folder: Path, href: str) -> None:
