@@ -133,9 +133,7 @@ async def test_a_pattern_of_topics_becomes_several_files(node: Node, tool: Any, 
         assert theirs.message_count == 2 * sent
 
 
-async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
-    node: Node, tool: Any, tmp_path: Path, run_here: Any
-) -> None:
+async def test_a_killed_recorder_leaves_a_readable_file(node: Node, tool: Any, tmp_path: Path, run_here: Any) -> None:
     path = tmp_path / "a.mcap"
     process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "lz4")
     await wait_for_lines(process, "no publisher of /words yet")

@@ -515,9 +515,7 @@ async def test_without_the_option_events_are_published_as_topics_are(node: Node,
 
 
 @pytest.mark.parametrize("encoding", ["unknown", "ros2msg"])
-async def test_definitions_of_services_as_rosbag2_writes_them_are_read(
-    node: Node, tool: Any, tmp_path: Path, encoding: str
-) -> None:
+async def test_definitions_as_rosbag2_writes_them(node: Node, tool: Any, tmp_path: Path, encoding: str) -> None:
     body = "int64 left\n---\nint64 right\n"
     cls: Any = compile_definition("only_here/srv/Turn", body)
     text = "=" * 80 + f"\nSRV: only_here/srv/Turn\n{body}"

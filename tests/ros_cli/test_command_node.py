@@ -149,9 +149,7 @@ class Told:
         ([0.05 * number for number in range(1, 100)], True, 39, 2.0),
     ],
 )
-async def test_a_command_listens_while_news_come(
-    memory: World, news: list[float], are_known: bool, seen: int, took_s: float
-) -> None:
+async def test_a_command_listens_to_news(memory: World, news: Any, are_known: bool, seen: int, took_s: float) -> None:
     made, told = object.__new__(CommandNode), Told(news, endpoints_complete=are_known)
     made._spin_time_s, made._start_s = None, module.now_s()
     made.node = made.context = told  # type: ignore[assignment]

@@ -88,9 +88,8 @@ async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) ->
     twin.create_client(Trigger, "/stop")
     await until(lambda: twin.count_publishers("/scan") == 1 and twin.count_publishers("/mixed") == 1)
     await until(lambda: twin.count_services("/stop") == 1 and node.count_clients("/stop") == 1)
-    done, report = await asyncio.gather(
-        tool("doctor", "--spin-time", "1.25"), tool("doctor", "--report", "--spin-time", "1.25")
-    )
+    spin = "--spin-time", "1.25"
+    done, report = await asyncio.gather(tool("doctor", *spin), tool("doctor", "--report", *spin))
     assert "warning  peers: 2 nodes have the same name: /same" in done.out
     refused = "no messages on /scan from /same to /same: their quality of service is incompatible. ERROR: Best effort"
     assert (refused in done.out) == (network.kind == "dds")  # on Zenoh they connect
@@ -191,9 +190,7 @@ def test_good_configurations_of_cyclone_are_left_alone(tmp_path: Path) -> None:
     ("domain_id", "text", "expected"),
     [(150, "32768\t60999\n", [NOTE]), (100, "32768\t60999\n", []), (220, "32768\t60999\n", []), (150, "junk", [])],
 )
-def test_domains_whose_ports_any_socket_may_have_are_told(
-    domain_id: int, text: str, expected: list[str], tmp_path: Path
-) -> None:
+def test_domains_with_ports_of_others_are_told(domain_id: int, text: str, expected: list[str], tmp_path: Path) -> None:
     file = tmp_path / "ip_local_port_range"
     file.write_text(text)
     found = list(doctor_machine.discovery_ports(domain_id, file))
@@ -276,9 +273,7 @@ def test_other_domains_are_told_by_their_ports(tmp_path: Path) -> None:
 
 
 @pytest.mark.real_time("a process")
-async def test_a_second_process_that_starts_late_is_no_firewall(
-    memory: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+async def test_a_second_process_that_is_late_is_no_firewall(memory: World, monkeypatch: Any, tmp_path: Path) -> None:
     late = tmp_path / "python"
     late.write_text("#!/bin/sh\nexec sleep 60\n")
     late.chmod(0o700)

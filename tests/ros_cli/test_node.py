@@ -73,14 +73,11 @@ async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, 
     kinds = "GetParameters", "SetParameters", "ListParameters", "DescribeParameters", "GetParameterTypes"
     for number, (namespace, name) in enumerate((("/", ""), ("/n s", "a\x1b[31m"), ("/b//c", "1")), 1000):
         robot._scope.discovery._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
+        prefix = f"{namespace}/{name}"
         for kind in kinds:
-            told = ServiceSpec(
-                f"{namespace}/{name}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", False, any
-            )
+            told = ServiceSpec(f"{prefix}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", False, any)
             participant.create_server(told, DEFAULT)
-        participant.create_writer(
-            EndpointSpec(TopicKey("topic", f"{namespace}/{name}/x"), String._TYPE.name, DEFAULT, "", 1)
-        )
+        participant.create_writer(EndpointSpec(TopicKey("topic", f"{prefix}/x"), String._TYPE.name, DEFAULT, "", 1))
     participant.create_writer(EndpointSpec(TopicKey("topic", "/typeless"), "no::ROS type", DEFAULT, "", 1))
     robot._scope.discovery.publish()
     for words, wanted in (

@@ -104,9 +104,7 @@ async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(memory:
 async def test_delete_undeclares_what_may_go(memory: World, tool: Tool) -> None:
     node = drive(memory)
     node.declare_parameter("label", "x", ParameterDescriptor(dynamic_typing=True))
-    gone, kept = await asyncio.gather(
-        tool("param", "delete", "/drive", "label"), tool("param", "delete", "/drive", "speed")
-    )
+    gone, kept = await asyncio.gather(*(tool("param", "delete", "/drive", one) for one in ("label", "speed")))
     assert (gone.out, node.has_parameter("label")) == ("Deleted parameter successfully\n", False)
     assert (kept.code, kept.err[:35]) == (1, "error: Deleting parameter failed: S")
 
@@ -183,9 +181,7 @@ async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool
     other, wrong = tmp_path / "other.yaml", tmp_path / "wrong.yaml"
     other.write_text("/other:\n  ros__parameters: {speed: 1.0}\n")
     wrong.write_text("/drive:\n  ros__parameters: {speed: 0.5, on: 3}\n")
-    nothing, partly = await asyncio.gather(
-        tool("param", "load", "/drive", str(other)), tool("param", "load", "/drive", str(wrong))
-    )
+    nothing, partly = await asyncio.gather(*(tool("param", "load", "/drive", str(file)) for file in (other, wrong)))
     assert "no parameters for /drive; the file has parameters of /other" in nothing.err
     other.write_bytes(b"/drive:\n  ros__parameters: {speed: '\xff'}\n")
     no_text = await tool("param", "load", "/drive", str(other))

@@ -237,9 +237,7 @@ def test_texts_are_drawn_within_their_width() -> None:
         (["/imu", "angular_velocity", "--out", "no/folder/a.png"], "no/folder/a.png: No such file or directory"),
     ],
 )
-def test_errors_name_what_there_is(
-    words: list[str], reason: str, run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_name_what_there_is(words: Any, reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     bag = drive(tmp_path / "drive")
     code, said, err = run_here("bag", "plot", bag, *words)

@@ -32,9 +32,8 @@ EVIL = '"];f0-->x\x1b[31m\u202e<script>&#x;'
 async def robot(world: World, *, late_s: float = 0.0) -> None:
     """map <- odom at 5 Hz <- base at 20 Hz <- lidar, camera, which are static."""
     localizer, base, description = world.node("localizer"), world.node("base"), world.node("description")
-    StaticTransformBroadcaster(description).send(
-        [moved("base", "lidar", 0, 0.5, QUARTER), moved("base", "camera", 0, 0.25)]
-    )
+    fixed = [moved("base", "lidar", 0, 0.5, QUARTER), moved("base", "camera", 0, 0.25)]
+    StaticTransformBroadcaster(description).send(fixed)
     one, two = TransformBroadcaster(localizer), TransformBroadcaster(base)
 
     def send(broadcaster: Any, parent: str, child: str) -> None:
@@ -126,9 +125,7 @@ async def test_the_tree_is_written_into_files_by_their_ending(memory: World, too
 
 
 async def test_files_that_cannot_be_written_are_told_before_anybody_waits(memory: World, tool: Tool) -> None:
-    ending, no_file = await asyncio.gather(
-        tool("tf", "tree", "-o", "frames.bmp"), tool("tf", "tree", "--format", "png")
-    )
+    ending, no_file = await asyncio.gather(tool("tf", "tree", "-o", "f.bmp"), tool("tf", "tree", "--format", "png"))
     assert ending.code == 1 and "expected one of .png, .mmd" in ending.err
     assert no_file.code == 1 and "write it to a file: -o frames.png" in no_file.err
     nothing = await tool("tf", "tree", "--wait-time", "0.1")

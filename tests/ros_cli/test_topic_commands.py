@@ -265,9 +265,7 @@ async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: 
         (["/wo rds", STRING], "/wo rds"),
     ],
 )
-def test_echo_says_what_is_wrong(
-    words: list[str], reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_echo_says_what_is_wrong(words: Any, reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     code, _, err = run_here("topic", "echo", *words)
     assert (code, os.listdir()) == (1, [])
@@ -375,9 +373,8 @@ async def test_the_dropped_are_told_when_echo_is_interrupted(memory: World, tool
 
 async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> None:
     process = await tool.start("topic", "echo", "/late", "--once", "--timeout", "20")
-    assert await asyncio.wait_for(process.stderr.readline(), 25) == (
-        b"topic /late does not appear to be published yet; waiting for it\n"
-    )
+    line = await asyncio.wait_for(process.stderr.readline(), 25)
+    assert line == b"topic /late does not appear to be published yet; waiting for it\n"
     node.create_publisher(STRING, "/late", LATCHED).publish({"data": "here"})
     assert (await tool.end(process)).out == "data: here\n---\n"
 
@@ -433,9 +430,7 @@ async def test_info_shows_what_does_not_fit_together(dds: World, tool: Any) -> N
     bob.create_subscription(new, "/changed")
     bob.create_subscription(BOOL, "/changed")
     await until(lambda: alice.count_subscribers("/changed") == 2)
-    shown, plain = await asyncio.gather(
-        tool("topic", "info", "-v", "/changed"), tool("topic", "info", "/changed", "--json")
-    )
+    shown, plain = await asyncio.gather(*(tool("topic", "info", "/changed", option) for option in ("-v", "--json")))
     said = (
         "no messages from /alice to /bob: their definitions of silent_msgs/msg/Changed differ: "
         f"{type_hash(old)} and {type_hash(new)}"

@@ -24,11 +24,9 @@ PANIC = rf"(?:\nthread 'rx-\d+' \(\d+\) panicked at \S+/zenoh/src/net/routing/di
 
 
 @asynccontextmanager
-async def router(
-    tool: Tool, *arguments: str, number: int = signal.SIGINT, err: str = "", **environment: str
-) -> AsyncIterator[str]:
+async def router(tool: Tool, *arguments: str, number: int = 2, err: str = "", **environ: str) -> AsyncIterator[str]:
     """Yield the endpoint of a router on a free port; it is ended by signal `number`, and its errors match `err`."""
-    process = await tool.start("zenoh-router", "--listen", LOOPBACK, *arguments, **environment)
+    process = await tool.start("zenoh-router", "--listen", LOOPBACK, *arguments, **environ)
     assert process.stdout is not None
     line = (await asyncio.wait_for(process.stdout.readline(), 20)).decode()
     found = re.fullmatch(r"Zenoh router [0-9a-f]{1,32} listens on (tcp/127\.0\.0\.1:[1-9]\d*)\n", line)

@@ -72,9 +72,7 @@ def test_permissions_need_an_enclave(keystore: Path, golden: Path, succeed: Run,
         in error
     )
     succeed("create_enclave", str(keystore), "/idel")
-    assert 'the policy has no enclave /idel; did you mean "/idle"?' in fail(
-        "create_permission", str(keystore), "/idel", policy
-    )
+    assert 'has no enclave /idel; did you mean "/idle"?' in fail("create_permission", str(keystore), "/idel", policy)
     missing = fail("create_permission", str(keystore), "/idle", str(tmp_path / "none.xml"))
     assert "none.xml: cannot be read: No such file or directory" in missing
 

@@ -393,9 +393,7 @@ def graph(memory: World, golden: Path) -> None:
             node.create_client(Trigger, name)
 
 
-async def test_the_policy_of_running_nodes_is_that_of_sros2(
-    graph: None, tool: Tool, golden: Path, tmp_path: Path
-) -> None:
+async def test_the_policy_of_nodes_is_that_of_sros2(graph: None, tool: Tool, golden: Path, tmp_path: Path) -> None:
     path = tmp_path / "policy.xml"
     ended = await tool("security", "generate_policy", str(path))
     assert (ended.code, ended.err) == (0, "")
