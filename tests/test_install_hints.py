@@ -138,13 +138,15 @@ def test_other_modules_are_no_business_of_extras() -> None:
         (("bag", "sql", "x", "y"), "tables"),
         (("bag", "table", "x", "--out", "y", "--scheduler", "tcp://127.0.0.1:1"), "cluster"),
         (("bag", "table", "x", "--out", "y", "--workers", "2"), "tables"),
+        (("foxglove",), "foxglove"),
+        (("security", "create_keystore", "/nowhere/x"), "security"),
     ],
 )
 def test_of_several_extras_the_one_is_asked_for_that_brings_the_others(arguments: tuple[str, ...], extra: str) -> None:
     code = f"""
 import importlib.util, sys
 real = importlib.util.find_spec
-gone = {{"pyarrow", "duckdb", "fsspec", "upath", "mcap", "zstandard", "lz4", "distributed"}}
+gone = {{"pyarrow", "duckdb", "fsspec", "upath", "mcap", "zstandard", "lz4", "distributed", "websockets", "cryptography"}}
 importlib.util.find_spec = lambda name, *more: None if name in gone else real(name, *more)
 for name in gone:
     sys.modules[name] = None

@@ -31,11 +31,7 @@ _STYLES = {10: "green", 30: "yellow", 40: "red", 50: "bold red"}
 
 @click.command("log")
 @click.option(
-    "-l",
-    "--level",
-    type=click.Choice([*_LEVELS], case_sensitive=False),
-    default="debug",
-    help="Minimum level.",
+    "-l", "--level", type=click.Choice([*_LEVELS], case_sensitive=False), default="debug", help="Minimum level."
 )
 @click.option(
     "--node",
@@ -147,14 +143,7 @@ class LogPrinter:
     """
 
     def __init__(
-        self,
-        level: str,
-        nodes: Sequence[str],
-        pattern: str | None,
-        *,
-        times: int | None,
-        verbose: bool,
-        as_json: bool,
+        self, level: str, nodes: Sequence[str], pattern: str | None, *, times: int | None, verbose: bool, as_json: bool
     ) -> None:
         self._level = _LEVELS[level.lower()]
         # Names of loggers have dots in place of slashes, and a node may have child loggers.

@@ -309,7 +309,6 @@ def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
     path = str(filled(tmp_path / "a.mcap"))
     out = str(tmp_path / "out")
     for words, text in (
-        (["play", path, "--topics", "/word"], "has no topic /word; did you mean"),
         (["play", path, "--remap", "x"], "--remap x: expected FROM:=TO"),
         (["play", path, "--remap", "/x:=/y", "--discovery", "off"], "/x is not played; topics are /map, /words"),
         (["play", path, "--start-offset", "9"], "a.mcap is 0.950 s long"),

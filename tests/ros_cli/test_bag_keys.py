@@ -146,12 +146,7 @@ async def test_keys_step_pause_and_change_the_rate(dds: World, terminal: Termina
 
 @pytest.mark.parametrize(
     ("number", "code"),
-    [
-        (signal.SIGINT, 130),
-        (signal.SIGTERM, 130),
-        (signal.SIGQUIT, -signal.SIGQUIT),
-        (signal.SIGHUP, -signal.SIGHUP),
-    ],
+    [(signal.SIGINT, 130), (signal.SIGTERM, 130), (signal.SIGQUIT, -signal.SIGQUIT), (signal.SIGHUP, -signal.SIGHUP)],
 )
 async def test_the_terminal_is_as_before(dds: World, terminal: Terminal, bag: str, number: int, code: int) -> None:
     await terminal.start("bag", "play", bag, "--start-paused", "--discovery", "off")

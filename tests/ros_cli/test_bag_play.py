@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -642,25 +641,3 @@ def test_names_of_the_bag_are_completed(mixed: str) -> None:
     ):
         offered = shell.get_completions(["bag", "play", *words], incomplete)
         assert [item.value for item in offered] == found, words
-
-
-def test_the_options_are_those_of_ros2_bag_play(run_here: Any) -> None:
-    out = run_here("bag", "play", "--help")[1]
-    assert json.dumps(out)  # printable
-    for option in OPTIONS_OF_KILTED - NOT_DONE:
-        assert option in out, option
-
-
-OPTIONS_OF_KILTED = {
-    *("--input", "--storage", "--read-ahead-queue-size", "--rate", "--topics", "--services", "--actions", "--regex"),
-    *("--exclude-regex", "--exclude-topics", "--exclude-services", "--exclude-actions", "--qos-profile-overrides-path"),
-    *("--loop", "--remap", "--storage-config-file", "--clock", "--clock-topics", "--clock-topics-all", "--delay"),
-    *("--playback-duration", "--playback-until-sec", "--playback-until-nsec", "--disable-keyboard-controls"),
-    *("--start-paused", "--start-offset", "--wait-for-all-acked", "--disable-loan-message"),
-    *("--publish-service-requests", "--send-actions-as-client", "--service-requests-source", "--message-order"),
-    *("--progress-bar-update-rate", "--progress-bar-separation-lines", "--log-level"),
-}
-NOT_DONE = {
-    *("--storage-config-file", "--progress-bar-separation-lines", "--log-level"),
-    "--disable-loan-message",  # taken, without effect and without a word in the help
-}

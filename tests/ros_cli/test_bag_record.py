@@ -210,10 +210,7 @@ async def test_unpublished_topics_are_recorded_on_request(node: Node, tool: Any,
         await wait_for_lines(process, "recording /unpublished [std_msgs/msg/String]", "recording /count [")
     assert {
         one["topic_metadata"]["name"]: one["message_count"] for one in metadata_of(path)["topics_with_message_count"]
-    } == {
-        "/count": 1,
-        "/unpublished": 0,
-    }
+    } == {"/count": 1, "/unpublished": 0}
 
 
 async def test_a_topic_that_appears_is_found_when_it_is_looked_for(node: Node, tool: Any, tmp_path: Path) -> None:

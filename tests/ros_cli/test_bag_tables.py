@@ -346,10 +346,7 @@ def damages(folder: Path) -> dict[str, Path]:
             writer.write("/s", String(data=f"number {number}"), number)
             writer.write("/image", Image(data=noise), number)
     data = whole.read_bytes()
-    for name, changed in {
-        "cut": data[: len(data) * 3 // 4],
-        "flipped": flipped(data, len(data) // 2),
-    }.items():
+    for name, changed in {"cut": data[: len(data) * 3 // 4], "flipped": flipped(data, len(data) // 2)}.items():
         (folder / f"{name}.mcap").write_bytes(changed)
         wrong[name] = folder / f"{name}.mcap"
     wrong["counts"], wrong["bomb"] = folder / "counts.mcap", folder / "bomb.mcap"

@@ -10,7 +10,6 @@ import os
 import random
 import signal
 import socket
-import sys
 import time
 from contextlib import asynccontextmanager, closing, suppress
 from time import monotonic
@@ -27,7 +26,6 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
 from rosidl_py_gen import compile_definition, get_message, get_service
-from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -477,19 +475,6 @@ async def test_an_address_that_cannot_be_used_is_named(tool: Any) -> None:
     assert f"cannot listen on 127.0.0.1:{port}: " in ended.err and "pass another --port" in ended.err
     ended = await tool("foxglove", "--host", "no.such.host.invalid")
     assert ended.code == 1 and "cannot listen on no.such.host.invalid:8765" in ended.err
-
-
-def test_without_the_extra_it_says_what_to_install(run_here: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    missing = "websockets"
-    for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.ros_cli.foxglove.")]:
-        folder, _, module = name.rpartition(".")
-        monkeypatch.setattr(sys.modules[folder], module, sys.modules[name])  # so that it is put back there, too
-        monkeypatch.delitem(sys.modules, name)
-    for name in [name for name in sys.modules if name.startswith(f"{missing}.")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, missing, None)
-    code, _, errors = run_here("foxglove")
-    assert code == 1 and f"this needs {missing}" in errors and install_command("foxglove") in errors
 
 
 async def test_ipv6_works_and_the_address_is_printed(node: Node, tool: Any) -> None:

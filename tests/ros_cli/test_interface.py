@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     Run = Callable[..., str]
-    from pathlib import Path
 
 
 BUNDLED = [

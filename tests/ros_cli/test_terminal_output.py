@@ -27,9 +27,6 @@ from rosidl_py_gen.ros_cli.terminal_output import StatusLine
 from rosidl_py_gen.runtime import ParameterDescriptor, QoSProfile
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    import pytest
     from conftest import Tool
     from support.node_fixtures import World
 

@@ -95,13 +95,7 @@ def _report(datasets: DatasetsReport, out: str, as_json: bool) -> None:
         ]
         missing = [{"bag": name, "topic": topic, "reason": reason} for name, topic, reason in left_out]
         failed = [{"bag": bag, "error": error} for bag, error in datasets.failed.items()]
-        document = {
-            "path": out,
-            "files": rows,
-            "left_out": missing,
-            "failed": failed,
-            "unchanged": datasets.unchanged,
-        }
+        document = {"path": out, "files": rows, "left_out": missing, "failed": failed, "unchanged": datasets.unchanged}
         document["damaged"] = [
             {"bag": name, **row} for name, some in datasets.damaged.items() for row in damaged_rows(some)
         ]

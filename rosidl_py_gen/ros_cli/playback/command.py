@@ -83,19 +83,11 @@ class PlayOptions:
         "--duration", type=_Finite(0), metavar="SECONDS", help="Maximum duration, exclusive."
     )
     delay_s: float = options.option(
-        "-d",
-        "--delay",
-        type=_Finite(0),
-        default=0.0,
-        metavar="SECONDS",
-        help="Time to wait before the first message.",
+        "-d", "--delay", type=_Finite(0), default=0.0, metavar="SECONDS", help="Time to wait before the first message."
     )
     remaps: Sequence[str] = options.several("-m", "--remap", metavar="FROM:=TO...", help="Rename topics or services.")
     qos_file: str | None = options.option(
-        "--qos-profile-overrides-path",
-        type=click.Path(),
-        metavar="FILE",
-        help="YAML file with QoS profiles of topics.",
+        "--qos-profile-overrides-path", type=click.Path(), metavar="FILE", help="YAML file with QoS profiles of topics."
     )
     clock_hz: float | None = options.option(
         "--clock",

@@ -97,11 +97,7 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
     """Return the topics to play, sorted. Raises `CommandError`."""
     owners = recording.owners
     included = {"topic": options.topics, "service": options.services, "action": options.actions}
-    excluded = {
-        "topic": options.exclude_topics,
-        "service": options.exclude_services,
-        "action": options.exclude_actions,
-    }
+    excluded = {"topic": options.exclude_topics, "service": options.exclude_services, "action": options.exclude_actions}
     named = {kind: _existing_names(recording, owners.values(), kind, names, "") for kind, names in included.items()}
     excluded_names = {
         kind: _existing_names(recording, owners.values(), kind, names, "exclude-") for kind, names in excluded.items()

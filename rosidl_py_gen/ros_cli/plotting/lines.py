@@ -104,14 +104,7 @@ class TopicLines:
         by_stamp: use the time of ``header.stamp`` instead of the time that is passed to `add`.
     """
 
-    def __init__(
-        self,
-        panel: PlotPanel,
-        topic: str,
-        paths: Sequence[str],
-        *,
-        by_stamp: bool = False,
-    ) -> None:
+    def __init__(self, panel: PlotPanel, topic: str, paths: Sequence[str], *, by_stamp: bool = False) -> None:
         self.panel = panel
         self._topic, self._paths, self._by_stamp = topic, paths, by_stamp
         self._note = terminal_output.OnceNotes()

@@ -113,11 +113,7 @@ NAMES = st.sampled_from(["a", "b", "/c", "~/d", "*", "/*"])
 BLOCKS = st.lists(
     st.tuples(
         st.sampled_from(
-            [
-                ("topics", "publish", "subscribe"),
-                ("services", "request", "reply"),
-                ("actions", "call", "execute"),
-            ]
+            [("topics", "publish", "subscribe"), ("services", "request", "reply"), ("actions", "call", "execute")]
         ),
         st.sampled_from([None, "ALLOW", "DENY"]),
         st.sampled_from(["ALLOW", "DENY"]),

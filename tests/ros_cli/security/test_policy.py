@@ -24,7 +24,6 @@ from rosidl_py_gen.runtime.transport.api import NodeEntities
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from conftest import Tool
     from support.node_fixtures import World
@@ -68,10 +67,7 @@ def test_a_good_policy(tmp_path: Path) -> None:
         ("<policies/>", "p.xml:1: the root element is <policies>; expected <policy version='0.2.0'>"),
         ("<policy version='0.1.0'>%s", "p.xml:1: policy version: got '0.1.0'; expected '0.2.0'"),
         ("<policy>%s", "p.xml:1: <policy> has no attribute version; expected version='...'"),
-        (
-            "<policy version='0.2.0'/>",
-            "p.xml:1: <policy> has 0 <enclaves> elements; expected one",
-        ),
+        ("<policy version='0.2.0'/>", "p.xml:1: <policy> has 0 <enclaves> elements; expected one"),
         (
             "<policy version='0.2.0'><enclaves><enclave path='a'><profiles/></enclave></enclaves></policy>",
             "p.xml:1: invalid enclave name 'a': it must begin with '/'",
@@ -114,15 +110,9 @@ def test_what_is_no_policy(tmp_path: Path, text: str, expected: str) -> None:
             "p.xml:5: name of a topic: got 'a b'; expected a name such as 'chatter', '/chatter' or '~/status', which "
             "may have the wildcards *, ? and [...]",
         ),
-        (
-            '<services reply="ALLOW"><topic>t</topic></services>',
-            "p.xml:4: <topic> in <services>; expected <service>",
-        ),
+        ('<services reply="ALLOW"><topic>t</topic></services>', "p.xml:4: <topic> in <services>; expected <service>"),
         (f"{GOOD} stray", "p.xml:3: <profile> has the text 'stray'; expected elements only"),
-        (
-            '<topics publish="ALLOW"><topic>t<b/></topic></topics>',
-            "p.xml:4: <b> in <topic>; expected text",
-        ),
+        ('<topics publish="ALLOW"><topic>t<b/></topic></topics>', "p.xml:4: <b> in <topic>; expected text"),
         (
             '<x:topics xmlns:x="urn:x"/>',
             "p.xml:4: <{urn:x}topics> in <profile>; expected <topics> or <services> or <actions>",
