@@ -306,9 +306,6 @@ def test_random_values_of_random_definitions_are_migrated(case: tuple[Any, Any, 
     assert {*top.dropped} == {*before} - {*carried}
 
 
-# --- rules ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("text", "error"),
     [
