@@ -239,12 +239,10 @@ class CommandNode:
             waiting.cancel()
         names = [name for name in graph_names(self.node, kind) if "/_" not in name]  # not those of this command
         hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
-        raise CommandError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS_HINT}")
+        raise CommandError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS}")
 
 
-_NO_PEERS_HINT = (
-    "; none exist in this domain; check ROS_DOMAIN_ID, and run `rosidl-py doctor` to see other participants"
-)
+_NO_PEERS = "; none exist in this domain; check ROS_DOMAIN_ID, and run `rosidl-py doctor` to see other participants"
 
 
 async def results_by_name(requests: dict[str, Coroutine[Any, Any, T]]) -> dict[str, T]:

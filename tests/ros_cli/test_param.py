@@ -13,15 +13,8 @@ import pytest
 from rosidl_py_gen import compile_definition, to_dict, to_json
 from rosidl_py_gen.base.terminal_text import printable_lines
 from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.msgs.rcl_interfaces import srv
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ListParametersResult
-from rosidl_py_gen.msgs.rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.message_text import message_from, to_plain, to_yaml
 from rosidl_py_gen.ros_cli.param import fit_parameter
@@ -150,17 +143,17 @@ async def test_a_dump_requests_many_values_at_once_within_one_deadline(memory: W
         requests.append(len(request.names))
         await asyncio.sleep(delay_s)
         if unset.intersection(request.names):  # as rclcpp and rclpy do
-            return GetParameters.Response()
-        return GetParameters.Response(values=[value_to_message(parameter_value(name)) for name in request.names])
+            return srv.GetParameters.Response()
+        return srv.GetParameters.Response(values=[value_to_message(parameter_value(name)) for name in request.names])
 
     node = memory.node("many", start_services=False)
     answers: dict[Any, Any] = {
-        GetParameters: get,
-        GetParameterTypes: lambda request: GetParameterTypes.Response(
+        srv.GetParameters: get,
+        srv.GetParameterTypes: lambda request: srv.GetParameterTypes.Response(
             types=bytes(0 if name in unset else 4 for name in request.names)
         ),
-        ListParameters: lambda request: ListParameters.Response(result=ListParametersResult(names=names)),
-        **dict.fromkeys((DescribeParameters, SetParameters, SetParametersAtomically)),
+        srv.ListParameters: lambda request: srv.ListParameters.Response(result=ListParametersResult(names=names)),
+        **dict.fromkeys((srv.DescribeParameters, srv.SetParameters, srv.SetParametersAtomically)),
     }
     for cls, answer in answers.items():
         name = re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
@@ -193,8 +186,8 @@ async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool
 async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(memory: World, tool: Tool) -> None:
     drive(memory)
     silent = memory.node("silent", start_services=False)
-    servers = [silent.create_service(ListParameters, "/silent/list_parameters")]
-    clients = [silent.create_client(ListParameters, "/gone/list_parameters")]
+    servers = [silent.create_service(srv.ListParameters, "/silent/list_parameters")]
+    clients = [silent.create_client(srv.ListParameters, "/gone/list_parameters")]
     every, one, typed = await asyncio.gather(
         tool("param", "list", "--timeout", "1.25", "--spin-time", "1.25", "--filter", "(?!start_type)"),
         tool("param", "list", "/drive", "--param-prefixes", "arm"),

@@ -65,8 +65,7 @@ def convert(
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
     from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
-    from rosidl_py_gen.ros_cli.bag.output_definitions import channels_with_definitions
-    from rosidl_py_gen.ros_cli.bag.selection import select_part
+    from rosidl_py_gen.ros_cli.bag.selection import channels_with_definitions, select_part
 
     with opened_bag(path, search_path=paths) as reader:
         part = select_part(reader, topics, offset_s, duration_s)

@@ -114,9 +114,7 @@ def migrate(
         if output is not None and not dry_run:
             channels = {key: topic.new for key, topic in planned.items()}
             with new_bag(output, "mcap", compression, split_bytes, split_s) as writer:
-                copy_messages(
-                    reader, writer, selection, channels, lambda channel: _converter(reader, planned[channel.key])
-                )
+                copy_messages(reader, writer, selection, channels, lambda one: _converter(reader, planned[one.key]))
     carried = sum(one.count for one in planned.values() if one.convert)
     count = sum(one.count for one in planned.values())
     if as_json:
@@ -177,7 +175,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen.bags.definition_lookup import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
     from rosidl_py_gen.compiler.compatibility.migration import fields_of, message_converter, plan
-    from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
+    from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
 
     if channel.message_encoding != "cdr":
         return _Topic(channel, channel, note=f"messages are {channel.message_encoding}")

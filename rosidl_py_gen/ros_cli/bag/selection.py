@@ -1,18 +1,26 @@
-"""Selection of topics and times of a bag."""
+"""Selection of topics and times of a bag, and definitions of the channels of a bag that is written.
+
+The definitions are never those of other messages, and never silently none.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosidl_py_gen.bags.definition_lookup import described, has_definition, mismatch_reason
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.ros_cli import CommandError
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.display import duration_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from rosidl_py_gen.bags import BagReader, BagTopic
 
-    from rosidl_py_gen.bags import BagReader
+_SAMPLES = 20
+"""Number of messages that are checked for each channel whose definition is a guess."""
 
 
 class BagSelection(NamedTuple):
@@ -42,3 +50,59 @@ def start_of(name: str, start_ns: int, end_ns: int, offset_s: float) -> int:
     if (start := start_ns + round(offset_s * NS_PER_S)) > end_ns:
         raise CommandError(f"{name} is {duration_text(end_ns - start_ns)} long; expected a start offset within it")
     return start
+
+
+def channels_with_definitions(
+    reader: BagReader, topics: Sequence[str], keeps_unknown: bool
+) -> dict[tuple[str, ...], BagTopic]:
+    """Return the channels to write, by the key of the original: with the definition in the bag, or a local one.
+
+    Raises `CommandError` if a channel with messages has no matching definition, and `keeps_unknown` is False.
+    """
+    channels: dict[tuple[str, ...], BagTopic] = {}
+    unknown: list[tuple[BagTopic, str]] = []
+    guessed: set[str] = set()
+    for channel in reader.channels:
+        if channel.name not in topics:
+            continue
+        channels[channel.key] = channel
+        if channel.definition or channel.message_encoding != "cdr":
+            continue
+        try:
+            known = reader.definition(channel)
+        except RosidlError as error:
+            unknown.append((channel, str(error)))
+            continue
+        if reason := guess_mismatch(reader, channel):
+            unknown.append((channel, reason))
+            continue
+        channels[channel.key] = described(channel, known)
+        if has_definition(channels[channel.key]):
+            guessed.add(f"{channel.type_name} from {known.origin}")
+    _require_known(reader, unknown, keeps_unknown)
+    if guessed:
+        terminal_output.note(f"definitions that the bag does not contain are written: {', '.join(sorted(guessed))}")
+    return channels
+
+
+def guess_mismatch(reader: BagReader, channel: BagTopic) -> str:
+    """Return why the guessed definition of a channel differs from its first messages; empty if it may fit."""
+    try:
+        known = reader.definition(channel)
+    except RosidlError:  # there is none
+        return ""
+    if known.is_recorded:
+        return ""
+    channels = (one.data for one in reader.raw_messages(channel.name) if one.channel.key == channel.key)
+    return mismatch_reason(channel, known, islice(channels, _SAMPLES))
+
+
+def _require_known(reader: BagReader, unknown: Sequence[tuple[BagTopic, str]], keeps_unknown: bool) -> None:
+    missing = [f"{channel.type_name}: {reason}" for channel, reason in unknown if channel.count != 0]
+    if missing and not keeps_unknown:
+        raise CommandError(
+            f"{reader.path}: no definitions of {'; '.join(missing)}. Pass them with --path DIR, select topics with "
+            "--topics, or write them without definitions with --without-definitions"
+        )
+    for channel, reason in unknown:
+        terminal_output.note(f"{channel.name} [{channel.type_name}] is written without a definition: {reason}")

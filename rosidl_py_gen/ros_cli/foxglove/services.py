@@ -65,9 +65,7 @@ class ServiceBridge:
             for name, kinds in node.get_service_names_and_types()
             if (self._hidden or not is_hidden(name)) and has_server(node, name)
         }
-        withdrawn = {
-            name: service for name, service in self._services.items() if current.get(name) != service.type_name
-        }
+        withdrawn = {name: one for name, one in self._services.items() if current.get(name) != one.type_name}
         for name in withdrawn:
             self._services.pop(name).close()
         if opened := [name for name, service in withdrawn.items() if service.is_open]:

@@ -104,9 +104,7 @@ def mermaid(picture: Picture) -> str:
     out = ["flowchart LR"]
     out += [f'  {mark}["{terminal_output.mermaid_label(name)}"]' for name, mark in nodes.items()]
     for (kind, name), mark in ids.items():
-        types = sorted(
-            {entry for edge in picture.edges if (edge.kind, edge.name) == (kind, name) for entry in edge.types}
-        )
+        types = sorted({one for edge in picture.edges if (edge.kind, edge.name) == (kind, name) for one in edge.types})
         left, right = _SHAPES[kind]
         out.append(f"  {mark}{left}{'<br/>'.join(map(terminal_output.mermaid_label, (name, *types)))}{right}")
     for edge in picture.edges:

@@ -18,7 +18,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Service
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.bag.output_definitions import guess_mismatch
+from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
 from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import (
     Durability,
@@ -178,13 +178,11 @@ class Requests:
 
         def send(data: bytes) -> bool:
             try:
-                event_message: Any = event.decode(data)
+                told: Any = event.decode(data)
             except DecodeError as error:
                 self._note(f"{channel.name}: skipped an event: {error}")
                 return False
-            return event_message.info.event_type == self._event_type and self._send(
-                client, channel, event_message.request
-            )
+            return told.info.event_type == self._event_type and self._send(client, channel, told.request)
 
         return send
 

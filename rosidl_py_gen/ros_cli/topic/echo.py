@@ -13,7 +13,7 @@ from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.ros_cli.command_node import CommandNode
-    from rosidl_py_gen.ros_cli.topic.formats import Style
+    from rosidl_py_gen.ros_cli.message_text import Style
 
 _LOST_NOTE_INTERVAL_S = 1.0
 _EARLY = 0.25
@@ -101,7 +101,7 @@ async def echo(
     from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.command_node import now_s
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
-    from rosidl_py_gen.ros_cli.topic.formats import value_printer
+    from rosidl_py_gen.ros_cli.message_text import value_printer
     from rosidl_py_gen.runtime import AdaptiveSubscription, WaitTimeoutError
     from rosidl_py_gen.runtime import qos as presets
 

@@ -67,9 +67,7 @@ async def _chunks() -> AsyncGenerator[bytes, None]:
     if sys.stdin is None or sys.stdin.closed:
         raise CommandError("standard input is closed; expected documents of YAML or JSON there")
     loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | OSError](_MAX_QUEUED_CHUNKS)
-    file = os.fdopen(
-        os.dup(sys.stdin.fileno()), "rb", buffering=0
-    )  # a copy, as the thread may read after the command has ended
+    file = os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0)  # the thread may read after the command has ended
 
     def read() -> None:
         data: bytes | OSError = b"?"

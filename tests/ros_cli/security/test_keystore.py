@@ -65,12 +65,8 @@ def described(path: Path) -> Any:
     if path.suffix == ".p7s":
         message = message_from_bytes(data)
         document, signature = message.get_payload()
-        return (
-            message.get_content_type(),
-            message["micalg"],
-            plain(document.get_payload()),
-            signature.get_content_type(),
-        )
+        kinds = message.get_content_type(), message["micalg"], signature.get_content_type()
+        return (*kinds, plain(document.get_payload()))
     return plain(data.decode())
 
 
