@@ -62,9 +62,7 @@ async def info(command_node: CommandNode, action: str, show_types: bool, count: 
     terminal_output.result(lines, as_json, {"name": name, "types": types, "clients": clients, "servers": servers})
 
 
-def _nodes_with(
-    action: str, node: Node, topics_of: Callable[[str, str], list[tuple[str, list[str]]]]
-) -> list[dict[str, Any]]:
+def _nodes_with(action: str, node: Node, topics_of: Callable[[str, str], Any]) -> list[dict[str, Any]]:
     """Return the nodes that have the topics of an action among `topics_of` them."""
     from rosidl_py_gen.ros_cli.name_lookup import actions
 

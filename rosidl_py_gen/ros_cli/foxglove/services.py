@@ -92,9 +92,7 @@ class ServiceBridge:
         decoder = Decoder(cls.Request)
 
         async def call(data: bytes) -> bytes:
-            return await self._call(
-                name, service, cls, await decoder.run(data, self._decoding, lambda request: request)
-            )
+            return await self._call(name, service, cls, await decoder.run(data, self._decoding, lambda one: one))
 
         self._server.add_service(name, service.type_name, texts, call)
         service.is_open = True
