@@ -99,15 +99,8 @@ def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_p
 def odd_bag(path: Path) -> Path:
     """Topics that ROS 2 cannot have, between two that it can."""
     with BagWriter(path) as writer:
-        rows = {
-            "/good": "std_msgs/msg/String",
-            "/none": "",
-            "/one": "String",
-            "/four": "std_msgs/msg/String/x",
-            "/two": "nobody_has/Thing",
-            "no slash": "std_msgs/msg/String",
-            "/ros1": "std_msgs/String",
-        }
+        rows = {"/good": "std_msgs/msg/String", "/none": "", "/one": "String", "/four": "std_msgs/msg/String/x"}
+        rows |= {"/two": "nobody_has/Thing", "no slash": "std_msgs/msg/String", "/ros1": "std_msgs/String"}
         for number, (name, kind) in enumerate(rows.items(), 1):
             writer.add_topic(name, BagTopic(name, kind, message_encoding="ros1" if name == "/ros1" else "cdr"))
             writer.write(name, String(data=name).encode(), number)

@@ -15,7 +15,7 @@ from rosidl_py_gen import compile_definition, get_action, get_message, get_servi
 from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
 from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.ros_cli import terminal_output
-from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability
+from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -560,38 +560,7 @@ async def test_actions_are_sent_as_a_client_does(memory: World, node: Node, tool
     assert ended.err == "published 0 messages of 3 topics and sent 2 requests\n"
 
 
-async def test_events_of_a_live_service_are_played_as_they_were(node: Node, tool: Any, tmp_path: Path) -> None:
-    """The events that our own servers publish are replayed."""
-    recorded: list[Any] = []
-    node.create_subscription(Add.Event, "add/_service_event", recorded.append, qos=KEEP)
-    answers = []
-    server = node.create_service(Add, "add", lambda request: answers.append(request.a) or Add.Response())
-    server.configure_introspection(node.get_clock(), KEEP, IntrospectionState.CONTENTS)
-    await node.create_client(Add, "add").call(Add.Request(a=3), timeout_s=5)
-    await until(lambda: len(recorded) == 2)
-    with BagWriter(tmp_path / "bag") as bag:
-        for number, event in enumerate(recorded):
-            bag.write("/add/_service_event", event, START + number)
-    await played(tool, str(tmp_path / "bag"), "--publish-service-requests")
-    assert answers == [3, 3]
-
-
 # -------------------------------------------------------------------------------------------------------------- words
-
-
-async def test_a_bag_may_stand_before_or_behind_options(node: Node, tool: Any, mixed: str) -> None:
-    heard = Heard(node, "a", "b", "ns/a")
-    for arguments, data in (
-        ((mixed, "--topics", "/a", "/b", "--rate", "2"), ["/a", "/b"]),
-        (("--topics", "/a", mixed), ["/a"]),
-        (("--topics", "/a", "--topics", "/b", mixed, "--clock"), ["/a", "/b"]),
-        (("--rate", "2", mixed, "--topics=/a"), ["/a"]),
-        (("--rate=2", "--topics", "/a", "--", mixed), ["/a"]),
-        (("-i", mixed, "--topics", "/ns/a", "/b", "-s", "mcap", "--disable-loan-message"), ["/b", "/ns/a"]),
-    ):
-        heard.items.clear()
-        await played(tool, *arguments)
-        assert sorted(heard.data) == data
 
 
 def test_wrong_words_for_playing_are_told(run_here: Any, words: str, mixed: str, tmp_path: Path) -> None:

@@ -54,19 +54,16 @@ async def test_the_graph_shows_who_is_connected_through_what(memory: World, tool
     assert [one["name"] for one in answer["nodes"]] == ["/base", "/cockpit/pilot", "/idle"]
     assert with_names(answer, "/base", "publishes") == [("topic", "/bumper", [])]
     assert with_names(answer, "/base", "subscribes") == [("topic", "/speed", ["/cockpit/pilot"])]
-    assert with_names(answer, "/base", "serves") == [
-        ("action", "/drive", ["/cockpit/pilot"]),
-        ("service", "/enable", ["/cockpit/pilot"]),
-    ]
-    assert with_names(answer, "/cockpit/pilot", "calls") == [
-        ("action", "/drive", ["/base"]),
-        ("service", "/enable", ["/base"]),
-    ]
-    assert [row["types"] for row in answer["nodes"][0]["serves"]] == [
-        ["example_interfaces/action/Fibonacci"],
-        ["std_srvs/srv/SetBool"],
-    ]
+    for name, role, other in (("/base", "serves", "/cockpit/pilot"), ("/cockpit/pilot", "calls", "/base")):
+        assert with_names(answer, name, role) == [("action", "/drive", [other]), ("service", "/enable", [other])]
+    types = [["example_interfaces/action/Fibonacci"], ["std_srvs/srv/SetBool"]]
+    assert [row["types"] for row in answer["nodes"][0]["serves"]] == types
     assert answer["nodes"][2] == {"name": "/idle", "publishes": [], "subscribes": [], "serves": [], "calls": []}
+    answer = json.loads((await tool("graph", "--json", "--all", "--spin-time", "3")).out)
+    names = {name for _, name, _ in with_names(answer, "/base", "publishes")}
+    assert names == {"/bumper", "/_hidden", "/rosout", "/parameter_events"}
+    assert "/base/get_parameters" in {name for _, name, _ in with_names(answer, "/base", "serves")}
+    assert not any("_rosidl_py" in one["name"] for one in answer["nodes"])
 
 
 async def test_what_does_not_match_is_not_connected(memory: World, tool: Tool) -> None:
@@ -85,15 +82,6 @@ async def test_what_does_not_match_is_not_connected(memory: World, tool: Tool) -
         known = [("topic", "/best_effort", []), ("topic", "/twice", [peer]), ("topic", "/typed", [])]
         assert with_names(answer, name, role) == known
     assert with_names(answer, "/base", "serves") == [("service", "/served", [])]
-
-
-async def test_all_shows_hidden_names_and_what_every_node_has(memory: World, tool: Tool) -> None:
-    await robot(memory)
-    answer = json.loads((await tool("graph", "--json", "--all", "--spin-time", "3")).out)
-    names = {name for _, name, _ in with_names(answer, "/base", "publishes")}
-    assert names == {"/bumper", "/_hidden", "/rosout", "/parameter_events"}
-    assert "/base/get_parameters" in {name for _, name, _ in with_names(answer, "/base", "serves")}
-    assert not any("_rosidl_py" in one["name"] for one in answer["nodes"])
 
 
 async def test_filters_leave_the_chosen_and_their_counterparts(memory: World, tool: Tool, tmp_path: Path) -> None:

@@ -65,20 +65,15 @@ async def test_options_say_which_are_wanted(memory: World, tool: Tool) -> None:
         done = await tool.end(process)
         return [line.rpartition("]: ")[2] for line in done.out.splitlines()]
 
-    found = await asyncio.gather(
-        texts("--level", "warn"),
-        texts("--node", "/camera/left"),
-        texts("--node", "/camera/*", "--node", "talker"),
-        texts("--node", "/camera"),
-        texts("--text", "lost|hel+o"),
-        texts("--new"),
-    )
-    assert found[0] == ["late by 5 s", "lost a frame"]
-    assert found[1] == ["lost a frame"]
-    assert found[2] == ["hello 5", "late by 5 s", "lost a frame"]
-    assert found[3] == ["lost a frame"]  # also a logger of that name would have the node's below it
-    assert found[4] == ["hello 5", "lost a frame"]
-    assert found[5] == []
+    cases = {
+        ("--level", "warn"): ["late by 5 s", "lost a frame"],
+        ("--node", "/camera/left"): ["lost a frame"],
+        ("--node", "/camera/*", "--node", "talker"): ["hello 5", "late by 5 s", "lost a frame"],
+        ("--node", "/camera"): ["lost a frame"],  # also a logger of that name would have the node's below it
+        ("--text", "lost|hel+o"): ["hello 5", "lost a frame"],
+        ("--new",): [],
+    }
+    assert await asyncio.gather(*(texts(*options) for options in cases)) == [*cases.values()]
 
 
 async def test_a_publisher_that_keeps_nothing_is_heard_too(memory: World, tool: Tool) -> None:

@@ -60,13 +60,6 @@ async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
     assert found["action_clients"] == {"/ask": ["example_interfaces/action/Fibonacci"]}
 
 
-async def test_an_unknown_node_is_an_error_that_names_another(memory: World, tool: Tool) -> None:
-    memory.node("talker")
-    ended = await tool("node", "info", "/tolker", "--spin-time", "1")
-    assert (ended.code, ended.out) == (1, "")
-    assert 'did you mean "/talker"?' in ended.err
-
-
 async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, tmp_path: Path) -> None:
     participant = (robot := memory.node("good"))._scope.participant
     robot.create_publisher(String, "chatter")

@@ -322,7 +322,7 @@ def test_files_of_others_are_refused(keystore: Path, succeed: Run, fail: Run) ->
 
 
 def test_expired_certificates_are_refused(
-    keystore: Path, monkeypatch: pytest.MonkeyPatch, succeed: Run, fail: Run, tmp_path: Path
+    keystore: Path, monkeypatch: Any, succeed: Run, fail: Run, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(certificates, "_VALIDITY", timedelta(seconds=-10))
     succeed("create_enclave", str(keystore), "/a")

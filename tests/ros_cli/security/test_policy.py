@@ -356,12 +356,8 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory,
         assert "expected" in str(error) or "not XML" in str(error) or "refused" in str(error)
 
 
-QUIET: Any = {
-    "start_services": False,
-    "enable_rosout": False,
-    "parameter_events": False,
-    "parameter_overrides": {"start_type_description_service": False},
-}
+QUIET: Any = dict.fromkeys(("start_services", "enable_rosout", "parameter_events"), False)
+QUIET["parameter_overrides"] = {"start_type_description_service": False}
 
 
 @pytest.fixture
