@@ -31,9 +31,6 @@ async def test_what_is_there_needs_no_time() -> None:
     async with CommandNode({}) as command_node:
         assert await command_node.wait_for(lambda: True, 0)
         assert not await command_node.wait_for(lambda: False, 0)
-
-
-async def test_a_command_does_not_count_itself_among_what_is_there() -> None:
     async with CommandNode({"spin_time_s": 0}) as command_node:
         with pytest.raises(CommandError, match="none exist in this domain"):
             await command_node.find("node", "somebody")

@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 from collections import deque
-from contextlib import asynccontextmanager, suppress
+from contextlib import suppress
 from time import time_ns
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -35,8 +35,6 @@ from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, Handlers, R
 from rosidl_py_gen.runtime import CallTimeoutError
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
-
     from support.node_fixtures import World
 
     from rosidl_py_gen.runtime import Node
@@ -159,13 +157,6 @@ http://[::1 * file:///home/x.html"""
 GOOD, HOSTILE = [None, *_GOOD.split()], ["", *_HOSTILE.split()]
 
 
-@asynccontextmanager
-async def front(**settings: Any) -> AsyncIterator[str]:
-    """The address of a server."""
-    async with served(**settings) as (_, address):
-        yield address
-
-
 async def visit(address: str, origin: str | None, **how: Any) -> str:
     protocols: Any = ["foxglove.sdk.v1"]
     how.setdefault("additional_headers", {} if origin is None else {"Origin": origin})
@@ -177,13 +168,13 @@ async def visit(address: str, origin: str | None, **how: Any) -> str:
 
 
 async def test_pages_of_this_machine_known_apps_and_what_is_no_page_may_connect() -> None:
-    async with front() as address:
+    async with served() as (_, address):
         for origin in GOOD:
             assert await visit(address, origin) == "serverInfo", origin
 
 
 async def test_other_pages_may_not_connect() -> None:
-    async with front() as address:
+    async with served() as (_, address):
         for origin in HOSTILE:
             assert (await visit(address, origin)).startswith(f"403 pages of {origin} must not connect"), origin
         twice = [("Origin", "http://localhost"), ("Origin", "https://evil.example")]
@@ -191,16 +182,16 @@ async def test_other_pages_may_not_connect() -> None:
 
 
 async def test_pages_that_were_allowed_may_connect() -> None:
-    async with front(origins=["https://one.example/", "null"]) as address:
+    async with served(origins=["https://one.example/", "null"]) as (_, address):
         assert await visit(address, "https://one.example") == "serverInfo"
         assert await visit(address, "null") == "serverInfo"
         assert (await visit(address, "https://two.example")).startswith("403")
-    async with front(origins=["*"]) as address:
+    async with served(origins=["*"]) as (_, address):
         assert await visit(address, "https://two.example") == "serverInfo"
 
 
 async def test_with_a_token_nobody_connects_without_it() -> None:
-    async with front(token="let me/in&é") as address:
+    async with served(token="let me/in&é") as (_, address):
         assert await visit(f"{address}/?token=let%20me/in%26%C3%A9", None) == "serverInfo"
         right = "token=let%20me/in%26%C3%A9"
         for wrong in ("", "?token=", "?token=let", "?TOKEN=let%20me/in%26%C3%A9", f"?{right}&{right}", f"?{right}x",
@@ -210,7 +201,7 @@ async def test_with_a_token_nobody_connects_without_it() -> None:
 
 
 async def test_a_message_that_is_too_large_ends_its_viewer_only() -> None:
-    async with front() as address, viewer(address) as good:
+    async with served() as (_, address), viewer(address) as good:
         for sent in (b"\1" * ((1 << 20) + 1), [b"\1" * 600_000, b"\1" * 600_000]):
             async with viewer(address) as bad:
                 await bad.connection.send(sent)
@@ -221,7 +212,7 @@ async def test_a_message_that_is_too_large_ends_its_viewer_only() -> None:
 
 
 async def test_a_viewer_that_sends_too_much_is_read_more_slowly_and_others_are_not() -> None:
-    async with front(per_s=50) as address, viewer(address) as good, viewer(address) as flood:
+    async with served(per_s=50) as (_, address), viewer(address) as good, viewer(address) as flood:
         start = time.monotonic()
         for _ in range(150):
             await flood.connection.send("{")
@@ -234,7 +225,7 @@ async def test_a_viewer_that_sends_too_much_is_read_more_slowly_and_others_are_n
 
 
 async def test_there_is_an_end_of_viewers() -> None:
-    async with front() as address:
+    async with served() as (_, address):
         held = [connect(address, proxy=None, subprotocols=["foxglove.sdk.v1"]) for _ in range(64)]  # type: ignore[list-item]
         connections = [await one for one in held]
         assert (await visit(address, None)).startswith("503 there are 64 viewers already")
@@ -245,7 +236,7 @@ async def test_there_is_an_end_of_viewers() -> None:
 
 
 async def test_who_does_not_speak_http_is_let_go() -> None:
-    async with front() as address:
+    async with served() as (_, address):
         host, port = address.removeprefix("ws://").split(":")
         for said in (b"\0" * 100, b"GET / HTTP/1.1", b"GET /" + b"a" * 20_000, b"POST / HTTP/1.1"):
             reader, writer = await asyncio.open_connection(host, int(port))
