@@ -1,4 +1,4 @@
-"""``rosidl-py graph`` and ``rosidl-py tf``: what is in pictures and tables, and that names of peers stay text in them."""
+"""``rosidl-py graph`` and ``rosidl-py tf``: pictures and tables, in which names of peers stay text."""
 
 from __future__ import annotations
 

@@ -45,15 +45,12 @@ def printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
     return [line.rstrip() for line in CONTROL.sub("", capsys.readouterr().out).splitlines()]
 
 
-def test_a_table_that_fits_stays_a_table(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_that_fits_stays_a_table_and_wraps_at_spaces_only(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [["/imu", "sensor_msgs/msg/Imu", "reliable, volatile"]]
     assert printed(capsys, monkeypatch, 80, rows, "topic", "type", "QoS")[::2] == [
         "topic   type                  QoS",
         "/imu    sensor_msgs/msg/Imu   reliable, volatile",
     ]
-
-
-def test_a_table_wraps_at_spaces_only(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [["/diagnostics_of_a_whole_robot", DIAGNOSTICS, "reliable, volatile"]]
     lines = printed(capsys, monkeypatch, 80, rows, "topic", "type", "QoS")
     assert lines[2:] == [f"{rows[0][0]}   {DIAGNOSTICS}   reliable,", f"{'':70}volatile"]
