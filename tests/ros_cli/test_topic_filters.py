@@ -36,9 +36,7 @@ SCAN = Scan(
 @pytest.mark.parametrize(
     "text",
     [
-        "m.level >= 30 and not m.level > 40",
-        "m.level in (20, 30)",
-        "10 < m.level <= 30",
+        *("m.level >= 30 and not m.level > 40", "m.level in (20, 30)", "10 < m.level <= 30"),
         "m.name == 'front left' and 'left' in m.name",
         "m.level & 2 and m.level % 7 == 2 and m.level // 4 == 7 and -m.level == ~29",
         "abs(m.at.y) == 2 and sqrt(m.at.y ** 2) == 2",
@@ -49,8 +47,7 @@ SCAN = Scan(
         "len(m.points[:1]) == 1 and m.name[0:5] == 'front'",
         "'b' in m.names and 255 in m.data and m.from_ == 7",
         "round(m.at.x) == 2 and int(m.at.x) == 1 and not isnan(m.at.x)",
-        "1 if m.ok else 0",
-        "m.ranges",
+        *("1 if m.ok else 0", "m.ranges"),
         "m.ranges[1:] == (2, 4) and m.ranges[2] == 4 and m.ranges > [0.5, 1.9]",
         "m.level in {30, 'x'} and len([m.at, m.name]) == 2",
         "m.ranges[0] + 0.1 == 0.6 and m.data[2] + 1 == 256 and sum(m.ranges) == 6.5",
