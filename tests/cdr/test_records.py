@@ -259,6 +259,9 @@ def test_fields_are_taken_by_name_not_by_place() -> None:
     assert encode(cls(v=xyz((1, 2, 3)).view(np.recarray))) == encode(message)
 
 
+XY, YZ = [("x", "f8"), ("y", "f8")], [("y", "f8"), ("z", "f8")]
+
+
 def flags(*more: bool) -> np.ndarray[Any, Any]:
     return np.array([(True, more, 1)], [("on", "?"), ("more", "?", (len(more),)), ("n", "u1")])
 
@@ -266,34 +269,19 @@ def flags(*more: bool) -> np.ndarray[Any, Any]:
 @pytest.mark.parametrize(
     ("kind", "values", "where", "text"),
     [
-        ("Point[]", np.zeros(1, [("x", "f8"), ("y", "f8")]), "", "with the fields x, y, z, found the field z missing"),
-        (
-            "Point[]",
-            np.zeros(1, [("x", "f8"), ("y", "f8"), ("w", "f8")]),
-            "",
-            "expected a structured array with the fields x, y, z, found the field z missing and the field w unknown",
-        ),
+        ("Point[]", np.zeros(1, XY), "", "with the fields x, y, z, found the field z missing"),
+        ("Point[]", np.zeros(1, [*XY, ("w", "f8")]), "", "found the field z missing and the field w unknown"),
         ("Point[]", np.zeros((4, 3)), "", "expected one dimension, found shape (4, 3); use .ravel()"),
         ("Point[]", np.zeros(3), "", "expected a structured array with the fields x, y, z, found one of float64"),
         ("Point[]", np.zeros((2, 2), dtype(part("Point"))), "", "expected one dimension, found shape (2, 2)"),
         ("Point[]", np.zeros((), dtype(part("Point"))), "", "expected one dimension, found shape ()"),
-        ("Point[]", np.zeros(1, [("x", "c16"), ("y", "f8"), ("z", "f8")]), "", "field x: expected an array of float64"),
-        ("Point[]", np.zeros(1, [("x", "O"), ("y", "f8"), ("z", "f8")]), "", "field x: expected an array of float64"),
-        (
-            "Point[]",
-            np.zeros(2, [("x", "f8", 2), ("y", "f8"), ("z", "f8")]),
-            "",
-            "field x: expected shape (), found (2",
-        ),
+        ("Point[]", np.zeros(1, [("x", "c16"), *YZ]), "", "field x: expected an array of float64"),
+        ("Point[]", np.zeros(1, [("x", "O"), *YZ]), "", "field x: expected an array of float64"),
+        ("Point[]", np.zeros(2, [("x", "f8", 2), *YZ]), "", "field x: expected shape (), found (2"),
         ("Point[<=2]", np.zeros(3, dtype(part("Point"))), "", "expected at most 2 elements, found 3"),
         ("Point[2]", np.zeros(3, dtype(part("Point"))), "", "expected exactly 2 elements, found 3"),
         ("Keyword[]", np.array([(1,), (2**31,)], [("from", "i8")]), "[1]", "field from: expected int32 in -2147483648"),
-        (
-            "Keyword[]",
-            np.zeros(1, [("from", "f8")]),
-            "",
-            "field from: expected an array of int32, found one of float64",
-        ),
+        ("Keyword[]", np.zeros(1, [("from", "f8")]), "", "expected an array of int32, found one of float64"),
         ("Flags[]", flags(True), "", "field more: expected shape (2,), found (1,)"),
         ("Grid[]", np.zeros(1, [("row", "f4", 3), ("corners", "f8", 2)]), "", "field corners: expected a structured"),
         ("string[]", np.zeros(1, [("x", "f8")]), "", "expected a list of string, found array"),
