@@ -157,7 +157,8 @@ def test_ctrl_c_in_a_callback_whose_exceptions_python_ignores_ends_it(tmp_path: 
     (tmp_path / "program.py").write_text(textwrap.dedent(program))
     done = run("program.py", cwd=tmp_path)
     assert done.returncode == -signal.SIGINT
-    assert done.stderr.splitlines()[-2:] == ["    time.sleep(99)", "KeyboardInterrupt"]
+    lines = done.stderr.splitlines()
+    assert "    time.sleep(99)" in lines[-3:] and lines[-1] == "KeyboardInterrupt"  # carets may follow the line
 
 
 def test_messages_are_there_in_rclpy_s_flavour(tmp_path: Path) -> None:
