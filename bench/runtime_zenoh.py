@@ -19,7 +19,7 @@ from typing import Any
 
 from runtime_common import STOP, TEXT, cpu_s, percentile, report
 
-from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack, unpack
+from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment, unpack_attachment
 
 
 @contextmanager
@@ -131,12 +131,12 @@ class LoopFloor(Floor):
 
 def attachment() -> bytes:
     """Return the attachment of a sample of rmw_zenoh."""
-    return pack(1, time.time_ns(), bytes(16))
+    return pack_attachment(1, time.time_ns(), bytes(16))
 
 
 def content(thing: Any) -> bytes:
     """Return the payload of a sample or query, whose attachment must be valid."""
-    unpack(thing.attachment.to_bytes())
+    unpack_attachment(thing.attachment.to_bytes())
     data: bytes = thing.payload.to_bytes()
     return data
 

@@ -72,7 +72,8 @@ ONLY_IN_TEST_ALL = {
     "rosbags", "ruff", "s3fs", "trustme", "upath", "uvloop", "xacro",
 }  # fmt: skip
 """Modules that the extra `test-all` installs and `test` does not."""
-
+PASSED_FILE = os.environ.get("ROSIDL_TEST_PASSED", "")
+"""A file to which quick runs add the tests that pass; other runs leave those out that would do the same again."""
 
 _SHRINKING_S = 900
 """Timeout of a random test: Hypothesis takes up to 300 s to shrink a failing example, and reports it afterwards."""
@@ -92,6 +93,8 @@ def pytest_configure(config: pytest.Config) -> None:
         for name, value in {"ARENA_MAX": 2, "TRIM_THRESHOLD_": 1 << 17, "MMAP_THRESHOLD_": 1 << 17}.items():
             os.environ.setdefault(f"MALLOC_{name}", str(value))
         config.pluginmanager.register(WithoutSlowFiles())
+        if PASSED_FILE and "PYTEST_XDIST_WORKER" not in os.environ:
+            config.pluginmanager.register(_PassedTests())
     sys.meta_path.insert(0, _WithoutAssertions())
     if "PYTEST_XDIST_WORKER" not in os.environ:
         if sys.dont_write_bytecode:  # else the first of hundreds of processes does it
@@ -119,6 +122,15 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("project")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+class _PassedTests:
+    """Records the tests that pass."""
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call" and report.passed:
+            with open(PASSED_FILE, "a", encoding="utf-8") as file:
+                print(report.nodeid, file=file)
 
 
 class _WithoutAssertions:
@@ -213,6 +225,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         kept = {item for of_one in cases.values() for item in of_one[:: _step(len(of_one))]}
         config.hook.pytest_deselected(items=[item for item in items if item not in kept])
         items[:] = [item for item in items if item in kept]
+    elif PASSED_FILE and os.path.exists(PASSED_FILE):
+        passed = set(Path(PASSED_FILE).read_text(encoding="utf-8").splitlines())
+        items[:] = [item for item in items if item.nodeid not in passed or _has_random_examples(item)]
+
+
+def _has_random_examples(item: pytest.Item) -> bool:
+    return is_hypothesis_test(getattr(item, "obj", None)) or hasattr(getattr(item, "module", None), examples.__name__)
 
 
 def _step(cases: int) -> int:
