@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import atexit
 import os
+import signal
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.interrupts import CommandInterrupts, command_interrupts
 from rosidl_py_gen.runtime.logs.outputs import outputs
 
 if TYPE_CHECKING:
@@ -41,6 +44,12 @@ def close_all() -> None:
 
 @atexit.register
 def _close_at_exit() -> None:
+    # A second Ctrl-C must not leave DDS entities open: they may block the end of the interpreter for ever.
+    if open_contexts and signal.getsignal(signal.SIGINT) is not command_interrupts:
+        interrupts = CommandInterrupts()
+        interrupts.ignores_first = True
+        with suppress(ValueError):  # this is not the main thread
+            signal.signal(signal.SIGINT, interrupts)
     for core in list(open_contexts):
         core.close_at_exit()
 

@@ -7,9 +7,11 @@ import contextlib
 import gc
 import multiprocessing
 import os
+import signal
 import socket
 import subprocess
 import sys
+import textwrap
 import warnings
 from typing import TYPE_CHECKING, Any
 
@@ -342,3 +344,24 @@ async def test_nothing_grows_with_the_publishers_that_came_and_went(memory: Worl
         reader: Any = subscription._reader
         kept.append({len(part) for part in vars(reader).values() if isinstance(part, (dict, list, set))})
     assert kept[0] == kept[1] == kept[2]
+
+
+def test_a_second_ctrl_c_does_not_interrupt_the_end_of_a_process() -> None:
+    """Launch sends SIGINT to its processes, and the terminal does so, too."""
+    text = """
+        import os, signal
+        from rosidl_py_gen import get_message
+        from rosidl_py_gen.runtime import Context, Node, Subscription
+
+        def close(self, close=Subscription.close):
+            os.kill(os.getpid(), signal.SIGINT)
+            close(self)
+
+        Subscription.close = close
+        node = Node("open", context=Context(discovery="off"))
+        node.create_subscription(get_message("std_msgs/msg/String"), "/t")
+        raise KeyboardInterrupt
+    """
+    done = python(textwrap.dedent(text))
+    assert done.returncode == -signal.SIGINT, done.stderr
+    assert done.stderr.splitlines().count("KeyboardInterrupt") == 1 and "atexit" not in done.stderr
