@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import functools
-import logging
-import sys
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Annotated, Any
 
 import pytest
+from support.parameter_store import StoreWorld, p
 
-from rosidl_py_gen.runtime import CallbackAnswerError, ParameterEvent, SetResult
+from rosidl_py_gen.runtime import CallbackAnswerError, SetResult
 from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
-from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValueError,
-    Parameter,
-    ParameterDescriptor,
-    parameter_value,
-)
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
 
 OK = SetResult(True)
-
-
-def p(name: str, value: object = None) -> Parameter:
-    return Parameter(name, parameter_value(value))
 
 
 def broken(*_: object) -> Any:
@@ -36,94 +26,73 @@ async def later(*_: object) -> Any:
     return OK
 
 
-class World:
-    def __init__(self, *names: str) -> None:
-        self.events: list[ParameterEvent] = []
-        self.failures: list[str] = []
-        self.errors: list[type[BaseException] | None] = []
-        self.store = ParameterStore(on_event=self.events.append, on_failure=self.note_failure)
-        for name in names:
-            self.store.declare(name, parameter_value(1))
-        self.events.clear()
-
-    def note_failure(self, what: str) -> None:
-        self.failures.append(what)
-        self.errors.append(sys.exc_info()[0])
-
-    def values(self) -> dict[str, object]:
-        return {name: value.value for name, value in self.store.values().items()}
+def declared(*names: str) -> StoreWorld:
+    world = StoreWorld()
+    for name in names:
+        world.declare(name, 1)
+    world.forget_reports()
+    return world
 
 
 @pytest.mark.parametrize("kind", ["pre-set", "on-set"])
 def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
-    world = World("a", "b")
+    world = declared("a", "b")
     added = world.store.callbacks.add(kind, broken)
     what = f"the {kind} callback 'broken'"
     refused = SetResult(False, f"{what} raised KeyError: 'gone'")
-    assert world.store.set_atomically([p("a", 2)]) == refused
+    assert world.set(a=2) == refused
     assert world.store.set_individually([p("a", 2), p("b", 2)]) == [refused, refused]
-    assert world.values() == {"a": 1, "b": 1} and world.events == [] and world.failures == [what] * 3
-    assert set(world.errors) == {KeyError}, "what is logged is the error of the callback"
+    assert world.values() == {"a": 1, "b": 1} and world.events == []
+    assert world.failures == [(what, KeyError)] * 3  # the error of the callback is logged
     added.close()
-    assert world.store.set_atomically([p("a", 2)]) == OK
+    assert world.set(a=2) == OK
 
 
 def test_a_callback_that_raises_refuses_a_declaration() -> None:
-    world = World()
+    world = StoreWorld()
     world.store.callbacks.add("on-set", broken)
     with pytest.raises(
         InvalidParameterValueError, match="cannot be declared as 1: the on-set callback 'broken' raised Key"
     ):
-        world.store.declare("a", parameter_value(1))
+        world.declare("a", 1)
     assert not world.store.has("a") and world.events == []
 
 
 def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_hear() -> None:
-    world = World("a")
-    heard: list[str] = []
-    world.store.callbacks.add("post-set", lambda ps: heard.append("old"))
+    world = declared("a")
     world.store.callbacks.add("post-set", broken)
-    world.store.callbacks.add("post-set", lambda ps: heard.append("new"))
-    assert world.store.set_atomically([p("a", 2)]) == OK
-    assert world.values() == {"a": 2} and heard == ["new", "old"]
-    world.store.declare("b", parameter_value(1))
-    assert world.store.has("b") and heard == ["new", "old"] * 2
-    assert world.failures == ["the post-set callback 'broken'"] * 2
+    assert world.set(a=2) == OK
+    assert world.values() == {"a": 2} and world.heard == ["a"]
+    world.declare("b", 1)
+    assert world.store.has("b") and world.heard == ["a", "b"]
+    assert world.failures == [("the post-set callback 'broken'", KeyError)] * 2
 
 
 def test_what_a_callback_raises_goes_on_to_whoever_declares() -> None:
-    world = World()
+    world = StoreWorld()
     with world.store.callbacks.add("on-set", broken, raises=True), pytest.raises(KeyError, match="gone"):
-        world.store.declare("a", parameter_value(1))
+        world.declare("a", 1)
     assert not world.store.has("a") and world.events == world.failures == []
 
 
 def test_what_a_post_set_callback_raises_comes_when_all_have_heard() -> None:
-    world = World("a")
-    heard: list[str] = []
-    world.store.callbacks.add("post-set", lambda ps: heard.append("old"))
+    world = declared("a")
     world.store.callbacks.add("post-set", lambda ps: 1 / 0, raises=True)
     world.store.callbacks.add("post-set", broken, raises=True)
     with pytest.raises(KeyError, match="gone"):
-        world.store.set_atomically([p("a", 2)])
-    assert world.values() == {"a": 2} and heard == ["old"] and len(world.events) == 1
-    assert world.failures == ["the post-set callback '<lambda>'"]  # only one of two can be raised
+        world.set(a=2)
+    assert world.values() == {"a": 2} and world.heard == ["a"] and len(world.events) == 1
+    assert world.failures == [("the post-set callback '<lambda>'", ZeroDivisionError)]  # only one of two can be raised
 
 
 def test_of_declarations_that_are_made_together_all_are_heard_of() -> None:
-    world = World()
-    heard: list[str] = []
-
-    def hear(parameters: list[Parameter]) -> None:
-        heard.append(parameters[0].name)
-        broken()
-
-    world.store.callbacks.add("post-set", hear, raises=True)
+    world = StoreWorld()
+    world.store.callbacks.add("post-set", broken, raises=True)
     with pytest.raises(KeyError, match="gone"), world.store.declare_batch() as declared:
         for name in ("a", "b"):
             world.store.declare(name, parameter_value(1))
             declared.append(name)
-    assert heard == ["a", "b"] and set(world.values()) == {"a", "b"}
+    assert world.heard == ["a", "b"] and set(world.values()) == {"a", "b"}
 
 
 def test_an_event_that_cannot_be_published_changes_nothing() -> None:
@@ -139,31 +108,31 @@ def test_an_event_that_cannot_be_published_changes_nothing() -> None:
     [None, True, "no", 5, SetResult(False, None), SetResult(True, b"x")],  # type: ignore[arg-type]
 )
 def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
-    world = World("a")
+    world = declared("a")
     world.store.callbacks.add("on-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"'<lambda>' returned .*, expected a SetResult with a str"):
-        world.store.set_atomically([p("a", 2)])
+        world.set(a=2)
     with pytest.raises(TypeError):
-        world.store.declare("b", parameter_value(2))
+        world.declare("b", 2)
     assert world.values() == {"a": 1} and world.events == []
 
 
 def test_what_looks_like_a_result_is_one() -> None:
-    world = World("a")
+    world = declared("a")
     added = world.store.callbacks.add("on-set", lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
-    assert world.store.set_atomically([p("a", 2)]) == SetResult(False, "as in rclpy")
+    assert world.set(a=2) == SetResult(False, "as in rclpy")
     added.close()
     world.store.callbacks.add("on-set", lambda ps: SetResult(1))  # type: ignore[arg-type]
-    result = world.store.set_atomically([p("a", 2)])
+    result = world.set(a=2)
     assert result == OK and result.successful is True
 
 
 @pytest.mark.parametrize("answer", [None, "text", 5, [1], {"a": 1}, p("a", 2)])
 def test_a_pre_set_callback_must_answer_parameters(answer: Any) -> None:
-    world = World("a")
+    world = declared("a")
     world.store.callbacks.add("pre-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"returned .*, expected a list of Parameter objects"):
-        world.store.set_atomically([p("a", 2)])
+        world.set(a=2)
     assert world.values() == {"a": 1}
 
 
@@ -181,10 +150,10 @@ def test_only_plain_functions_can_be_callbacks(kind: str, callback: Any) -> None
 
 
 def test_an_async_function_in_disguise_is_refused_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
-    world = World("a")
+    world = declared("a")
     world.store.callbacks.add("on-set", lambda ps: later())  # type: ignore[arg-type,return-value]
     with pytest.raises(CallbackAnswerError, match="returned <coroutine"):
-        world.store.set_atomically([p("a", 2)])
+        world.set(a=2)
     assert not recwarn.list
 
 
@@ -213,12 +182,12 @@ class Checked:
 
 
 def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
-    world = World()
+    world = StoreWorld()
     checked = bind_class(world.store, Checked)
     world.events.clear()
     reason = "the validator of 'v' raised ZeroDivisionError: division by zero"
     assert world.store.set_individually([p("t", 2), p("v", 0), p("v", 5)]) == [OK, SetResult(False, reason), OK]
-    assert world.failures == ["the validator of 'v'"] and len(world.events) == 2
+    assert world.failures == [("the validator of 'v'", ZeroDivisionError)] and len(world.events) == 2
     with pytest.raises(InvalidParameterValueError, match=reason):
         checked.v = 0
     with pytest.raises(InvalidParameterValueError, match=reason):
@@ -227,31 +196,33 @@ def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
 
 
 def test_post_init_refuses_with_its_text_or_is_named_when_it_fails() -> None:
-    world = World()
+    world = StoreWorld()
     bind_class(world.store, Checked)
-    assert world.store.set_atomically([p("t", -1)]) == SetResult(False, "t must not be negative")
+    assert world.set(t=-1) == SetResult(False, "t must not be negative")
     assert world.failures == []
-    refused = world.store.set_atomically([p("t", 11)])
-    assert refused.reason.startswith("Checked(...) raised AttributeError: ") and world.failures == ["Checked(...)"]
+    refused = world.set(t=11)
+    assert refused.reason.startswith("Checked(...) raised AttributeError: ") and world.failures == [
+        ("Checked(...)", AttributeError)
+    ]
 
 
 def test_a_class_validator_that_raises_is_named() -> None:
-    world = World()
+    world = StoreWorld()
     allowed = [True]
 
     def check(new: Checked) -> str | None:
         return None if allowed else broken()
 
     bind_class(world.store, Checked, prefix="c", validator=check)
-    assert world.store.set_atomically([p("c.t", 2)]) == OK
+    assert world.set(p("c.t", 2)) == OK
     allowed.clear()
     reason = "the validator of Checked raised KeyError: 'gone'"
-    assert world.store.set_atomically([p("c.t", 3)]) == SetResult(False, reason)
-    assert world.store.get("c.t").value == 2
+    assert world.set(p("c.t", 3)) == SetResult(False, reason)
+    assert world.get("c.t") == 2
 
 
 def test_a_validator_that_raises_at_the_start_declares_nothing() -> None:
-    world = World()
+    world = StoreWorld()
     with pytest.raises(
         InvalidParameterValueError, match=r"cannot be declared: the validator of 'c\.v' raised ZeroDivision"
     ):
@@ -261,30 +232,30 @@ def test_a_validator_that_raises_at_the_start_declares_nothing() -> None:
 
 @pytest.mark.parametrize("answer", [True, False, 5, b"no"])
 def test_a_validator_must_answer_none_or_a_text(answer: Any) -> None:
-    world = World()
+    world = StoreWorld()
     answers: list[Any] = [None]
     checked = bind_class(world.store, Checked, validator=lambda new: answers[0])
     answers[0] = answer
     with pytest.raises(CallbackAnswerError, match=f"the validator of Checked returned {answer!r}, expected None or"):
         checked.t = 2
-    assert checked.t == 1 and world.store.get("t").value == 1
+    assert checked.t == 1 and world.get("t") == 1
 
 
 def test_validators_cannot_set_parameters() -> None:
-    world = World("other")
+    world = declared("other")
 
     def check(new: Checked) -> str | None:
         if new.t == 5:
-            return world.store.set_atomically([p("other", 2)]).reason
+            return world.set(other=2).reason
         if new.t == 6:
-            world.store.declare("another", parameter_value(1))
+            world.declare("another", 1)
         return None
 
     checked = bind_class(world.store, Checked, validator=check)
     for value in (5, 6):
         with pytest.raises(InvalidParameterValueError, match="cannot be set or declared by a validator"):
             checked.t = value
-    assert world.store.get("other").value == 1 and not world.store.has("another") and checked.t == 1
+    assert world.get("other") == 1 and not world.store.has("another") and checked.t == 1
 
 
 def test_a_validator_cannot_change_what_is_stored() -> None:
@@ -296,21 +267,12 @@ def test_a_validator_cannot_change_what_is_stored() -> None:
         def __post_init__(self) -> None:
             self.n = self.n * 2
 
-    world = World()
+    world = StoreWorld()
 
     def spoil(new: Lists) -> None:
         new.names = ()
 
     lists = bind_class(world.store, Lists, validator=spoil)
     assert (lists.names, lists.n) == (("b", "a"), 2)
-    assert world.store.set_atomically([p("n", 5)]) == OK
-    assert (lists.n, world.store.get("n").value, lists.names) == (5, 5, ("b", "a"))
-
-
-def test_failures_are_logged_with_a_traceback_by_default(caplog: pytest.LogCaptureFixture) -> None:
-    store = ParameterStore()
-    store.declare("a", parameter_value(1), ParameterDescriptor())
-    store.callbacks.add("on-set", broken)
-    with caplog.at_level(logging.ERROR):
-        assert not store.set_atomically([p("a", 2)]).successful
-    assert "the on-set callback 'broken' failed" in caplog.text and 'raise KeyError("gone")' in caplog.text
+    assert world.set(n=5) == OK
+    assert (lists.n, world.get("n"), lists.names) == (5, 5, ("b", "a"))

@@ -10,8 +10,9 @@ from enum import Enum
 from typing import Annotated, Any, Literal
 
 import pytest
+from support.parameter_store import StoreWorld, p
 
-from rosidl_py_gen.runtime import ParameterEvent, SetResult
+from rosidl_py_gen.runtime import SetResult
 from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class, snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     Int8,
@@ -22,18 +23,15 @@ from rosidl_py_gen.runtime.parameters.dataclass_fields import (
     UInt64,
     parameter_fields_of,
 )
-from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     InvalidParameterValueError,
-    Parameter,
     ParameterAlreadyDeclaredError,
     ParameterDescriptor,
     ParameterImmutableError,
     ParameterType,
     WrongParameterTypeError,
-    parameter_value,
 )
 
 T = ParameterType
@@ -77,19 +75,8 @@ class Drive:
     small: Int8 = 0
 
 
-class World:
-    def __init__(self, **overrides: object) -> None:
-        self.events: list[ParameterEvent] = []
-        values = {name.replace("__", "."): parameter_value(value) for name, value in overrides.items()}
-        self.store = ParameterStore(values, on_event=self.events.append)
-
-    def set(self, **values: object) -> SetResult:
-        made = [Parameter(name.replace("__", "."), parameter_value(value)) for name, value in values.items()]
-        return self.store.set_atomically(made)
-
-
 def test_every_field_is_declared_with_type_and_descriptor() -> None:
-    world = World()
+    world = StoreWorld()
     bind_class(world.store, Drive)
     assert {name: value.type for name, value in world.store.values().items()} == {
         "max_speed": T.DOUBLE,
@@ -117,7 +104,7 @@ def test_every_field_is_declared_with_type_and_descriptor() -> None:
 
 
 def test_the_object_has_the_values_and_compares_and_prints_like_an_instance() -> None:
-    world = World(max_speed=1.5, left__pwm=77, mode="manual", limit=3.0, gear=2)
+    world = StoreWorld(max_speed=1.5, left__pwm=77, mode="manual", limit=3.0, gear=2)
     drive = bind_class(world.store, Drive)
     assert (drive.max_speed, drive.left.pwm, drive.mode, drive.limit, drive.gear) == (1.5, 77, "manual", 3.0, Gear.HIGH)
     expected = Drive(max_speed=1.5, left=Motor(77), mode="manual", limit=3.0, gear=Gear.HIGH)
@@ -127,7 +114,7 @@ def test_the_object_has_the_values_and_compares_and_prints_like_an_instance() ->
 
 
 def test_it_follows_sets_from_outside() -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     left = drive.left
     assert world.set(left__pwm=42, tags=["a", "b"], gear=2, limit=1.5, blob=b"\x01").successful
@@ -137,14 +124,16 @@ def test_it_follows_sets_from_outside() -> None:
 
 
 def test_attributes_set_parameters_and_publish() -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     drive.max_speed = 2
     drive.left.pwm = 9
     drive.gear = Gear.HIGH
     drive.limit = 1.0
     drive.limit = None
-    changed = [tuple((p.name, p.value.value) for p in e.changed + e.new + e.deleted) for e in world.events[11:]]
+    changed = [
+        tuple((item.name, item.value.value) for item in e.changed + e.new + e.deleted) for e in world.events[11:]
+    ]
     assert changed == [
         (("max_speed", 2.0),),
         (("left.pwm", 9),),
@@ -154,12 +143,12 @@ def test_attributes_set_parameters_and_publish() -> None:
     ]
     drive.left = Motor(pwm=3, inverted=True)
     assert world.events[-1].changed == (
-        Parameter("left.pwm", parameter_value(3)),
-        Parameter("left.inverted", parameter_value(True)),
+        p("left.pwm", 3),
+        p("left.inverted", True),
     )
     assert drive.left.pwm == 3
     drive.left.pwm = 4
-    assert world.store.get("left.pwm").value == 4
+    assert world.get("left.pwm") == 4
 
 
 @pytest.mark.parametrize(
@@ -179,7 +168,7 @@ def test_attributes_set_parameters_and_publish() -> None:
     ],
 )
 def test_refusals_say_why_and_change_nothing(values: dict[str, object], reason: str) -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     before, events = snapshot(drive), len(world.events)
     assert world.set(**values) == SetResult(False, reason)
@@ -187,7 +176,7 @@ def test_refusals_say_why_and_change_nothing(values: dict[str, object], reason: 
 
 
 def test_assigning_a_refused_value_raises_and_changes_nothing() -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     with pytest.raises(InvalidParameterValueError, match="out of range"):
         drive.max_speed = 9.0
@@ -201,7 +190,7 @@ def test_assigning_a_refused_value_raises_and_changes_nothing() -> None:
 
 
 def test_the_object_is_complete_when_the_event_and_the_callbacks_come() -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     seen: list[tuple[float, int]] = []
     world.store.callbacks.add("post-set", lambda ps: seen.append((drive.max_speed, drive.left.pwm)))
@@ -211,7 +200,7 @@ def test_the_object_is_complete_when_the_event_and_the_callbacks_come() -> None:
 
 
 def test_a_class_validator_sees_the_complete_new_object() -> None:
-    world = World()
+    world = StoreWorld()
 
     def check(new: Drive) -> str | None:
         return "too fast for manual" if new.mode == "manual" and new.max_speed > 1 else None
@@ -233,7 +222,7 @@ def test_post_init_may_refuse_too() -> None:
             if self.low > self.high:
                 raise ValueError("low must not exceed high")
 
-    world = World()
+    world = StoreWorld()
     pair = bind_class(world.store, Pair)
     assert world.set(low=11) == SetResult(False, "low must not exceed high")
     update_parameters(pair, low=11, high=12)
@@ -254,29 +243,32 @@ def test_post_init_may_refuse_too() -> None:
     ],
 )
 def test_a_bad_override_declares_nothing(overrides: dict[str, object], error: type[Exception]) -> None:
-    world = World(**overrides)
+    world = StoreWorld(**overrides)
     with pytest.raises(error):
         bind_class(world.store, Drive)
     assert world.store.values() == {} and world.events == []
 
 
 def test_a_taken_name_declares_nothing() -> None:
-    world = World()
-    world.store.declare("left.pwm", parameter_value(1))
+    world = StoreWorld()
+    world.declare("left.pwm", 1)
     with pytest.raises(ParameterAlreadyDeclaredError):
         bind_class(world.store, Drive)
     assert list(world.store.values()) == ["left.pwm"]
-    assert world.store.set_atomically([Parameter("left.pwm", parameter_value(999))]).successful
+    assert world.set(left__pwm=999).successful
 
 
 def test_prefix_and_initial_object() -> None:
-    world = World(a__left__pwm=5)
+    world = StoreWorld(a__left__pwm=5)
     first = bind_class(world.store, Drive, prefix="a", initial=Drive(max_speed=2.0))
     second = bind_class(world.store, Drive, prefix="b")
     assert (first.max_speed, first.left.pwm, second.max_speed, second.left.pwm) == (2.0, 5, 0.8, 10)
     first.max_speed = 1.0
-    assert second.max_speed == 0.8 and world.store.get("a.max_speed").value == 1.0
+    assert second.max_speed == 0.8 and world.get("a.max_speed") == 1.0
     assert world.set(b__mode="no").reason == "Parameter b.mode must be one of 'auto', 'manual', got 'no'"
+    assert world.set(b__left__pwm=-1).reason == "Parameter b.left.pwm out of range. Min: 0, Max: 255, value: -1"
+    with pytest.raises(InvalidParameterValueError, match=r"parameter 'b\.mode'"):
+        second.mode = 5  # type: ignore[assignment]
 
 
 def test_arrays_of_every_type_and_ranges_for_their_items() -> None:
@@ -288,7 +280,7 @@ def test_arrays_of_every_type_and_ranges_for_their_items() -> None:
         reals: tuple[float, ...] = (1, 2)
         names: list[str] | None = None
 
-    world = World(flags=[], numbers=[1, 2])
+    world = StoreWorld(flags=[], numbers=[1, 2])
     arrays = bind_class(world.store, Arrays)
     assert arrays == Arrays([], [1, 2], [], (1.0, 2.0), None)
     assert world.store.types(["flags", "numbers", "reals", "names"]) == [
@@ -319,7 +311,7 @@ def test_enums_with_mixed_values_go_by_name() -> None:
     class Choice:
         mixed: Mixed = Mixed.A
 
-    world = World(mixed="B")
+    world = StoreWorld(mixed="B")
     choice = bind_class(world.store, Choice)
     assert choice == Choice(Mixed.B) and world.set(mixed="A").successful and choice == Choice(Mixed.A)
 
@@ -329,7 +321,7 @@ def test_frozen_and_slotted_classes_work() -> None:
     class Frozen:
         a: int = 1
 
-    world = World()
+    world = StoreWorld()
     frozen = bind_class(world.store, Frozen)
     assert world.set(a=2).successful and frozen.a == 2
     with pytest.raises(dataclasses.FrozenInstanceError):
@@ -337,28 +329,13 @@ def test_frozen_and_slotted_classes_work() -> None:
 
 
 def test_copies_are_plain_and_independent() -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     for made in (copy.copy(drive), copy.deepcopy(drive), snapshot(drive), pickle.loads(pickle.dumps(drive))):
         assert type(made) is Drive and type(made.left) is Motor
         made.max_speed = 99.0
         made.left.pwm = 1000
-    assert drive == Drive() and world.store.get("max_speed").value == 0.8
-
-
-def test_reasons_have_the_prefix() -> None:
-    @dataclass
-    class Arrays:
-        numbers: Annotated[list[int], Range(0, 9)] = field(default_factory=list)
-        teeth: Annotated[int, even] = 4
-        left: Motor = field(default_factory=Motor)
-
-    world = World()
-    arrays = bind_class(world.store, Arrays, prefix="a")
-    assert world.set(a__numbers=[10]).reason == "Parameter a.numbers[0] out of range. Min: 0, Max: 9, value: 10"
-    assert world.set(a__left__pwm=-1).reason == "Parameter a.left.pwm out of range. Min: 0, Max: 255, value: -1"
-    with pytest.raises(InvalidParameterValueError, match=r"parameter 'a\.numbers'"):
-        arrays.numbers = "text"  # type: ignore[assignment]
+    assert drive == Drive() and world.get("max_speed") == 0.8
 
 
 def test_what_has_no_default_needs_an_initial_object() -> None:
@@ -367,8 +344,8 @@ def test_what_has_no_default_needs_an_initial_object() -> None:
         a: int
 
     with pytest.raises(ParameterClassError, match=r"Bare\.a has no default"):
-        bind_class(World().store, Bare)
-    assert bind_class(World().store, Bare, initial=Bare(3)).a == 3
+        bind_class(StoreWorld().store, Bare)
+    assert bind_class(StoreWorld().store, Bare, initial=Bare(3)).a == 3
 
 
 @pytest.mark.parametrize(
@@ -382,7 +359,59 @@ def test_what_has_no_default_needs_an_initial_object() -> None:
     ],
 )
 def test_arguments_of_the_wrong_type(arguments: dict[str, Any], reason: str) -> None:
-    world = World()
+    world = StoreWorld()
     with pytest.raises(TypeError, match=reason):
         bind_class(world.store, Drive, **arguments)
     assert world.store.values() == {}
+
+
+# ------------------------------------------------------------------------------------- what cannot be parameters
+
+
+@pytest.mark.parametrize(
+    ("annotation", "reason"),
+    [
+        (dict[str, int], "cannot be a parameter"),
+        (list[list[int]], "cannot be a parameter"),
+        (int | str, "cannot be a parameter"),
+        (list[bytes], "cannot be a parameter"),
+        (Literal["a", 1], "choices must be all str, all int or all bool"),
+        (Annotated[str, Range(0, 1)], "a range is for numbers only"),
+        (Annotated[int, Range(0, 1.5)], "must have integer ends"),
+        (Annotated[Int8, Range(0, 200)], "does not fit Width"),
+        (Annotated[int, Range(float("-inf"), 10)], "must have integer ends"),
+        (Annotated[int, Range(float("nan"), 10)], "must have integer ends"),
+        (Annotated[int, Range(0, 10, -1)], "a step >= 0"),
+        (Annotated[int, Range(0, 2**64)], "must have 64-bit integers"),
+        (Annotated[float, Range(float("-inf"), 10, 0.5)], "its step and lower end must be finite"),
+        (Annotated[float, Range(0, 1, float("inf"))], "lower end must be finite"),
+        (Annotated[float, Range(float("nan"), 1)], "must have numbers as its ends"),
+        (Annotated[float, Range("a", 1)], "must have numbers as its ends"),  # type: ignore[arg-type]
+        (Annotated[float, Range(0, 10**400)], "must have numbers as its ends"),
+        (Annotated[int, later], "the validator 'later' is async"),
+    ],
+)
+def test_what_cannot_be_a_parameter_is_said_with_class_and_field(annotation: object, reason: str) -> None:
+    made = dataclasses.make_dataclass("Bad", [("x", annotation, None)])
+    with pytest.raises(ParameterClassError, match=f"Bad.x: .*{reason}"):
+        parameter_fields_of(made)
+
+
+def test_an_annotation_that_cannot_be_resolved_is_explained() -> None:
+    @dataclass
+    class Local:
+        pwm: int = 0
+
+    @dataclass
+    class Holder:
+        motor: Local = field(default_factory=Local)
+
+    with pytest.raises(ParameterClassError, match="Holder: name 'Local' is not defined"):
+        parameter_fields_of(Holder)
+
+
+def test_only_dataclasses() -> None:
+    with pytest.raises(ParameterClassError, match="is an object; pass its class"):
+        parameter_fields_of(Motor())  # type: ignore[arg-type]
+    with pytest.raises(ParameterClassError, match="is not a dataclass"):
+        parameter_fields_of(int)

@@ -6,21 +6,16 @@ import threading
 from dataclasses import dataclass
 
 import pytest
+from support.parameter_store import StoreWorld, p
 
 from rosidl_py_gen.runtime import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.dataclass_binding import bind_class
-from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
-    parameter_value,
 )
-
-
-def p(name: str, value: object = None) -> Parameter:
-    return Parameter(name, parameter_value(value))
 
 
 @dataclass
@@ -36,22 +31,8 @@ class Lamp:
     on: bool = True
 
 
-class World:
-    def __init__(self) -> None:
-        self.events: list[ParameterEvent] = []
-        self.told: list[str] = []
-        self.store = ParameterStore(on_event=self.events.append)
-        self.store.callbacks.add("post-set", lambda ps: self.told.extend(item.name for item in ps))
-
-    def set(self, **values: object) -> SetResult:
-        return self.store.set_atomically([p(name, value) for name, value in values.items()])
-
-    def get(self, name: str) -> object:
-        return self.store.get(name).value
-
-
 def test_a_callback_after_the_set_may_correct_what_is_declared() -> None:
-    world = World()
+    world = StoreWorld()
 
     def clamp(parameters: list[Parameter]) -> None:
         for item in parameters:
@@ -67,7 +48,7 @@ def test_a_callback_after_the_set_may_correct_what_is_declared() -> None:
 
 
 def test_a_callback_before_the_set_may_set_a_field_that_is_declared_already() -> None:
-    world = World()
+    world = StoreWorld()
 
     def slow_down(parameters: list[Parameter]) -> SetResult:
         if parameters[0].name == "mode":
@@ -80,7 +61,7 @@ def test_a_callback_before_the_set_may_set_a_field_that_is_declared_already() ->
 
 
 def test_what_a_callback_sets_must_please_the_validator() -> None:
-    world = World()
+    world = StoreWorld()
 
     def slow_down(parameters: list[Parameter]) -> SetResult:
         return world.set(speed=-1.0) if parameters[0].name == "mode" else SetResult(True)
@@ -88,22 +69,21 @@ def test_what_a_callback_sets_must_please_the_validator() -> None:
     world.store.callbacks.add("on-set", slow_down)
     with pytest.raises(InvalidParameterValueError, match="the parameters of Drive cannot be declared: backwards"):
         bind_class(world.store, Drive, validator=lambda new: "backwards" if new.speed < 0 else None)
-    assert world.store.values() == {} and world.events == [] and world.told == []
+    assert world.values() == {} and world.events == [] and world.heard == []
 
 
 def test_nobody_hears_of_a_class_that_was_refused() -> None:
-    world = World()
+    world = StoreWorld()
     world.store.callbacks.add("on-set", lambda ps: SetResult(ps[0].name != "gear", "no gear"))
     with pytest.raises(InvalidParameterValueError, match="'gear' cannot be declared as 1: no gear"):
         bind_class(world.store, Drive)
-    assert world.store.values() == {} and world.events == [] and world.told == []
+    assert world.values() == {} and world.events == [] and world.heard == []
 
 
 def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
-    world = World()
-    world.store.declare("other", parameter_value(1))
-    world.events.clear()
-    world.told.clear()
+    world = StoreWorld()
+    world.declare("other", 1)
+    world.forget_reports()
 
     def refuse_gear(parameters: list[Parameter]) -> SetResult:
         if parameters[0].name == "mode":
@@ -115,21 +95,21 @@ def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
     with pytest.raises(InvalidParameterValueError):
         bind_class(world.store, Drive)
     assert world.events == [ParameterEvent(changed=(p("other", 2),)), ParameterEvent(new=(p("on", True),))]
-    assert world.told == ["other", "on"] and set(world.store.values()) == {"other", "on"}
+    assert world.heard == ["other", "on"] and set(world.store.values()) == {"other", "on"}
 
 
 def test_events_and_callbacks_keep_their_order_and_find_everything_declared() -> None:
-    world = World()
+    world = StoreWorld()
     complete: list[bool] = []
     world.store.callbacks.add("post-set", lambda ps: complete.append(world.store.has("limit")))
     bind_class(world.store, Drive)
     assert [[item.name for item in event.new] for event in world.events] == [["speed"], ["mode"], ["gear"], []]
-    assert world.told == ["speed", "mode", "gear", "limit"] and complete == [True] * 4
+    assert world.heard == ["speed", "mode", "gear", "limit"] and complete == [True] * 4
 
 
 def test_callbacks_after_a_declaration_hold_up_no_other_thread() -> None:
-    world = World()
-    world.store.declare("other", parameter_value(1))
+    world = StoreWorld()
+    world.declare("other", 1)
     results: list[SetResult] = []
 
     def set_elsewhere(parameters: list[Parameter]) -> None:
@@ -140,20 +120,20 @@ def test_callbacks_after_a_declaration_hold_up_no_other_thread() -> None:
 
     world.store.callbacks.add("post-set", set_elsewhere)
     bind_class(world.store, Drive)
-    assert results == [SetResult(True)] and world.get("other") == 2 and "other" in world.told
+    assert results == [SetResult(True)] and world.get("other") == 2 and "other" in world.heard
 
 
 # ----------------------------------------------------------------------------------------- fields that go and return
 
 
 def test_a_field_that_returns_with_its_type_is_followed_again() -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
     assert drive.speed == 5.0
     with pytest.raises(InvalidParameterValueError, match=r"undeclared parameter\(s\): \['speed'\]"):
         drive.speed = 1.0
-    world.store.declare("speed", parameter_value(3.0))
+    world.declare("speed", 3.0)
     assert drive.speed == 3.0
     drive.speed = 4.0
     assert world.get("speed") == 4.0
@@ -161,20 +141,20 @@ def test_a_field_that_returns_with_its_type_is_followed_again() -> None:
 
 @pytest.mark.parametrize("dynamic", [False, True])
 def test_a_field_cannot_return_with_another_type(dynamic: bool) -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
     text = "'speed' cannot be declared as 'y': it is bound to Drive.speed of type DOUBLE, not STRING"
     with pytest.raises(InvalidParameterValueError, match=text):
-        world.store.declare("speed", parameter_value("y"), ParameterDescriptor(dynamic_typing=dynamic))
+        world.declare("speed", "y", ParameterDescriptor(dynamic_typing=dynamic))
     assert drive.speed == 5.0 and not world.store.has("speed")
 
 
 def test_a_field_that_returns_dynamically_typed_still_keeps_its_type() -> None:
-    world = World()
+    world = StoreWorld()
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
-    world.store.declare("speed", parameter_value(1.5), ParameterDescriptor(dynamic_typing=True))
+    world.declare("speed", 1.5, ParameterDescriptor(dynamic_typing=True))
     for value, name in (("y", "STRING"), (None, "NOT_SET")):
         refused = SetResult(False, f"it is bound to Drive.speed of type DOUBLE, not {name}")
         assert world.set(speed=value) == refused

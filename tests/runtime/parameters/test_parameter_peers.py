@@ -20,8 +20,6 @@ from rosidl_py_gen.runtime import (
     ParameterNotDeclaredError,
     ParameterType,
     ParameterValue,
-    SetResult,
-    parameter_value,
 )
 
 DYNAMIC = ParameterDescriptor(dynamic_typing=True)
@@ -119,21 +117,3 @@ def test_values_that_do_not_fit_their_type_are_stored_nowhere(world: World, odd:
         node.set_parameter("d", 2)
     added.close()
     assert node.get_parameter("d") == 1 and not node.has_parameter("new")
-
-
-async def test_a_pre_set_callback_that_answers_bare_values_refuses_a_remote_set(world: World) -> None:
-    node = world.node("n")
-    node.declare_parameter("a", 1)
-    node.add_pre_set_callback(lambda parameters: [Parameter("a", 5)])  # type: ignore[arg-type]
-    remote = world.node("other").create_parameter_client("/n")
-    (result,) = await remote.set({"a": 2}, 5)
-    assert not result.successful and "the value of a Parameter must be a ParameterValue" in result.reason
-    assert await remote.get("a", 5) == 1
-
-
-def test_values_that_fit_are_made_with_parameter_value(world: World) -> None:
-    node = world.node("n")
-    node.declare_parameter("a", ["x"])
-    empty = parameter_value([], ParameterType.STRING_ARRAY)
-    node.add_pre_set_callback(lambda parameters: [Parameter("a", empty)])
-    assert node.set_parameters({"a": ["y"]}) == [SetResult(True)] and node.get_parameter("a") == ()

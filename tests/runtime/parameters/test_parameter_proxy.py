@@ -237,16 +237,6 @@ def test_a_group_takes_only_an_object_of_its_class(store: ParameterStore) -> Non
     assert drive == Drive() and drive.left == Motor()
 
 
-def test_an_undeclared_field_keeps_its_last_value(store: ParameterStore) -> None:
-    drive = bind_class(store, Drive)
-    drive.mode = "manual"
-    store.undeclare("mode")
-    drive.speed = 2.0
-    assert (drive.mode, drive.speed) == ("manual", 2.0)
-    with pytest.raises(InvalidParameterValueError, match=r"undeclared parameter\(s\): \['mode'\]"):
-        drive.mode = "auto"
-
-
 # ----------------------------------------------------------------------------------------------------------- threads
 
 
@@ -286,23 +276,6 @@ def test_no_thread_sees_half_an_update(store: ParameterStore) -> None:
     for reader in readers:
         reader.join()
     assert torn == []
-
-
-def test_sets_from_many_threads_are_one_after_the_other() -> None:
-    events: list[object] = []
-    store = ParameterStore(on_event=lambda event: events.extend(item.value.value for item in event.changed))
-    live = bind_class(store, Triple)
-
-    def count(new: list[Parameter]) -> list[Parameter]:
-        return [Parameter("a", parameter_value(live.a + 1))]
-
-    store.callbacks.add("pre-set", count)
-    threads = [threading.Thread(target=lambda: [setattr(live, "a", 0) for _ in range(200)]) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert live.a == 800 and events == list(range(1, 801))
 
 
 def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStore) -> None:

@@ -165,18 +165,3 @@ def test_a_stream_works_without_any_loop_and_across_loops() -> None:
     loop.close()
     stream._push(4)
     assert asyncio.run(first()) == 4
-
-
-def test_nothing_pushed_by_threads_is_lost() -> None:
-    stream: AsyncQueue[int] = AsyncQueue()
-
-    async def main() -> None:
-        threads = [threading.Thread(target=lambda: [stream._push(n) for n in range(2000)]) for _ in range(3)]
-        for thread in threads:
-            thread.start()
-        got = [await asyncio.wait_for(stream.__anext__(), 5) for _ in range(6000)]
-        assert sorted(got) == sorted([*range(2000)] * 3)
-        for thread in threads:
-            thread.join()
-
-    asyncio.run(main())

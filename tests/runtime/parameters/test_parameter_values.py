@@ -66,6 +66,7 @@ class Metres(float):
         (Metres(1.5), T.DOUBLE, 1.5),
         ("ü", T.STRING, "ü"),
         ([np.int64(7)], T.INTEGER_ARRAY, (7,)),
+        (ParameterValue(T.STRING_ARRAY, ()), T.STRING_ARRAY, ()),
     ],
 )
 def test_inference(value: object, kind: ParameterType, stored: object) -> None:
