@@ -150,8 +150,6 @@ def load_sources(
                 case "distro":
                     return _from_distribution(source.text)
                 case _:
-                    from rosidl_py_gen.generator_cli.diff_sources import types_of_node
-
                     facts, notes = types_of_node(source.text, timeout_s)
                     return LoadedDefinitions(facts, None, notes)
 
@@ -194,10 +192,7 @@ def _from_revision(folder: Path | None, display: str, notes: list[str], paths: S
             diagnostics_in_revision(error.diagnostics), diagnostics_in_revision(error.notes)
         ) from None
     messages = {
-        name: one._replace(
-            fields=tuple(field._replace(place=in_revision(field.place)) for field in one.fields),
-            constants=one.constants and tuple(item._replace(place=in_revision(item.place)) for item in one.constants),
-        )
+        name: one._replace(source=one.source._replace(path=in_revision(one.source.path)))
         for name, one in loaded.facts.messages.items()
     }
     return LoadedDefinitions(

@@ -12,6 +12,7 @@ from support.interface_packages import write
 from support.node_fixtures import start_process
 
 from rosidl_py_gen import compile_definition
+from rosidl_py_gen.compiler.compatibility.definition_set import known_constants
 from rosidl_py_gen.generator_cli.diff_sources import NodeDefinitionsError, definitions_of_node
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory:
     assert {BATTERY, "robot_msgs/srv/Dock", "robot_msgs/action/Go"} <= {*facts.interfaces}, notes
     assert "rcl_interfaces/srv/SetParameters" in facts.interfaces  # which every node has
     battery = facts.messages[BATTERY]
-    assert [(one.name, str(one.type), one.default) for one in battery.fields] == [("volts", "float32", "24.0")]
-    assert battery.constants is None  # the node has no text of it that it could tell them from
+    assert [(one.name, str(one.type), one.default) for one in battery.fields] == [("volts", "float32", 24.0)]
+    assert known_constants(battery) is None  # the node has no text of it that it could tell them from
     assert facts.interfaces["robot_msgs/srv/Dock"] == ("robot_msgs/srv/Dock_Request", "robot_msgs/srv/Dock_Response")
     assert [note for note in notes if "skipped" in note] == []
 

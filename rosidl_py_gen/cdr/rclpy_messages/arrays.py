@@ -43,17 +43,13 @@ def _buffer(code: str) -> Callable[[object], Any]:
     return buffer
 
 
-array_of_int8s = _reader("b")
-array_of_uint8s = _reader("B")
-array_of_int16s = _reader("h")
-array_of_uint16s = _reader("H")
-array_of_int32s = _reader("i")
-array_of_uint32s = _reader("I")
-array_of_int64s = _reader("q")
-array_of_uint64s = _reader("Q")
-array_of_float32s = _reader("f")
-array_of_float64s = _reader("d")
-
+# Generated code calls these by the name of a numpy type; the codes are those of `array.array`.
+array_of_int8s, array_of_uint8s, array_of_int16s, array_of_uint16s = map(_reader, "bBhH")
+array_of_int32s, array_of_uint32s, array_of_int64s, array_of_uint64s = map(_reader, "iIqQ")
+array_of_float32s, array_of_float64s = map(_reader, "fd")
+buffer_of_int8s, buffer_of_uint8s, buffer_of_int16s, buffer_of_uint16s = map(_buffer, "bBhH")
+buffer_of_int32s, buffer_of_uint32s, buffer_of_int64s, buffer_of_uint64s = map(_buffer, "iIqQ")
+buffer_of_float32s, buffer_of_float64s = map(_buffer, "fd")
 _bools = sequence_converter("?")
 
 
@@ -63,18 +59,6 @@ def buffer_of_bools(value: object) -> Any:
         return bytes([BOOL_BYTE[item] for item in value]) if type(value) is list else _bools(value)
     except Exception:  # also of a `__hash__` of the caller
         return _bools(value)  # raises the error that names the wrong element
-
-
-buffer_of_int8s = _buffer("b")
-buffer_of_uint8s = _buffer("B")
-buffer_of_int16s = _buffer("h")
-buffer_of_uint16s = _buffer("H")
-buffer_of_int32s = _buffer("i")
-buffer_of_uint32s = _buffer("I")
-buffer_of_int64s = _buffer("q")
-buffer_of_uint64s = _buffer("Q")
-buffer_of_float32s = _buffer("f")
-buffer_of_float64s = _buffer("d")
 
 
 def _slice(view: Buffer, count: int, at: int) -> Buffer:

@@ -12,7 +12,6 @@ from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service
-from rosidl_py_gen.cdr.rclpy_messages import slot_types
 from rosidl_py_gen.cdr.rclpy_messages.fields import (
     CHECK,
     IDL_NAMES,
@@ -106,7 +105,7 @@ def _slot_types(cls: type[Message]) -> tuple[Any, ...]:
     try:
         types = import_module("rosidl_parser.definition")
     except ImportError:
-        types = slot_types
+        types = import_module("rosidl_py_gen.cdr.rclpy_messages.slot_types")
     return tuple(_slot_type(field.type, types) for field in cls._TYPE.fields)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from struct import calcsize
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.fieldtype import PRIMITIVES
 from rosidl_py_gen.cdr.rclpy_messages.fields import slot_name
 
 if TYPE_CHECKING:
@@ -20,15 +21,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.codegen.naming import Imports
 
-NUMPY_FIXED = {
-    "?": "fixed_bools", "b": "fixed_int8s", "B": "fixed_uint8s", "h": "fixed_int16s", "H": "fixed_uint16s",
-    "i": "fixed_int32s", "I": "fixed_uint32s", "q": "fixed_int64s", "Q": "fixed_uint64s",
-    "f": "fixed_float32s", "d": "fixed_float64s",
-}  # fmt: skip
-NUMPY_DTYPE = {
-    "b": "INT8", "B": "UINT8", "h": "INT16", "H": "UINT16", "i": "INT32", "I": "UINT32", "q": "INT64", "Q": "UINT64",
-    "f": "FLOAT32", "d": "FLOAT64",
-}  # fmt: skip
+_NUMPY = {one.code: one.numpy.rstrip("_") for one in PRIMITIVES.values()}
+"""Names of numpy types, which are parts of the names of functions and dtypes of `cdr.support`, by struct code."""
 
 
 def block(head: str, body: Iterable[str]) -> list[str]:
@@ -104,11 +98,11 @@ class MessageApi:
 
     def fixed(self, code: str) -> str:
         """Return the function that makes bytes of a small fixed array."""
-        return self.support(NUMPY_FIXED[code])
+        return self.support(f"fixed_{_NUMPY[code]}s")
 
     def sequence(self, code: str, *, is_array: bool) -> str:
         """Return the function that makes a buffer of a sequence, or of a large fixed array."""
-        return self.support(NUMPY_FIXED[code].removeprefix("fixed_"))
+        return self.support(f"{_NUMPY[code]}s")
 
     def listed(self, expression: str) -> str:
         """Return the expression of strings or messages as a list that can be encoded."""
@@ -118,7 +112,7 @@ class MessageApi:
         """Return the expression of the numbers at an offset of ``view``."""
         if code == "?":
             return f"{self.support('view_of_bools')}(view, {count}, {at})"
-        return f"{self.support('frombuffer')}(view, {self.support(NUMPY_DTYPE[code])}, {count}, {at})"
+        return f"{self.support('frombuffer')}(view, {self.support(_NUMPY[code].upper())}, {count}, {at})"
 
     def is_array(self, value: str) -> str:
         """Return the test whether messages are a structured array."""
@@ -142,7 +136,7 @@ class RclpyMessageApi(MessageApi):
             return self.array_function("joined_bytes")
         if is_array:
             return super().sequence(code, is_array=is_array)
-        return self.array_function(f"buffer_of_{NUMPY_FIXED[code].removeprefix('fixed_')}")
+        return self.array_function(f"buffer_of_{_NUMPY[code]}s")
 
     def listed(self, expression: str) -> str:
         return f"{self.array_function('as_list')}({expression})"
@@ -151,10 +145,10 @@ class RclpyMessageApi(MessageApi):
         if code in "c?":
             return f"{self.array_function('list_of_bytes' if code == 'c' else 'list_of_bools')}(view, {count}, {at})"
         if not is_array:
-            return f"{self.array_function('array_of_' + NUMPY_FIXED[code].removeprefix('fixed_'))}(view, {count}, {at})"
+            return f"{self.array_function(f'array_of_{_NUMPY[code]}s')}(view, {count}, {at})"
         end = plus(at, calcsize(f"<{code}") * int(count))
         support = self.support("support", "rosidl_py_gen.cdr")  # an attribute imports numpy when it is first used
-        return f"{support}.ndarray({count}, {support}.{NUMPY_DTYPE[code]}, bytearray(view[{at}:{end}]))"
+        return f"{support}.ndarray({count}, {support}.{_NUMPY[code].upper()}, bytearray(view[{at}:{end}]))"
 
     def is_array(self, value: str) -> str:
         return f"type({value}) is not list and type({value}) is {self.support('support', 'rosidl_py_gen.cdr')}.ndarray"

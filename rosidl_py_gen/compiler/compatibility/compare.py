@@ -12,13 +12,15 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.compiler.compatibility.definition_set import ConstantDefinition, FieldDefinition, canonical_type
+from rosidl_py_gen.base.descriptions import default_text
+from rosidl_py_gen.compiler.compatibility.definition_set import canonical_type, known_constants
 from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult, ReadVerdict, WireCompatibility
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet, MessageDefinition
+    from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet
+    from rosidl_py_gen.compiler.frontend.model import ConstantDef, FieldDef, MessageDef
 
 
 class ChangeKind(Enum):
@@ -157,7 +159,7 @@ def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> It
     own: dict[str, tuple[tuple[ElementChange, ...], tuple[ElementChange, ...]]] = {}
     for message in {*old.messages} & {*new.messages}:
         found = _field_changes(wire, old.messages[message], new.messages[message])
-        constants = tuple(_constant_changes(old.messages[message].constants, new.messages[message].constants))
+        constants = tuple(_constant_changes(old.messages[message], new.messages[message]))
         if found or constants:
             own[message] = found, constants
     inside = {message: _contained_types(message, (old.messages, new.messages)) for message in owners}
@@ -175,7 +177,7 @@ def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> It
             yield TypeChange(name, old.hashes[name], new.hashes[name], tuple(messages), users.get(name, ()))
 
 
-def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDefinition]]) -> set[str]:
+def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDef]]) -> set[str]:
     found: set[str] = set()
     for messages in sides:
         pending, seen = [message], set[str]()
@@ -204,44 +206,47 @@ def _dependents(
 # ------------------------------------------------------------------------------------------------------------- fields
 
 
-def _field_changes(
-    wire: WireCompatibility, old: MessageDefinition, new: MessageDefinition
-) -> tuple[ElementChange, ...]:
+def _place(message: MessageDef, one: FieldDef | ConstantDef) -> str:
+    """Return the location of an element as ``path:line:column``; empty without a text."""
+    return f"{message.source.path}:{one.location.line}:{one.location.column}" if message.source.text else ""
+
+
+def _field_changes(wire: WireCompatibility, old: MessageDef, new: MessageDef) -> tuple[ElementChange, ...]:
     then, now = {one.name: one for one in old.fields}, {one.name: one for one in new.fields}
     renamed = _probable_renames(old.fields, new.fields)
     moved = _reordered([one.name for one in old.fields if one.name in now], [one.name for one in new.fields])
     found = [
-        ElementChange("removed", one.name, str(one.type), "", one.place, ChangeKind.CODE)
+        ElementChange("removed", one.name, str(one.type), "", _place(old, one), ChangeKind.CODE)
         for one in old.fields
         if one.name not in now and one.name not in renamed.values()
     ]
     for one in new.fields:
+        place = _place(new, one)
         before = then.get(one.name) or then.get(renamed.get(one.name, ""))
         if before is None:
-            found.append(ElementChange("added", one.name, "", str(one.type), one.place, ChangeKind.ADDITION))
+            found.append(ElementChange("added", one.name, "", str(one.type), place, ChangeKind.ADDITION))
             continue
         if before.name != one.name:
-            found.append(ElementChange("renamed", one.name, before.name, one.name, one.place, ChangeKind.CODE))
+            found.append(ElementChange("renamed", one.name, before.name, one.name, place, ChangeKind.CODE))
         if canonical_type(before.type) != canonical_type(one.type):
             is_same = wire.field(before.type, one.type).reading is ReadResult.SAME
             consequence = ChangeKind.HASH if is_same else ChangeKind.CODE
-            found.append(ElementChange("type", one.name, str(before.type), str(one.type), one.place, consequence))
+            found.append(ElementChange("type", one.name, str(before.type), str(one.type), place, consequence))
         if one.name in moved:
-            places = str(_place(old.fields, one.name)), str(_place(new.fields, one.name))
-            found.append(ElementChange("moved", one.name, *places, one.place, ChangeKind.HASH))
-        if before.default != one.default:
-            found.append(ElementChange("default", one.name, before.default, one.default, one.place, ChangeKind.DEFAULT))
+            old_number, new_number = (
+                str([item.name for item in side.fields].index(one.name) + 1) for side in (old, new)
+            )
+            found.append(ElementChange("moved", one.name, old_number, new_number, place, ChangeKind.HASH))
+        defaults = default_text(before.default), default_text(one.default)
+        if defaults[0] != defaults[1]:
+            found.append(ElementChange("default", one.name, *defaults, place, ChangeKind.DEFAULT))
         # Texts of bags and nodes may lack comments.
         if before.unit and one.unit and before.unit != one.unit:
-            found.append(ElementChange("unit", one.name, before.unit, one.unit, one.place, ChangeKind.UNIT))
+            found.append(ElementChange("unit", one.name, before.unit, one.unit, place, ChangeKind.UNIT))
     return tuple(found)
 
 
-def _place(fields: Sequence[FieldDefinition], name: str) -> int:
-    return next(number for number, one in enumerate(fields, 1) if one.name == name)
-
-
-def _probable_renames(old: Sequence[FieldDefinition], new: Sequence[FieldDefinition]) -> dict[str, str]:
+def _probable_renames(old: Sequence[FieldDef], new: Sequence[FieldDef]) -> dict[str, str]:
     """Return new name -> old name of fields that replace a field of the same type between the same neighbours."""
     removed = _unmatched_runs(old, {one.name for one in new})
     added = _unmatched_runs(new, {one.name for one in old})
@@ -253,8 +258,8 @@ def _probable_renames(old: Sequence[FieldDefinition], new: Sequence[FieldDefinit
     return found
 
 
-def _unmatched_runs(fields: Sequence[FieldDefinition], common: set[str]) -> dict[str, list[FieldDefinition]]:
-    found: dict[str, list[FieldDefinition]] = {}
+def _unmatched_runs(fields: Sequence[FieldDef], common: set[str]) -> dict[str, list[FieldDef]]:
+    found: dict[str, list[FieldDef]] = {}
     previous = ""
     for one in fields:
         if one.name in common:
@@ -284,19 +289,15 @@ def _reordered(old: Sequence[str], new: Sequence[str]) -> set[str]:
     return {name for name in old if places[name] not in ordered}
 
 
-def _constant_changes(
-    old: tuple[ConstantDefinition, ...] | None, new: tuple[ConstantDefinition, ...] | None
-) -> Iterator[ElementChange]:
-    if old is None or new is None:  # unknown
+def _constant_changes(old: MessageDef, new: MessageDef) -> Iterator[ElementChange]:
+    if known_constants(old) is None or known_constants(new) is None:
         return
-    then, now = {one.name: one for one in old}, {one.name: one for one in new}
-    for name, one in then.items():
+    then, now = ({one.name: (f"{one.type} {one.value!r}", one) for one in side.constants} for side in (old, new))
+    for name, (before, one) in then.items():
         if name not in now:
-            yield ElementChange("removed", name, f"{one.type} {one.value}", "", one.place, ChangeKind.CODE)
-    for name, one in now.items():
-        before = then.get(name)
-        after = f"{one.type} {one.value}"
-        if before is None:
-            yield ElementChange("added", name, "", after, one.place, ChangeKind.ADDITION)
-        elif before[:3] != one[:3]:
-            yield ElementChange("changed", name, f"{before.type} {before.value}", after, one.place, ChangeKind.CODE)
+            yield ElementChange("removed", name, before, "", _place(old, one), ChangeKind.CODE)
+    for name, (after, one) in now.items():
+        if name not in then:
+            yield ElementChange("added", name, "", after, _place(new, one), ChangeKind.ADDITION)
+        elif then[name][0] != after:
+            yield ElementChange("changed", name, then[name][0], after, _place(new, one), ChangeKind.CODE)

@@ -1,13 +1,14 @@
-"""Definitions as plain values that can be compared: interfaces, fields, constants, hashes.
+"""Sets of definitions that can be compared: the messages of checked registries, with hashes.
 
-They come from checked registries. Locations are for display and are not compared.
+Locations are for display and are not compared.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.names import split_ros_name
@@ -23,7 +24,7 @@ from rosidl_py_gen.errors import RosidlError
 if TYPE_CHECKING:
     from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.base.names import RosName
-    from rosidl_py_gen.compiler.frontend.model import Location
+    from rosidl_py_gen.compiler.frontend.model import ConstantDef
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 
@@ -31,36 +32,15 @@ class AmbiguousTypeError(RosidlError):
     """The definitions to compare have two definitions of one type; select the part to compare."""
 
 
-class FieldDefinition(NamedTuple):
-    """A field; `default` and `unit` may be empty, `place` is ``path:line:column``."""
-
-    name: str
-    type: FieldType
-    default: str = ""
-    unit: str = ""
-    place: str = ""
+def known_constants(message: MessageDef) -> tuple[ConstantDef, ...] | None:
+    """Return the constants; None if they are unknown, as for type descriptions without text."""
+    return None if message.source.format == "implicit" and not message.constants else message.constants
 
 
-class ConstantDefinition(NamedTuple):
-    """A constant; `value` is a Python literal."""
-
-    name: str
-    type: str
-    value: str
-    place: str = ""
-
-
-class MessageDefinition(NamedTuple):
-    """A message; `constants` is None if they are unknown, as for type descriptions without text."""
-
-    name: str
-    fields: tuple[FieldDefinition, ...]
-    constants: tuple[ConstantDefinition, ...] | None
-
-    def comparison_key(self) -> tuple[object, ...]:
-        """Return the values to compare: names, types and defaults of fields, and constants, without locations."""
-        constants = None if self.constants is None else tuple(one[:3] for one in self.constants)
-        return tuple((one.name, canonical_type(one.type), one.default) for one in self.fields), constants
+def comparison_key(message: MessageDef, *, with_constants: bool) -> tuple[object, ...]:
+    """Return the values to compare: names, types and defaults of fields, and constants, without locations."""
+    constants = [(one.name, one.type, repr(one.value)) for one in message.constants if with_constants]
+    return [(one.name, canonical_type(one.type), default_text(one.default)) for one in message.fields], constants
 
 
 def canonical_type(kind: FieldType) -> FieldType:
@@ -79,14 +59,14 @@ class DefinitionSet:
     """
 
     interfaces: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    messages: Mapping[str, MessageDefinition] = field(default_factory=dict)
+    messages: Mapping[str, MessageDef] = field(default_factory=dict)
     hashes: Mapping[str, str] = field(default_factory=dict)
 
 
 def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> DefinitionSet:
     """Return the definitions of checked interfaces, and of the messages that they refer to."""
     interfaces: dict[str, tuple[str, ...]] = {}
-    messages: dict[str, MessageDefinition] = {}
+    messages: dict[str, MessageDef] = {}
     hashes: dict[str, str] = {}
     for name in names:
         interface = registry.interface(name)
@@ -99,7 +79,7 @@ def collect(registry: InterfaceRegistry, names: Iterable[RosName]) -> Definition
             if one not in messages:
                 message = registry.message(one)
                 assert message is not None, one
-                messages[one], hashes[one] = _message(message), registry.type_hash(one)
+                messages[one], hashes[one] = message, registry.type_hash(one)
                 pending += [item.type.base for item in message.fields if item.type.is_message]
     return DefinitionSet(interfaces, messages, hashes)
 
@@ -123,52 +103,33 @@ def collect_with_dependencies(registry: InterfaceRegistry, top: RosName) -> Defi
 
 def as_recorded(definitions: DefinitionSet) -> DefinitionSet:
     """Return definitions of a recording: recorders may omit constants, so no constants means unknown constants."""
-    messages = {name: one._replace(constants=one.constants or None) for name, one in definitions.messages.items()}
+    messages = {
+        name: one if one.constants else one._replace(source=one.source._replace(format="implicit"))
+        for name, one in definitions.messages.items()
+    }
     return replace(definitions, messages=messages)
 
 
 def merge(parts: Iterable[tuple[str, DefinitionSet]]) -> DefinitionSet:
     """Return the union of sets with the names of their origins; raises `AmbiguousTypeError`."""
     interfaces: dict[str, tuple[str, ...]] = {}
-    messages: dict[str, MessageDefinition] = {}
+    messages: dict[str, MessageDef] = {}
     hashes: dict[str, str] = {}
     places: dict[str, str] = {}
     for place, definitions in parts:
         for name, message in definitions.messages.items():
             before = messages.setdefault(name, message)
             places.setdefault(name, place)
-            if before is not message and (
-                hashes[name] != definitions.hashes[name]
-                or _without_unknown(before, message) != _without_unknown(message, before)
-            ):
+            are_known = None not in (known_constants(before), known_constants(message))
+            keys = (comparison_key(one, with_constants=are_known) for one in (before, message))
+            if before is not message and (hashes[name] != definitions.hashes[name] or operator.ne(*keys)):
                 raise AmbiguousTypeError(
                     f"there are two definitions of {name}: {hashes[name]} of {places[name]}, and "
                     f"{definitions.hashes[name]} of {place}"
                 )
-            if before.constants is None and message.constants is not None:
+            if known_constants(before) is None:
                 messages[name] = message
             hashes.setdefault(name, definitions.hashes[name])
         interfaces.update(definitions.interfaces)
         hashes.update(definitions.hashes)
     return DefinitionSet(dict(sorted(interfaces.items())), messages, hashes)
-
-
-def _without_unknown(one: MessageDefinition, other: MessageDefinition) -> tuple[object, ...]:
-    """Return the values to compare, without constants if those of the other message are unknown."""
-    return one._replace(constants=None).comparison_key() if other.constants is None else one.comparison_key()
-
-
-def _message(message: MessageDef) -> MessageDefinition:
-    fields = tuple(
-        FieldDefinition(one.name, one.type, default_text(one.default), one.unit, _place(one.location))
-        for one in message.fields
-    )
-    constants = tuple(
-        ConstantDefinition(one.name, str(one.type), repr(one.value), _place(one.location)) for one in message.constants
-    )
-    has_constants = message.source.format != "implicit" or bool(constants)
-    return MessageDefinition(str(message.name), fields, constants if has_constants else None)
-
-
-def _place(location: Location) -> str:
-    return f"{location.source.path}:{location.line}:{location.column}" if location.source.text else ""

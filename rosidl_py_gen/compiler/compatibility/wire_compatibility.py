@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from rosidl_py_gen.base.fieldtype import FieldType
-    from rosidl_py_gen.compiler.compatibility.definition_set import FieldDefinition, MessageDefinition
+    from rosidl_py_gen.compiler.frontend.model import FieldDef, MessageDef
 
 _MAX_REASONS = 10
 
@@ -53,7 +53,7 @@ _SAME = ReadVerdict(ReadResult.SAME)
 class WireCompatibility:
     """Compares the messages of two sets of definitions, which have all messages that they refer to."""
 
-    def __init__(self, old: Mapping[str, MessageDefinition], new: Mapping[str, MessageDefinition]) -> None:
+    def __init__(self, old: Mapping[str, MessageDef], new: Mapping[str, MessageDef]) -> None:
         self._old, self._new = old, new
         self._verdicts: dict[tuple[str, str, bool], ReadVerdict] = {}
 
@@ -75,9 +75,7 @@ class WireCompatibility:
             self._verdicts[key] = ReadVerdict(reading, tuple(reasons[:_MAX_REASONS]))
         return self._verdicts[key]
 
-    def _fields(
-        self, old: tuple[FieldDefinition, ...], new: tuple[FieldDefinition, ...], is_last: bool
-    ) -> Iterator[ReadVerdict]:
+    def _fields(self, old: tuple[FieldDef, ...], new: tuple[FieldDef, ...], is_last: bool) -> Iterator[ReadVerdict]:
         if bool(old) is not bool(new) and not (is_last and old):
             field = (old or new)[0].name
             yield _misread(f"{field}: a message without fields is one byte that belongs to no field")

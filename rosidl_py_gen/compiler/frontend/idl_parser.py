@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lark import Lark, Transformer, v_args
 from lark import Token as LarkToken
@@ -76,54 +76,46 @@ class IdlType:
     at: Token = field(compare=False)
 
 
-@dataclass(frozen=True, slots=True)
-class IdlAnnotation:
+class IdlAnnotation(NamedTuple):
     name: str
     value: IdlExpression | None
     arguments: dict[str, IdlExpression]
 
 
-@dataclass(frozen=True, slots=True)
-class IdlDeclarator:
+class IdlDeclarator(NamedTuple):
     name: Token
     sizes: tuple[IdlExpression, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class IdlMember:
+class IdlMember(NamedTuple):
     annotations: tuple[IdlAnnotation, ...]
     type: IdlType
     declarators: tuple[IdlDeclarator, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class IdlStruct:
+class IdlStruct(NamedTuple):
     annotations: tuple[IdlAnnotation, ...]
     name: Token
     members: tuple[IdlMember, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class IdlConst:
+class IdlConst(NamedTuple):
     annotations: tuple[IdlAnnotation, ...]
     type: IdlType
     name: Token
     value: IdlExpression
 
 
-@dataclass(frozen=True, slots=True)
-class IdlTypedef:
+class IdlTypedef(NamedTuple):
     type: IdlType
     declarator: IdlDeclarator
 
 
-@dataclass(frozen=True, slots=True)
-class IdlEnum:
+class IdlEnum(NamedTuple):
     name: Token
 
 
-@dataclass(frozen=True, slots=True)
-class IdlModule:
+class IdlModule(NamedTuple):
     name: Token
     definitions: tuple[IdlDefinition, ...]
 
