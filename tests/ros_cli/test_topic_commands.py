@@ -20,7 +20,7 @@ from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.base.terminal_text import json_text
 from rosidl_py_gen.ros_cli import type_resolution
 from rosidl_py_gen.ros_cli.topic import stdin
-from rosidl_py_gen.ros_cli.topic.statistics import RateStatistics
+from rosidl_py_gen.ros_cli.topic.statistics import TopicStatistics, report_text
 from rosidl_py_gen.runtime import Node, QoSProfile
 
 if TYPE_CHECKING:
@@ -175,12 +175,12 @@ def test_hz_and_bw_need_no_definition(topic_peer: tuple[str, str], run_here: Any
 
 
 def test_messages_received_together_have_no_rate_of_0() -> None:
-    rate = RateStatistics(10)
+    rate = TopicStatistics("hz", 10)
     for received_ns in (5, 5, 5):
         rate.add(received_ns, 0)
     report = rate.report()
     assert report is not None
-    assert rate.text(report).startswith("average rate: inf\n")
+    assert report_text(report).startswith("average rate: inf\n")
     assert json.loads(json_text(report))["rate"] == "Infinity"
 
 

@@ -117,14 +117,9 @@ async def _measure(
 ) -> None:
     from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.command_node import first_of
-    from rosidl_py_gen.ros_cli.topic.statistics import BandwidthStatistics, DelayStatistics, RateStatistics
+    from rosidl_py_gen.ros_cli.topic.statistics import TopicStatistics
     from rosidl_py_gen.runtime import qos as presets
 
-    kinds: dict[str, type[TopicStatistics]] = {
-        "hz": RateStatistics,
-        "bw": BandwidthStatistics,
-        "delay": DelayStatistics,
-    }
     meters = []
     for topic in topics:
         name = await command_node.find("topic", topic, timeout_s)
@@ -136,14 +131,16 @@ async def _measure(
             qos=presets.SENSOR_DATA.keep_last(_DEPTH),
             raw=raw,
         )
-        meters.append(_TopicMeter(name, subscription, value, kinds[kind](window)))
+        meters.append(_TopicMeter(name, subscription, value, TopicStatistics(kind, window)))
         if not as_json and (kind == "bw" or len(topics) > 1):
             terminal_output.line(f"Subscribed to [{name}]")
-    await first_of(_report(meters, times, as_json), *(meter.run() for meter in meters))
+    await first_of(_report(meters, kind, times, as_json), *(meter.run() for meter in meters))
 
 
-async def _report(meters: Sequence[_TopicMeter], times: int | None, as_json: bool) -> None:
+async def _report(meters: Sequence[_TopicMeter], kind: str, times: int | None, as_json: bool) -> None:
     import asyncio
+
+    from rosidl_py_gen.ros_cli.topic.statistics import HEADINGS, report_row, report_text
 
     silent = False
     while times is None or times > 0:
@@ -159,10 +156,10 @@ async def _report(meters: Sequence[_TopicMeter], times: int | None, as_json: boo
             for meter, report in reports:
                 if len(meters) > 1:
                     terminal_output.line(meter.topic)
-                terminal_output.block(meter.statistics.text(report))
+                terminal_output.block(report_text(report))
         elif reports:
-            rows = [[meter.topic, *meter.statistics.row(report)] for meter, report in reports]
-            terminal_output.table(rows, "topic", *meters[0].statistics.HEADINGS)
+            rows = [[meter.topic, *report_row(report)] for meter, report in reports]
+            terminal_output.table(rows, "topic", *HEADINGS[kind])
         if times is not None and reports:
             times -= 1
 
