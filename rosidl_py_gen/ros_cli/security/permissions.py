@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.xml_reader import escape
-from rosidl_py_gen.ros_cli.security.policy import ALLOW, DENY
+from rosidl_py_gen.base.xml_reader import XmlElement
+from rosidl_py_gen.ros_cli.security.policy import ALLOW, DENY, xml_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Mapping, Sequence
     from datetime import datetime
 
     from rosidl_py_gen.ros_cli.security.policy import PolicyEnclave, PolicyRule
 
 _SCHEMA = "http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_{}.xsd"
-_ROOT = '<dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="{}">'
+_XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _DOMAIN_RULES = {
     "allow_unauthenticated_participants": "false",
     "enable_join_access_control": "true",
@@ -44,22 +44,9 @@ _ACTION_TOPICS = "feedback", "status"
 
 def governance_xml(domain_id: int) -> str:
     """Return the governance of a keystore: all participants are authenticated, and everything is encrypted."""
-    lines = [
-        _ROOT.format(_SCHEMA.format("governance")),
-        "  <domain_access_rules>",
-        "    <domain_rule>",
-        *_indented(_domains(domain_id), 6),
-        *(f"      <{name}>{value}</{name}>" for name, value in _DOMAIN_RULES.items()),
-        "      <topic_access_rules>",
-        "        <topic_rule>",
-        *(f"          <{name}>{value}</{name}>" for name, value in _TOPIC_RULES.items()),
-        "        </topic_rule>",
-        "      </topic_access_rules>",
-        "    </domain_rule>",
-        "  </domain_access_rules>",
-        "</dds>",
-    ]
-    return "\n".join(lines) + "\n"
+    topic_rules = _element("topic_access_rules", _element("topic_rule", *_texts(_TOPIC_RULES)))
+    rule = _element("domain_rule", _domains(domain_id), *_texts(_DOMAIN_RULES), topic_rules)
+    return _document("governance", _element("domain_access_rules", rule))
 
 
 def permissions_xml(enclave: PolicyEnclave, domain_id: int, not_before: datetime, not_after: datetime) -> str:
@@ -67,47 +54,48 @@ def permissions_xml(enclave: PolicyEnclave, domain_id: int, not_before: datetime
 
     The validity is that of the certificate, in UTC.
     """
-    lines = [_ROOT.format(_SCHEMA.format("permissions")), "  <permissions>"]
+    times = {"not_before": not_before, "not_after": not_after}
+    grants = []
     for rules in enclave.grants:
-        name = escape(enclave.name, is_attribute=True)
-        lines += [
-            f'    <grant name="{name}">',
-            f"      <subject_name>CN={escape(enclave.name)}</subject_name>",
-            "      <validity>",
-            f"        <not_before>{_time(not_before)}</not_before>",
-            f"        <not_after>{_time(not_after)}</not_after>",
-            "      </validity>",
-            *_indented(_rule("deny_rule", domain_id, *_topics(rules, DENY)), 6),
-            *_indented(_rule("allow_rule", domain_id, *_topics(rules, ALLOW)), 6),
-            *_indented(_rule("allow_rule", domain_id, [_GRAPH_TOPIC], [_GRAPH_TOPIC]), 6),
-            "      <default>DENY</default>",
-            "    </grant>",
-        ]
-    return "\n".join((*lines, "  </permissions>", "</dds>")) + "\n"
+        grant = _element(
+            "grant",
+            *_texts({"subject_name": f"CN={enclave.name}"}),
+            _element("validity", *_texts({name: f"{time:%Y-%m-%dT%H:%M:%S}" for name, time in times.items()})),
+            *_rule("deny_rule", domain_id, *_topics(rules, DENY)),
+            *_rule("allow_rule", domain_id, *_topics(rules, ALLOW)),
+            *_rule("allow_rule", domain_id, [_GRAPH_TOPIC], [_GRAPH_TOPIC]),
+            *_texts({"default": "DENY"}),
+        )
+        grant.attributes["name"] = enclave.name
+        grants.append(grant)
+    return _document("permissions", _element("permissions", *grants))
 
 
-def _time(time: datetime) -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S")
+def _document(schema: str, content: XmlElement) -> str:
+    names = {"xmlns:xsi": _XSI, "xsi:noNamespaceSchemaLocation": _SCHEMA.format(schema)}
+    return xml_text(XmlElement("dds", names, children=[content]))
 
 
-def _indented(lines: Iterable[str], width: int) -> Iterable[str]:
-    return (" " * width + line for line in lines)
+def _element(tag: str, *children: XmlElement) -> XmlElement:
+    return XmlElement(tag, children=[*children])
 
 
-def _domains(domain_id: int) -> list[str]:
-    return ["<domains>", f"  <id>{domain_id}</id>", "</domains>"]
+def _texts(values: Mapping[str, str]) -> list[XmlElement]:
+    return [XmlElement(tag, text=text) for tag, text in values.items()]
 
 
-def _rule(tag: str, domain_id: int, published: list[str], subscribed: list[str]) -> list[str]:
-    if not published and not subscribed:
-        return []
-    lines = [f"<{tag}>", *_indented(_domains(domain_id), 2)]
-    for direction, topics in (("publish", published), ("subscribe", subscribed)):
-        if topics:
-            lines += [f"  <{direction}>", "    <topics>"]
-            lines += (f"      <topic>{escape(topic)}</topic>" for topic in topics)
-            lines += ["    </topics>", f"  </{direction}>"]
-    return [*lines, f"</{tag}>"]
+def _domains(domain_id: int) -> XmlElement:
+    return _element("domains", *_texts({"id": str(domain_id)}))
+
+
+def _rule(tag: str, domain_id: int, published: list[str], subscribed: list[str]) -> list[XmlElement]:
+    topics = {"publish": published, "subscribe": subscribed}
+    directions = [
+        _element(direction, _element("topics", *(XmlElement("topic", text=name) for name in names)))
+        for direction, names in topics.items()
+        if names
+    ]
+    return [_element(tag, _domains(domain_id), *directions)] if directions else []
 
 
 def _topics(rules: Sequence[PolicyRule], qualifier: str) -> tuple[list[str], list[str]]:
@@ -129,21 +117,15 @@ def _merged(groups: list[list[str]]) -> list[str]:
 
 def _directions(rule: PolicyRule, attribute: str) -> tuple[list[str], list[str]]:
     """Return the DDS topics that an attribute of a rule is about: those to publish, and those to subscribe."""
-    names = rule.names
     if rule.kind == "topics":
-        topics = [f"rt{name}" for name in names]
+        topics = [f"rt{name}" for name in rule.names]
         return (topics, []) if attribute == "publish" else ([], topics)
-    if rule.kind == "services":
-        requests = [f"rq{name}Request" for name in names]
-        replies = [f"rr{name}Reply" for name in names]
-        return (requests, replies) if attribute == "request" else (replies, requests)
-    requests = [f"rq{name}/_action/{service}Request" for name in names for service in _ACTION_SERVICES]
-    replies = [
-        topic
-        for name in names
-        for topic in (
-            *(f"rr{name}/_action/{service}Reply" for service in _ACTION_SERVICES),
-            *(f"rt{name}/_action/{topic}" for topic in _ACTION_TOPICS),
-        )
-    ]
-    return (requests, replies) if attribute == "call" else (replies, requests)
+    requests: list[str] = []
+    replies: list[str] = []
+    for name in rule.names:
+        is_action = rule.kind == "actions"
+        services = [f"{name}/_action/{one}" for one in _ACTION_SERVICES] if is_action else [name]
+        requests += (f"rq{service}Request" for service in services)
+        replies += (f"rr{service}Reply" for service in services)
+        replies += (f"rt{name}/_action/{topic}" for topic in _ACTION_TOPICS if is_action)
+    return (requests, replies) if attribute in ("request", "call") else (replies, requests)

@@ -237,7 +237,12 @@ def policy_text(root: XmlElement) -> str:
 
     The order of metadata is kept.
     """
-    return "\n".join(_lines(root, "", "", is_sorted=True)) + "\n"
+    return xml_text(root, is_sorted=True)
+
+
+def xml_text(root: XmlElement, *, is_sorted: bool = False) -> str:
+    """Return the XML of an element, a line for each tag; `is_sorted` sorts children as in a policy."""
+    return "\n".join(_lines(root, "", "", is_sorted=is_sorted)) + "\n"
 
 
 def _lines(element: XmlElement, indent: str, default_namespace: str, *, is_sorted: bool) -> Iterable[str]:
