@@ -109,7 +109,7 @@ async def send_goal(
     show = _Printer(as_json)
     show.say("Waiting for an action server to become available...")
     name = await type_resolution.preload_while_waiting(command_node.find("action", action, timeout_s))
-    cls: Any = await type_resolution.action_class(command_node, name, type_name, paths)
+    cls: Any = await type_resolution.interface_class(command_node, "action", name, type_name, paths)
     goal = message_text.message_from(cls.Goal, text)
     client = command_node.node.create_action_client(cls, name)
     try:

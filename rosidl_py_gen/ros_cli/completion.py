@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from contextlib import suppress
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,6 +15,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.names import KINDS
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.generator_cli import shells
 from rosidl_py_gen.ros_cli import root, verb
@@ -29,7 +31,13 @@ T = TypeVar("T")
 
 _TIMEOUT_S = 1.5
 """Maximum time for a request to a node, unless ``--spin-time`` is longer; the user waits for the shell."""
-_KINDS = {"types": "msg", "service types": "srv", "action types": "action"}
+_KINDS = {
+    "types": ("msg",),
+    "service types": ("srv",),
+    "action types": ("action",),
+    "interfaces": KINDS,
+    "packages": (),
+}
 _TYPE_KINDS = {"topic": "types", "service": "service types", "action": "action types"}
 _INDEX = re.compile(r"\[[^\]]*\]\Z")
 
@@ -111,9 +119,9 @@ def _or_empty(find: Callable[[], Iterable[str]]) -> Iterable[str]:
 def _names(what: str, context: click.Context) -> list[str]:
     paths = context.params.get("paths") or ()
     if what in _KINDS:
-        from rosidl_py_gen.ros_cli.type_resolution import interface_names
+        from rosidl_py_gen.ros_cli.definitions import known_names
 
-        return interface_names(_KINDS[what], paths)
+        return known_names(_KINDS[what], paths)
     if what in ("workspace packages", "launch files"):
         from rosidl_py_gen.ros_cli.program_runner.run import workspaces
 
@@ -124,10 +132,6 @@ def _names(what: str, context: click.Context) -> list[str]:
 
         names = (PurePath(one).name for one in files_below(folders[context.params["words"][0]]))
         return sorted({name for name in names if "launch" in name})
-    if what in ("interfaces", "packages"):
-        from rosidl_py_gen.ros_cli.definitions import known_names
-
-        return known_names(what, paths)
     return _query(context, lambda command_node: _live_names(what, command_node, context))
 
 
@@ -186,8 +190,8 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
     from rosidl_py_gen import to_dict
     from rosidl_py_gen.ros_cli.message_text import to_yaml
 
-    cls: Any = _class(kind, type_name, context)
-    filled_in = {"topic": cls, "service": getattr(cls, "Request", None), "action": getattr(cls, "Goal", None)}[kind]
+    cls = _class(kind, type_name, context)
+    filled_in = cls if kind == "topic" else cls.Request if kind == "service" else cls.Goal
     return to_yaml(to_dict(filled_in()), flow=True).rstrip("\n")
 
 
@@ -195,26 +199,18 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
     """Return an installed class of a topic's messages, of a service or of an action; else that of the graph."""
     import asyncio
 
-    from rosidl_py_gen import get_action, get_message, get_service
     from rosidl_py_gen.ros_cli import name_lookup, type_resolution
 
-    name = type_name or context.params.get("type_name")
+    type_name = type_name or context.params.get("type_name")
     paths = context.params.get("paths") or ()
-    if name:
-        get: Any = {"topic": get_message, "service": get_service, "action": get_action}[kind]
-        try:
-            return get(name, path=paths)
-        except RosidlError:
-            pass
-    resolve: Any = {
-        "topic": type_resolution.message_class,
-        "service": type_resolution.service_class,
-        "action": type_resolution.action_class,
-    }[kind]
+    if type_name:
+        with suppress(RosidlError):
+            return type_resolution.installed_class(kind, type_name, paths)
 
     async def request(command_node: CommandNode) -> Any:
-        full_name = name_lookup.full_name(command_node.node, context.params[kind], kind)
-        return await asyncio.wait_for(resolve(command_node, full_name, name, paths), _timeout_s(context))
+        name = name_lookup.full_name(command_node.node, context.params[kind], kind)
+        resolving = type_resolution.interface_class(command_node, kind, name, type_name, paths)
+        return await asyncio.wait_for(resolving, _timeout_s(context))
 
     return _query(context, request)
 

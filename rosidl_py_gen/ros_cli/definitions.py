@@ -28,13 +28,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
 
-def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
-    """Return types or packages, for completion."""
+def known_names(kinds: Collection[str], paths: Sequence[str]) -> list[str]:
+    """Return the types of some kinds, for completion; without kinds the packages."""
     search = scan_search_path(paths)
-    names = names_of(search, "", KINDS)
-    if what == "packages":
-        return sorted({*search.packages, *(name.package for name in names)})
-    return list(map(str, names))
+    names = names_of(search, "", kinds or KINDS)
+    return [*map(str, names)] if kinds else sorted({*search.packages, *(name.package for name in names)})
 
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:

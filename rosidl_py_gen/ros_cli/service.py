@@ -126,7 +126,7 @@ async def call(
 
     type_name, text = message_text.type_and_values(words, stdin=stdin)
     name = await type_resolution.preload_while_waiting(command_node.find("service", service, timeout_s))
-    cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
+    cls: Any = await type_resolution.interface_class(command_node, "service", name, type_name, paths)
     request = message_text.message_from(cls.Request, text)
     client = command_node.node.create_client(cls, name)
     truncate = None if full_length else message_text.TRUNCATE
@@ -174,7 +174,7 @@ async def echo(
     from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 
     name = await type_resolution.preload_while_waiting(command_node.find("service", service))
-    cls: Any = await type_resolution.service_class(command_node, name, type_name, paths)
+    cls: Any = await type_resolution.interface_class(command_node, "service", name, type_name, paths)
     events = command_node.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
     try:
         await events.wait_for_publishers(_PUBLISHER_TIMEOUT_S)

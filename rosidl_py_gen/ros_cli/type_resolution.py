@@ -19,7 +19,6 @@ from rosidl_py_gen.type_loading.class_lookup import load_compiler
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Sequence
 
-    from rosidl_py_gen.cdr import Action, Service
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
 T = TypeVar("T")
@@ -30,6 +29,12 @@ _PRELOAD_DELAY_S = 0.02
 """Delay before the compiler is imported. On a quiet network peers are found earlier; importing would delay the command
 then, and its type may be generated already."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
+_KINDS: dict[str, tuple[str, Any, str]] = {
+    "topic": ("msg", get_message, "resolve_type"),
+    "service": ("srv", get_service, "resolve_service_type"),
+    "action": ("action", get_action, "resolve_action_type"),
+}
+"""Kind of definition, function for an installed class, and method of `Node` for an announced one."""
 
 
 async def preload_while_waiting(awaitable: Awaitable[T]) -> T:
@@ -46,41 +51,32 @@ def _preload_compiler() -> None:
     loading.add_done_callback(lambda done: done.cancelled() or done.exception())  # the next import raises it again
 
 
-async def message_class(
-    command_node: CommandNode, topic: str, type_name: str | None = None, paths: Sequence[str] = ()
-) -> type[Message]:
-    """Return the class of a topic's messages.
+async def interface_class(
+    command_node: CommandNode, kind: str, name: str, type_name: str | None = None, paths: Sequence[str] = ()
+) -> Any:
+    """Return the class of a topic's messages, of a service or of an action (`kind`).
 
     Args:
-        topic: full name; a node must have it if `type_name` is None.
-        type_name: ``pkg/msg/Name`` or ``pkg/Name``.
+        name: full name; a node must have it if `type_name` is None.
+        type_name: such as ``pkg/msg/Name`` or ``pkg/Name``; only a topic may have others.
+
+    Raises:
+        CommandError: the type is ambiguous, or another one is announced.
+        RosidlError: the type is unknown.
     """
-    types = _topic_types(command_node, topic)
-    name = _only("topic", topic, types) if type_name is None else str(split_ros_name(type_name, "msg"))
-    if name not in types:
-        return get_message(name, path=paths)
-    return await command_node.node.resolve_type(topic, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
+    definition, get, resolve = _KINDS[kind]
+    types = announced_types(command_node, kind, name)
+    wanted = _only(kind, name, types) if type_name is None else str(split_ros_name(type_name, definition))
+    if wanted in types:
+        return await getattr(command_node.node, resolve)(name, wanted, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
+    if types and kind != "topic":
+        raise CommandError(f"{kind} {name} has type {', '.join(types)}, not {wanted}")
+    return get(wanted, path=paths)
 
 
-async def service_class(
-    command_node: CommandNode, service: str, type_name: str | None = None, paths: Sequence[str] = ()
-) -> type[Service[Any, Any]]:
-    """Return the class of a service. Raises `CommandError`, `RosidlError`."""
-    types = _services(command_node).get(service, [])
-    name = _given_or_only("service", service, types, type_name)
-    if name not in types:
-        return get_service(name, path=paths)
-    return await command_node.node.resolve_service_type(service, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
-
-
-async def action_class(
-    command_node: CommandNode, action: str, type_name: str | None = None, paths: Sequence[str] = ()
-) -> type[Action[Any, Any, Any]]:
-    """Return the class of an action; raises as `service_class`."""
-    name = _given_or_only("action", action, types := _action_types(command_node, action), type_name)
-    if name not in types:
-        return get_action(name, path=paths)
-    return await command_node.node.resolve_action_type(action, name, path=paths, timeout_s=_DESCRIPTION_TIMEOUT_S)
+def installed_class(kind: str, type_name: str, paths: Sequence[str]) -> Any:
+    """Return the class of a topic's messages, of a service or of an action (`kind`) that needs no node."""
+    return _KINDS[kind][1](type_name, path=paths)
 
 
 def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
@@ -95,9 +91,8 @@ def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
 
 def opaque_class(command_node: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
     """Return a class for the serialized messages of a topic. Raises `CommandError`, `InvalidNameError`."""
-    name = (
-        str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, _topic_types(command_node, topic))
-    )
+    types = announced_types(command_node, "topic", topic)
+    name = str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, types)
     endpoints = [
         *command_node.node.get_publishers_info_by_topic(topic),
         *command_node.node.get_subscriptions_info_by_topic(topic),
@@ -106,43 +101,14 @@ def opaque_class(command_node: CommandNode, topic: str, type_name: str | None = 
     return opaque_message_class(name, hashes[0] if hashes else "")
 
 
-def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
-    """Return the full names of the definitions on the search path, sorted; raises `DefinitionError`."""
-    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-
-    packages = scan_search_path(paths).packages.values()
-    return sorted(str(name) for package in packages for name in package.files if name.kind == kind)
-
-
 def announced_types(command_node: CommandNode, kind: str, name: str) -> list[str]:
     """Return the types that nodes announce for a topic, service or action (`kind`)."""
-    match kind:
-        case "topic":
-            return _topic_types(command_node, name)
-        case "service":
-            return _services(command_node).get(name, [])
-    return _action_types(command_node, name)
-
-
-def _topic_types(command_node: CommandNode, topic: str) -> list[str]:
-    return dict(command_node.node.get_topic_names_and_types()).get(topic, [])
-
-
-def _services(command_node: CommandNode) -> dict[str, list[str]]:
-    return dict(command_node.node.get_service_names_and_types())
-
-
-def _action_types(command_node: CommandNode, action: str) -> list[str]:
-    return [name.removesuffix(_GOAL_TYPE) for name in _services(command_node).get(action + _GOAL_SERVICE, [])]
-
-
-def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | None) -> str:
-    if type_name is None:
-        return _only(kind, name, types)
-    requested = str(split_ros_name(type_name, "srv" if kind == "service" else kind))
-    if types and requested not in types:
-        raise CommandError(f"{kind} {name} has type {', '.join(types)}, not {requested}")
-    return requested
+    if kind == "topic":
+        return dict(command_node.node.get_topic_names_and_types()).get(name, [])
+    services = dict(command_node.node.get_service_names_and_types())
+    if kind == "service":
+        return services.get(name, [])
+    return [one.removesuffix(_GOAL_TYPE) for one in services.get(name + _GOAL_SERVICE, [])]
 
 
 def _only(kind: str, name: str, types: Sequence[str]) -> str:

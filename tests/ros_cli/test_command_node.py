@@ -16,10 +16,8 @@ from rosidl_py_gen import ros_cli
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli import command_node as module
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, context_opened_early
-from rosidl_py_gen.ros_cli.message_text import type_and_values
-from rosidl_py_gen.ros_cli.type_resolution import action_class, message_class, opaque_class, service_class
-from rosidl_py_gen.runtime import EnvironmentSettingError, Node
-from rosidl_py_gen.runtime.transport.api import NodeEntities, ParticipantDiscovered
+from rosidl_py_gen.ros_cli.type_resolution import interface_class
+from rosidl_py_gen.runtime import EnvironmentSettingError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -36,15 +34,6 @@ async def test_what_is_there_needs_no_time() -> None:
             await command_node.find("node", "somebody")
 
 
-def test_type_and_values_may_be_left_out() -> None:
-    assert type_and_values([]) == (None, "")
-    assert type_and_values(["{a: 1}"]) == (None, "{a: 1}")
-    assert type_and_values(["std_srvs/Empty"]) == ("std_srvs/Empty", "")
-    assert type_and_values(["std_srvs/srv/Empty", "{}"]) == ("std_srvs/srv/Empty", "{}")
-    with pytest.raises(CommandError, match="put them between '"):
-        type_and_values(["{a:", "1}"])
-
-
 async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
     async with CommandNode({}) as command_node:
@@ -57,35 +46,6 @@ async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatc
         await until(lambda: told)
         assert told[0] - began >= discovery._announce_delay_s > 0.01
         assert len(told) == 1
-
-
-async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:
-    dds.node("base").create_publisher(String, "/speed")
-    async with CommandNode({}) as command_node:
-        graph, node_names_complete = command_node.node._scope.graph, command_node.node.node_names_complete
-        await until(
-            lambda: "/base" in command_node.node.get_node_names() and command_node.node.count_publishers("/speed") == 1
-        )
-        await until(lambda: node_names_complete())
-        participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
-        graph.apply(ParticipantDiscovered(participant, "/"))
-        assert not node_names_complete()
-        graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
-        assert node_names_complete()
-
-
-async def test_endpoints_are_known_when_all_that_nodes_tell_of_are_found(dds: World) -> None:
-    dds.node("base").create_publisher(String, "/speed")
-    async with CommandNode({}) as command_node:
-        graph, node = command_node.node._scope.graph, command_node.node
-        await until(lambda: "/base" in node.get_node_names() and node.endpoints_complete())
-        participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
-        late = participant[:12] + b"\0\0\1\4"
-        graph.apply(ParticipantDiscovered(participant, "/"))
-        graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset([late]), frozenset())])
-        assert not node.endpoints_complete()
-        graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
-        assert node.endpoints_complete()
 
 
 async def test_a_command_listens_longer_when_it_was_held_up(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,30 +166,5 @@ async def test_a_topic_of_two_types_needs_to_be_told_which() -> None:
         node.create_publisher("std_msgs/msg/String", "both")
         node.create_publisher("std_msgs/msg/Bool", "both")
         with pytest.raises(CommandError, match="more than one type: std_msgs/msg/Bool, std_msgs/msg/String"):
-            await message_class(command_node, "/both")
-        assert (await message_class(command_node, "/both", "std_msgs/Bool")).__name__ == "Bool"
-
-
-async def test_an_opaque_class_carries_the_hash_that_is_announced() -> None:
-    async with CommandNode({}) as command_node:
-        publisher = command_node.node.create_publisher("std_msgs/msg/String", "words")
-        (info,) = command_node.node.get_publishers_info_by_topic("/words")
-        cls = opaque_class(command_node, "/words")
-        assert (cls._TYPE.name, cls._TYPE.hash) == (publisher.message_type, info.topic_type_hash)
-
-
-async def test_actions_and_services_are_found_by_the_types_of_their_servers() -> None:
-    async with CommandNode({}) as command_node:
-        node: Node = command_node.node
-        node.create_service("example_interfaces/srv/AddTwoInts", "add")
-        node.create_action_server("example_interfaces/action/Fibonacci", "count", lambda goal: {})
-        assert (await service_class(command_node, "/add"))._TYPE.name == "example_interfaces/srv/AddTwoInts"
-        assert (await action_class(command_node, "/count"))._TYPE.name == "example_interfaces/action/Fibonacci"
-
-
-async def test_a_type_that_nobody_has_is_refused() -> None:
-    async with CommandNode({}) as command_node:
-        command_node.node.create_service("example_interfaces/srv/AddTwoInts", "add")
-        with pytest.raises(CommandError, match="has type example_interfaces/srv/AddTwoInts, not std_srvs/srv/Empty"):
-            await service_class(command_node, "/add", "std_srvs/Empty")
-        assert (await service_class(command_node, "/new", "std_srvs/Empty"))._TYPE.name == "std_srvs/srv/Empty"
+            await interface_class(command_node, "topic", "/both")
+        assert (await interface_class(command_node, "topic", "/both", "std_msgs/Bool")).__name__ == "Bool"

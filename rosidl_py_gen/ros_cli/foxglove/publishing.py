@@ -120,16 +120,18 @@ class ClientPublishing:
                 f'its encoding is "{printable(offer.encoding)[:40]}"; expected {" or ".join(_ENCODINGS)}'
             )
         name = str(split_ros_name(offer.schema_name, "msg"))
-        if self._has_type(topic, name):
-            return await type_resolution.message_class(self._command_node, topic, name, self._paths)
-        try:
-            return await self._compiling.run(lambda: get_message(name, path=self._paths))
-        except TypeNotFoundError:
-            if offer.schema_encoding == "ros2msg":
-                return await self._compile(name, offer.schema)
-            if not await self._command_node.wait_for(lambda: self._has_type(topic, name)):
-                raise
-        return await type_resolution.message_class(self._command_node, topic, name, self._paths)
+        if not self._has_type(topic, name):
+            try:
+                return await self._compiling.run(lambda: get_message(name, path=self._paths))
+            except TypeNotFoundError:
+                if offer.schema_encoding == "ros2msg":
+                    return await self._compile(name, offer.schema)
+                if not await self._command_node.wait_for(lambda: self._has_type(topic, name)):
+                    raise
+        cls: type[Message] = await type_resolution.interface_class(
+            self._command_node, "topic", topic, name, self._paths
+        )
+        return cls
 
     def _has_type(self, topic: str, name: str) -> bool:
         """Return True if a node has the topic with this type; raises `CommandError` for another type."""

@@ -79,7 +79,9 @@ class ServiceBridge:
         try:
             split_ros_name(service.type_name, "srv")
             async with self._limiter:
-                cls: Any = await type_resolution.service_class(self._command_node, name, service.type_name, self._paths)
+                cls: Any = await type_resolution.interface_class(
+                    self._command_node, "service", name, service.type_name, self._paths
+                )
                 texts = await asyncio.to_thread(_definitions, cls)
         except InvalidNameError:
             return  # belongs to an action

@@ -117,7 +117,9 @@ class TopicBridge:
 
     async def _definition(self, key: _Key, entry: _AdvertisedTopic) -> str:
         try:
-            cls = await type_resolution.message_class(self._command_node, key.topic, key.type_name, self._paths)
+            cls = await type_resolution.interface_class(
+                self._command_node, "topic", key.topic, key.type_name, self._paths
+            )
             text = await asyncio.to_thread(definition_text, cls)
             entry.cls = type_resolution.opaque_message_class(key.type_name, type_hash(cls))
             return text

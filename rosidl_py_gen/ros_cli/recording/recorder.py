@@ -235,7 +235,7 @@ class Recorder:
             with suppress(RosidlError):  # in a thread, so that messages get their own times
                 await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
         try:
-            cls = await type_resolution.message_class(self._command_node, topic, kind, self._options.paths)
+            cls = await type_resolution.interface_class(self._command_node, "topic", topic, kind, self._options.paths)
             return await self._topic_of(topic, cls, qos)
         except RosidlError as error:
             terminal_output.note(f"{topic}: recorded without a definition of {kind}: {error}")
@@ -250,7 +250,9 @@ class Recorder:
             owner = owner_of(topic, type_name(cls))
             if owner.kind != "action":
                 raise
-            action = await type_resolution.action_class(self._command_node, owner.name, paths=self._options.paths)
+            action = await type_resolution.interface_class(
+                self._command_node, "action", owner.name, paths=self._options.paths
+            )
             text = definition_text(action)
             if type_hash(compile_definition(type_name(cls), text)) != type_hash(cls):
                 raise

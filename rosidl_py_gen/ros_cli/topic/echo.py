@@ -116,7 +116,7 @@ async def echo(
         cls = type_resolution.opaque_class(command_node, name, type_name)
         show = _message_printer(lambda value: value, lambda value: True, rate_limit, printer)
     else:
-        cls = await type_resolution.message_class(command_node, name, type_name, paths)
+        cls = await type_resolution.interface_class(command_node, "topic", name, type_name, paths)
         condition = compile_filter(filter_text, cls) if filter_text else lambda value: True
         show = _message_printer(_fields(cls, fields, arrays), condition, rate_limit, printer)
     profile = topic_qos.requested_profile(qos, presets.SENSOR_DATA)

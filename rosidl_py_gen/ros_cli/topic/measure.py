@@ -176,11 +176,11 @@ async def _value_extractor(
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
 
     if filter_text is not None:
-        cls = await type_resolution.message_class(command_node, topic, paths=paths)
+        cls = await type_resolution.interface_class(command_node, "topic", topic, paths=paths)
         return cls, _zero_if(compile_filter(filter_text, cls))
     if kind != "delay":
         return None, len
-    cls = await type_resolution.message_class(command_node, topic, paths=paths)
+    cls = await type_resolution.interface_class(command_node, "topic", topic, paths=paths)
     headers = [field.py_name for field in cls._TYPE.fields if str(field.type) == _HEADER and field.ros_name == "header"]
     if not headers:
         raise CommandError(f"messages of {topic} have no header with a stamp: {cls._TYPE.name}")

@@ -80,7 +80,7 @@ async def plot(
     async with AsyncExitStack() as stack:
         for topic, fields in topics_and_fields(words):
             name = await command_node.find("topic", topic, timeout_s)
-            cls = await type_resolution.message_class(command_node, name, paths=paths)
+            cls = await type_resolution.interface_class(command_node, "topic", name, paths=paths)
             one = TopicLines(PlotPanel(name), name, fields, by_stamp=by_stamp)
             one.use(cls)
             lines.append(one)

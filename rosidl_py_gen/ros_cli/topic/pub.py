@@ -93,7 +93,7 @@ async def pub(
         name = await type_resolution.preload_while_waiting(command_node.find("topic", topic, timeout_s))
     else:
         name = full_name(command_node.node, topic)
-    cls = await type_resolution.message_class(command_node, name, type_name, paths)
+    cls = await type_resolution.interface_class(command_node, "topic", name, type_name, paths)
     # Before the wait for subscriptions, so that errors in the text are reported at once.
     template = None if text == _STDIN else message_text.message_and_stamps(cls, text)
     profile = topic_qos.requested_profile(qos, presets.DEFAULT) or presets.DEFAULT
