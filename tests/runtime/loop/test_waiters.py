@@ -7,32 +7,8 @@ import threading
 import time
 
 import pytest
-from support.node_fixtures import until
 
 from rosidl_py_gen.base.waiters import Waiters
-
-
-def test_a_wake_lets_all_look_and_those_go_on_for_whom_it_is_so() -> None:
-    async def main() -> None:
-        waiters, reached, done = Waiters(), 0, []
-
-        async def wait(number: int) -> None:
-            assert await waiters.wait(lambda: reached >= number)
-            done.append(number)
-
-        tasks = [asyncio.create_task(wait(number)) for number in (2, 1, 1)]
-        await asyncio.sleep(0)
-        assert waiters and done == []
-        reached = 1
-        waiters.wake()
-        await until(lambda: len(done) == 2)
-        assert done == [1, 1] and waiters
-        reached = 2
-        waiters.wake()
-        await asyncio.gather(*tasks)
-        assert not waiters
-
-    asyncio.run(main())
 
 
 def test_what_became_so_before_the_waiter_could_be_woken_is_seen() -> None:

@@ -1,28 +1,28 @@
-"""Each callback runs in a `contextvars` context of its own, and its failure is logged once."""
+"""Callbacks: each call has a `contextvars` context of its own; failures are logged once, or raised with `on_error`."""
 
 from __future__ import annotations
 
 import asyncio
+import sys
+import threading
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from std_msgs.msg import Int32
+from example_interfaces.action import Fibonacci
+from std_msgs.msg import Int32, Int64, String
 from std_srvs.srv import SetBool
 from support.node_fixtures import until
 
-from rosidl_py_gen import get_action
-from rosidl_py_gen.runtime import SetResult
+from rosidl_py_gen.runtime import Context, Duration, LifecycleNode, MemoryTransport, Node, SetResult, State, run, spin
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback, start_task
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from support.node_fixtures import World
 
-    from rosidl_py_gen.runtime import Node
-
-Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 WHO: ContextVar[str] = ContextVar("WHO", default="nobody")
 CALLS = 3
 
@@ -253,3 +253,197 @@ async def test_an_async_function_is_cancelled_and_timed_out_as_in_any_task(world
     bob.close()
     await until(lambda: len(outcomes) == 3)
     assert outcomes == ["timed out", "timed out", "cancelled"]
+
+
+class Owner:
+    def __init__(self) -> None:
+        self.closed = False
+        self.reports: list[str] = []
+
+    def create_task(self, coroutine: Any) -> asyncio.Task[Any]:
+        return start_task(asyncio.get_running_loop(), coroutine)
+
+    def report_failure(self, doing: str) -> None:
+        self.reports.append(f"{doing}: {type(sys.exc_info()[1]).__name__}")
+
+
+def test_a_cancellation_from_elsewhere_is_a_failure_and_an_own_one_an_end() -> None:
+    async def main() -> None:
+        owner, foreign = Owner(), asyncio.get_running_loop().create_future()
+        user = UserCallback(owner, lambda: asyncio.wait_for(foreign, 5), "the callback")
+        task = user.call()
+        assert task is not None
+        await asyncio.sleep(0)
+        foreign.cancel()
+        await task
+        assert owner.reports == ["the callback: CancelledError"]
+        task = UserCallback(owner, lambda: asyncio.Event().wait(), "the callback").call()
+        assert task is not None
+        task.cancel()  # before it has begun
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert len(owner.reports) == 1
+
+    asyncio.run(main())
+
+
+# ------------------------------------------------------------------------------------------------- on_error="raise"
+
+BAD = "the wheel came off"
+
+
+@pytest.fixture
+def context() -> Iterator[Context]:
+    with Context(0, transport=MemoryTransport(), args=["test"]) as made:
+        yield made
+
+
+def fails(*_: object) -> Any:
+    raise AssertionError(BAD)
+
+
+async def publish(node: Node) -> None:
+    node.create_subscription(String, "t", fails)
+    node.create_publisher(String, "t").publish(String())
+
+
+def set_parameter(node: Node) -> None:
+    node.declare_parameter("p", 1)
+    node.add_post_set_callback(fails)
+    node.set_parameters({"p": 2})
+
+
+async def jump(alice: Node, _: Node, calls: Calls) -> None:
+    alice.clock.create_jump_callback(post=lambda _: calls.note(), on_clock_change=True)
+    alice.clock.enable_ros_time_override()
+
+
+@pytest.mark.parametrize("kind", [*KINDS, jump])
+def test_run_ends_with_what_any_function_of_the_user_raised(context: Context, kind: Any) -> None:
+    alice, bob = (Node(name, context=context, on_error="raise") for name in ("alice", "bob"))
+
+    async def main() -> None:
+        await kind(alice, bob, Calls(fails=True))
+        await asyncio.Event().wait()
+
+    with pytest.raises(ValueError, match="no") as caught:
+        run(main)
+    assert caught.traceback[-1].name == "note"
+
+
+@pytest.mark.parametrize("kind", [plain_subscription, async_handler, post_set, plain_execute])
+async def test_async_with_ends_with_it_on_a_loop_that_is_not_ours(context: Context, kind: Any) -> None:
+    alice = Node("alice", context=context)
+    with pytest.raises(ValueError, match="no"):
+        async with Node("bob", context=context, on_error="raise") as bob:
+            await kind(bob if kind is plain_execute else alice, bob, Calls(fails=True))
+            await asyncio.Event().wait()
+    assert bob.is_closed
+    await asyncio.sleep(0)  # the cancellation is over
+
+
+async def test_a_context_gives_its_nodes_the_choice_and_is_ended_as_a_whole() -> None:
+    with pytest.raises(AssertionError, match=BAD):
+        async with Context(0, transport=MemoryTransport(), args=["test"], on_error="raise") as context:
+            await publish(Node("n", context=context))
+            await asyncio.Event().wait()
+
+
+def test_a_lifecycle_callback_counts_too(context: Context) -> None:
+    class Part(LifecycleNode):
+        def on_configure(self, state: State) -> None:
+            fails()
+
+    node = Part("n", context=context, on_error="raise")
+
+    async def main() -> None:
+        await node.configure()
+        await asyncio.Event().wait()
+
+    with pytest.raises(AssertionError, match=BAD):
+        run(main)
+
+
+def test_spin_ends_with_it(context: Context) -> None:
+    node = Node("n", context=context, on_error="raise")
+    node.create_timer(0.001, fails)
+    with pytest.raises(AssertionError, match=BAD):
+        spin(node)
+    assert node.is_closed
+
+
+def test_a_blocking_call_ends_with_it(context: Context) -> None:
+    with pytest.raises(AssertionError, match=BAD), Node("n", context=context, on_error="raise") as node:
+        node.create_service(SetBool, "s", fails)
+        node.create_client(SetBool, "s").call_sync(SetBool.Request())
+
+
+def test_what_nobody_could_take_ends_the_with_block(context: Context) -> None:
+    with pytest.raises(AssertionError, match=BAD), Node("n", context=context, on_error="raise") as node:
+        set_parameter(node)
+
+
+def test_the_first_of_several_counts(context: Context) -> None:
+    def other(_: object) -> None:
+        raise ValueError("and so did the door")
+
+    with pytest.raises(ValueError, match="so did the door"), Node("n", context=context, on_error="raise") as node:
+        node.declare_parameter("p", 1)
+        node.add_post_set_callback(fails)
+        node.add_post_set_callback(other)
+        node.set_parameters({"p": 2})
+
+
+async def test_an_exception_of_the_block_itself_and_a_foreign_cancellation_pass(context: Context) -> None:
+    with pytest.raises(KeyError):
+        async with Node("n", context=context, on_error="raise") as node:
+            set_parameter(node)
+            raise KeyError("mine")
+
+    async def wait() -> None:
+        async with Node("m", context=context, on_error="raise"):
+            await asyncio.Event().wait()
+
+    task = asyncio.create_task(wait())
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+
+
+async def test_by_default_all_goes_on(context: Context) -> None:
+    heard: list[int] = []
+
+    def callback(message: Int64) -> None:
+        heard.append(message.data)
+        if message.data == 1:
+            fails()
+
+    async with Node("n", context=context) as node:
+        node.create_subscription(Int64, "t", callback)
+        publisher = node.create_publisher(Int64, "t")
+        for number in (1, 2):
+            publisher.publish(Int64(data=number))
+        while len(heard) < 2:
+            await asyncio.sleep(0)
+
+
+def test_a_failure_in_another_thread_is_heard_too(context: Context) -> None:
+    node = Node("n", context=context, on_error="raise")
+    node.declare_parameter("p", 1)
+    node.add_post_set_callback(fails)
+
+    async def main() -> None:
+        thread = threading.Thread(target=lambda: node.set_parameters({"p": 2}))
+        thread.start()
+        await node.clock.sleep_for(Duration(seconds=60))
+
+    with pytest.raises(AssertionError, match=BAD):
+        run(main)
+
+
+def test_another_word_than_log_and_raise_is_refused(context: Context) -> None:
+    with pytest.raises(ValueError, match="'log' or 'raise', got 'ignore'"):
+        Node("n", context=context, on_error="ignore")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="on_error must be"):
+        Context(on_error=True)  # type: ignore[arg-type]
