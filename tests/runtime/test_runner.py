@@ -374,23 +374,6 @@ def test_any_use_inside_a_running_loop_attaches_it(memory: World, use: Callable[
     asyncio.run(main())
 
 
-@pytest.mark.every_transport
-def test_a_program_that_only_publishes_and_sleeps_gets_its_callbacks(world: World) -> None:
-    node = world.node("n")
-    seen: list[int] = []
-    ticked: list[int] = []
-    node.create_subscription(Int32, "t", lambda message: seen.append(message.data))
-    node.create_timer(0.01, lambda: ticked.append(1))
-    publisher = node.create_publisher(Int32, "t")
-
-    async def main() -> None:
-        publisher.publish(Int32(data=4))
-        await until(lambda: seen and ticked)
-
-    asyncio.run(main())
-    assert seen == [4]
-
-
 def test_callbacks_that_never_ran_are_warned_about_once(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     node, quiet = memory.node("n"), memory.node("quiet")
     node.create_subscription(Int32, "t", print)
@@ -408,14 +391,6 @@ def test_callbacks_that_never_ran_are_warned_about_once(memory: World, caplog: p
     (line,) = (record.getMessage() for record in caplog.records)
     assert line.startswith("the callbacks of /n never ran: no event loop has served the node")
     assert "spin(node)" in line and "run(main)" in line and "async with" in line
-
-
-async def test_callbacks_that_could_run_are_not_warned_about(memory: World, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.WARNING):
-        node = memory.node("n")
-        node.create_subscription(Int32, "t", print)
-        node.close()
-    assert caplog.text == ""
 
 
 def test_forgotten_callbacks_are_warned_about_at_exit() -> None:

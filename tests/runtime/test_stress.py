@@ -1,4 +1,4 @@
-"""Stress: floods, stalls, many entities, killed processes. SOAK_MINUTES=60 makes the soak test last an hour."""
+"""Stress: floods, stalls, many entities, killed processes."""
 
 from __future__ import annotations
 
@@ -134,8 +134,8 @@ async def test_a_hundred_nodes_and_a_thousand_topics_leave_nothing_behind(world:
 
 
 @pytest.mark.every_transport
-async def test_create_and_close_a_thousand_times(world: World) -> None:
-    times = 100 if world.kind == "zenoh" else 1000
+async def test_create_and_close_many_times(world: World) -> None:
+    times = 100 if world.kind == "zenoh" else 300
     node = world.node("n")
     peer = world.node("peer")
 
@@ -169,7 +169,7 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
     await until(is_at_rest)
     gc.collect()
     await until(lambda: is_nothing_left(before))
-    assert rss_kb() - memory < 20_000
+    assert rss_kb() - memory < 10_000
     assert list(node._scope.owned.values()) == owned
 
 
@@ -208,14 +208,7 @@ def test_nodes_in_threads_publish_until_they_are_closed(world: World) -> None:
     assert failures == []
 
 
-@pytest.fixture
-def soak_s(request: pytest.FixtureRequest) -> float:
-    """Return the seconds of traffic: 8, or SOAK_MINUTES."""
-    return float(os.environ.get("SOAK_MINUTES", "0")) * 60 or 8.0
-
-
-@pytest.mark.timeout(300 + 90 * float(os.environ.get("SOAK_MINUTES", "0")))
-async def test_soak_memory_stays_flat_under_traffic(dds: World, soak_s: float) -> None:
+async def test_memory_stays_flat_under_traffic(dds: World) -> None:
     alice, bob = dds.pair()
     received = 0
 
@@ -241,13 +234,13 @@ async def test_soak_memory_stays_flat_under_traffic(dds: World, soak_s: float) -
             assert (await client.call(AddTwoInts.Request(a=1, b=2), timeout_s=5)).sum == 3
             await asyncio.sleep(0)
 
-    await traffic(soak_s / 4)
+    await traffic(1)
     gc.collect()
     warm, counted = rss_kb(), resources()
-    await traffic(soak_s * 3 / 4)
+    await traffic(4)
     gc.collect()
     assert received > 1000
-    assert rss_kb() - warm < 8_000
+    assert rss_kb() - warm < 6_000
     await until(lambda: is_nothing_left(counted))
 
 

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import threading
 import time
-from contextvars import ContextVar
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -281,8 +280,6 @@ asyncio.run(main())
 
 # ------------------------------------------------------------------------------------------------ ordinary callbacks
 
-seen_by = ContextVar("seen_by", default="unset")
-
 
 @pytest.mark.every_transport
 @loops
@@ -310,7 +307,6 @@ def test_what_fails_inside_is_logged_and_others_still_hear(
     monkeypatch.undo()
 
 
-@pytest.mark.every_transport
 @loops
 @pytest.mark.parametrize("error", [ValueError, asyncio.CancelledError])
 def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(

@@ -190,28 +190,19 @@ def test_the_answer_is_that_of_the_condition(driver: LoopRunner) -> None:
     assert list(answers) == []
 
 
-def test_a_wake_up_is_not_left_to_the_periodic_check(driver: LoopRunner, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("limit_s", [None, 1e9, float("inf")])
+def test_a_wake_up_is_not_left_to_the_periodic_check(
+    driver: LoopRunner, monkeypatch: pytest.MonkeyPatch, limit_s: float | None
+) -> None:
     monkeypatch.setattr(shared_loop, "_MAX_BLOCKING_S", 60.0)  # the check that would find the condition true, too
     done: list[int] = []
-    waits = [started(lambda: driver.wait(lambda: done)) for _ in range(3)]
+    waits = [started(lambda: driver.wait(lambda: done, limit_s)) for _ in range(3)]
     wait_until(lambda: is_driven(driver, 3))
     done.append(1)
     driver.wake()
     for thread, outcomes in waits:
         thread.join(10)
         assert outcomes == [[1]]
-
-
-def test_a_time_limit_may_be_for_ever_in_effect(driver: LoopRunner) -> None:
-    for limit_s in (1e9, float("inf")):
-        done: list[int] = []
-        waits = [started(lambda done=done, limit_s=limit_s: driver.wait(lambda: done, limit_s)) for _ in range(2)]
-        wait_until(lambda: is_driven(driver, 2))
-        done.append(1)
-        driver.wake()
-        for thread, outcomes in waits:
-            thread.join(10)
-            assert outcomes == [[1]]
 
 
 def test_wrong_arguments_are_refused(driver: LoopRunner) -> None:
