@@ -29,9 +29,9 @@ from rosidl_py_gen.runtime.actions.states import GoalTransitionError as GoalTran
 from rosidl_py_gen.runtime.actions.states import UnknownGoalError as UnknownGoalError
 from rosidl_py_gen.runtime.actions.states import next_goal_status as next_goal_status
 from rosidl_py_gen.runtime.entities.client import Client as Client
+from rosidl_py_gen.runtime.entities.entity_scope import CallbackInUseError as CallbackInUseError
 from rosidl_py_gen.runtime.entities.introspection import IntrospectionState as IntrospectionState
 from rosidl_py_gen.runtime.entities.introspection import ServiceEventType as ServiceEventType
-from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError as CallbackInUseError
 from rosidl_py_gen.runtime.entities.publisher import Publisher as Publisher
 from rosidl_py_gen.runtime.entities.server import AlreadyRespondedError as AlreadyRespondedError
 from rosidl_py_gen.runtime.entities.server import RequestInfo as RequestInfo

@@ -25,9 +25,8 @@ from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
-from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import RosArgumentError
-from rosidl_py_gen.runtime.node.context import Context
+from rosidl_py_gen.runtime.node.context import Context, attach_all, close_all, close_served_by
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 
 if TYPE_CHECKING:
@@ -71,7 +70,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         finally:
             signals.is_shutdown = True
             if signals.interrupted_shutdown:  # the callback that was interrupted must not be called again
-                context_registry.close_served_by(loop)
+                close_served_by(loop)
             try:
                 _end_tasks(loop)
             finally:
@@ -149,7 +148,7 @@ def _run_task(loop: asyncio.AbstractEventLoop, signals: _Signals, task: asyncio.
 
 
 async def _attached(coroutine: Coroutine[Any, Any, T]) -> T:
-    context_registry.attach_all()
+    attach_all()
     loop = asyncio.get_running_loop()
     with FailureGuard(lambda failures: failures.loop_binding.loop is loop):
         return await coroutine
@@ -241,7 +240,7 @@ def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
         _end_threads(loop)
     except KeyboardInterrupt:
         # Threads that do not end would block the interpreter's exit, too.
-        context_registry.close_all()
+        close_all()
         _exit_by_signal(signal.SIGINT)
     _cancel_tasks(loop)  # tasks of callbacks that were called while it waited for threads
 

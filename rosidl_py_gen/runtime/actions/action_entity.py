@@ -9,8 +9,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity
-from rosidl_py_gen.runtime.entities.pollable import user_callback
+from rosidl_py_gen.runtime.entities.entity_scope import CompositeEntity, user_callback
 from rosidl_py_gen.runtime.entities.service_common import ServiceEndpoint
 from rosidl_py_gen.runtime.time.values import Time
 

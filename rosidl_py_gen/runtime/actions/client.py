@@ -264,8 +264,8 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         return await self._scope.wait_or_raise(
             self._is_available.get,
             timeout_s,
-            lambda: self._closed,
             lambda: f"no server of action {self.name} ({self.action_type}) appeared at {', '.join(self._missing())}",
+            self,
             why=self._why_missing,
         )
 

@@ -186,7 +186,7 @@ class FeedbackReadiness:
                 and all(graph.node_names_complete(guid) and graph.endpoints_complete(guid) for guid in missing)
             )
 
-        await self._scope.wait_until(is_ready, _DISCOVERY_TIMEOUT_S, lambda: False, poll_s=_FIRST_HEARTBEAT_S)
+        await self._scope.wait_until(is_ready, _DISCOVERY_TIMEOUT_S, poll_s=_FIRST_HEARTBEAT_S)
         self._unreachable |= self._missing(clients)
         await asyncio.sleep(_FIRST_HEARTBEAT_S)
         self._ready_clients = clients

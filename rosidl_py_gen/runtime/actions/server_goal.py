@@ -24,11 +24,13 @@ from rosidl_py_gen.runtime.actions.states import (
     GoalStatus,
     GoalTable,
 )
-from rosidl_py_gen.runtime.actions.status import StatusTopic
+from rosidl_py_gen.runtime.actions.status import StatusArray
 from rosidl_py_gen.runtime.actions.types import ActionT_co, set_goal_id
+from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
+from rosidl_py_gen.runtime.loop.send_queue import DeferredSender
 from rosidl_py_gen.runtime.time.values import Duration, Time, timeout_to_ns
-from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -248,7 +250,10 @@ class ServerGoals:
         self._queue: deque[ServerGoal[Any]] = deque()
         self._expiry: asyncio.TimerHandle | None = None
         self.feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
-        self._status = StatusTopic(scope, action_type.status, names.status)
+        self._statuses = StatusArray()
+        self._status: Publisher[bytes] = Publisher(scope, raw_type(action_type.status), names.status, ACTION_STATUS)
+        self._status_sender = DeferredSender(scope.loop_binding, self._status._publish_without_waiting)
+        scope.register(self._status_sender)
         scope.register(self)
         scope.register(
             clock.create_jump_callback(
@@ -265,9 +270,12 @@ class ServerGoals:
             try:
                 return function()
             finally:
-                self._status.flush()
+                self._status_sender.flush()
 
         return self._scope.loop_binding.run_on_loop(call)
+
+    def _publish_statuses(self) -> None:
+        self._status_sender.add(self._statuses.message())
 
     # ---------------------------------------------------------------------------------------------- start and end
 
@@ -278,12 +286,12 @@ class ServerGoals:
         info = self.table.accept(goal.goal_id, self._clock.now_ns())
         assert info is not None, "the caller has rejected ids that are in use"
         goal._record.accepted_stamp = Time(nanoseconds=info.stamp_ns, clock_type=self._clock.clock_type)
-        self._status.rows.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
+        self._statuses.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
         self.active[goal.goal_id] = goal
         if decision is GoalDecision.ACCEPT:
             self._start_or_queue(goal)
         else:
-            self._status.publish()
+            self._publish_statuses()
         return info
 
     def reject_garbage_collected(self, reply: asyncio.Future[GoalInfo | None]) -> None:
@@ -314,7 +322,7 @@ class ServerGoals:
                 if self.table.status(running).is_cancelable:
                     self._cancel(self.active[running])
         self._queue.append(goal)
-        self._status.publish()
+        self._publish_statuses()
 
     def _start(self, goal: ServerGoal[Any]) -> None:
         self._running.add(goal.goal_id)
@@ -327,7 +335,7 @@ class ServerGoals:
         self._scope.require_open(False, f"action server {self._name}")
         data = self._type.encode_result(TERMINAL_STATUS_OF[event], result)
         self.table.finish(goal_id, event, data, self._clock.now_ns())
-        self._status.rows.set_status(goal_id, TERMINAL_STATUS_OF[event])
+        self._statuses.set_status(goal_id, TERMINAL_STATUS_OF[event])
         self._running.discard(goal_id)
         goal = self.active.pop(goal_id)
         if awaits_return:
@@ -335,7 +343,7 @@ class ServerGoals:
             goal._record.refuse_cancels()
         else:
             goal._record.end(data)
-        self._status.publish()
+        self._publish_statuses()
         if self._queue and not self._running:
             self._start(self._queue.popleft())
         self.expire()
@@ -356,13 +364,14 @@ class ServerGoals:
         self.table.replace_result(goal.goal_id, data, status)
         goal._record.end(data)
         if failed:
-            self._status.rows.set_status(goal.goal_id, status)
-            self._status.publish()
+            self._statuses.set_status(goal.goal_id, status)
+            self._publish_statuses()
         return True
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
         """Publish feedback. Thread: any."""
-        self._status.flush_if_in_loop()  # EXECUTING must be published before
+        if self._scope.loop_binding.in_loop_thread():
+            self._status_sender.flush()  # EXECUTING must be published before
         message = self._type.cls.FeedbackMessage()
         set_goal_id(message, goal_id)
         message.feedback = self._type.feedback.to_message(feedback)
@@ -389,8 +398,8 @@ class ServerGoals:
             self.finish(goal.goal_id, GoalEvent.CANCELED, None)
 
     def _change(self, goal_id: bytes, event: GoalEvent) -> None:
-        self._status.rows.set_status(goal_id, self.table.apply(goal_id, event))
-        self._status.publish()
+        self._statuses.set_status(goal_id, self.table.apply(goal_id, event))
+        self._publish_statuses()
 
     # ------------------------------------------------------------------------------------------------------ expiry
 
@@ -399,7 +408,7 @@ class ServerGoals:
         if self._scope.closed:
             return
         now_ns = self._clock.now_ns()
-        self._status.rows.remove(self.table.expire(now_ns))
+        self._statuses.remove(self.table.expire(now_ns))
         # A running timer is never too late, because the time of the next expiry only increases.
         if self._expiry is None and not self._clock.ros_time_is_active:
             due_ns, loop = self.table.next_expiry_ns(), self._scope.loop_binding.loop

@@ -1,4 +1,4 @@
-"""Status topic of an action: the encoded GoalStatusArray, written by a server, searched by a client.
+"""Encoded GoalStatusArray of the status topic, written by a server, searched by a client.
 
 The topic carries every goal of a server at every transition. With message objects, a server with a thousand retained
 results would spend milliseconds on each. A row has 28 bytes: UUID 16, 3 padding bytes, sec 4, nanosec 4, status 1; the
@@ -12,18 +12,12 @@ Source: docs/internals/protocol.md 2, 8.3.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.cdr.layout import COUNT_BYTES, HEADER, HEADER_BYTES
-from rosidl_py_gen.runtime.entities.message_types import raw_type
-from rosidl_py_gen.runtime.entities.publisher import Publisher
-from rosidl_py_gen.runtime.loop.send_queue import DeferredSender
-from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.entities.message_types import MessageType
     from rosidl_py_gen.runtime.transport.api import Payload
 
 _ROW = struct.Struct("<16s3xiIB")
@@ -74,24 +68,3 @@ def find_status(data: Payload, goal_id: bytes) -> int | None:
             return raw[row + _STATUS_OFFSET]
         at = raw.find(goal_id, at + 1)
     return None
-
-
-class StatusTopic:
-    """Publisher of the status topic, and the rows it publishes."""
-
-    def __init__(self, scope: EntityScope, message_type: MessageType[Any], topic: str) -> None:
-        self.rows = StatusArray()
-        self._loop_binding = scope.loop_binding
-        self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)
-        self._sender = DeferredSender(scope.loop_binding, self._publisher._publish_without_waiting)
-        self.flush = self._sender.flush
-        scope.register(self._sender)
-
-    def publish(self) -> None:
-        """Publish the current rows."""
-        self._sender.add(self.rows.message())
-
-    def flush_if_in_loop(self) -> None:
-        """Write delayed messages, if this is the loop's thread, so that they precede what the caller publishes next."""
-        if self._loop_binding.in_loop_thread():
-            self.flush()

@@ -92,9 +92,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             WaitTimeoutError: no server appeared within `timeout_s`.
             IncompatibleServiceError: all servers use Fast DDS, and the installed Cyclone DDS cannot call them.
         """
-        return await self._scope.wait_or_raise(
-            self._available, timeout_s, lambda: self._closed, self._missing, why=self._why_missing
-        )
+        return await self._scope.wait_or_raise(self._available, timeout_s, self._missing, self, why=self._why_missing)
 
     wait_for_service_sync = blocking(wait_for_service)
 
@@ -146,7 +144,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         encoded = self._type.request.encode(request)
         servers = self._available()
         if not servers.is_available:
-            await scope.wait_until(self._available, deadline.remaining_s(), lambda: self._closed)
+            await scope.wait_until(self._available, deadline.remaining_s(), self)
             servers = self._available()
         if not servers.is_available:
             raise CallTimeoutError(with_reason(f"{self._missing()} in {timeout_s:g} s", self._why_missing()))
@@ -288,7 +286,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         pending.sequence_number = number
         self._by_sequence_number[number] = pending
         if self._introspection is not None:
-            self._introspection.on_sent(self._transport_client.gid, number, pending.encoded)
+            self._introspection.publish(self._transport_client.gid, number, pending.encoded, is_sent=True)
         return True
 
     def _fail(self, pending: PendingRequest[ResponseT], error: Exception) -> None:
@@ -320,7 +318,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             if data is None:
                 continue
             if self._introspection is not None:
-                self._introspection.on_received(self._transport_client.gid, number, data)
+                self._introspection.publish(self._transport_client.gid, number, data, is_sent=False)
             if pending is not None:
                 self._handle_reply(pending, data, server)
 

@@ -9,16 +9,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import copy
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
+from rosidl_py_gen.base.callbacks import RegistrationSet, require_signature
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import current_loop
-from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailures
 from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
-from rosidl_py_gen.runtime.loop.user_callback import start_task
+from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_callable, start_task
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockType
@@ -26,6 +28,7 @@ from rosidl_py_gen.runtime.time.values import ClockType
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine, MutableMapping
 
+    from rosidl_py_gen.base.callbacks import Registration
     from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
@@ -38,6 +41,7 @@ T = TypeVar("T")
 
 _MATCH_POLL_INTERVAL_S = 0.05
 """DDS matches endpoints some time after their discovery, and reports no event of that."""
+QOS_HINT = "; QoS is given as qos=..."
 
 
 class Closeable(Protocol):
@@ -79,6 +83,75 @@ class Entity:
         return True
 
 
+class CallbackInUseError(RosidlError, TypeError):
+    """The program tries to receive from an entity that has a callback."""
+
+
+class PollableEntity(Entity):
+    """Entity with a method `take`: a subscription, a server or a timer.
+
+    Listeners are called on the event loop, once for each arrival. Arrived data stays in the queue of its entity until
+    `take`, `receive` or an iteration removes it.
+    """
+
+    _callback: UserCallback | None
+    """Takes everything, if there is one."""
+    _contents = "messages"
+    """Noun for the data that the callback takes, for errors."""
+    _listeners: RegistrationSet[UserCallback] | None = None
+    _on_arrival: Callable[[], None] | None = None
+    """Calls the listeners; None until the first one is added."""
+
+    @property
+    def is_ready(self) -> bool:
+        """True if data has arrived and was not taken yet; False after `close`."""
+        return not self._closed and self._is_ready()
+
+    def on_ready(self, function: Callable[[], object]) -> Registration:
+        """Call a function without arguments when something can be taken, until the returned registration is closed.
+
+        It is called on the event loop, or by the thread that runs the loop of a `LoopRunner`, for each arrival; and
+        immediately, if something can be taken already. Arrivals may coincide, so take until `take` returns None. The
+        function should only wake up the consumer: `LoopRunner.wake`, `threading.Event.set`. Its exceptions are logged
+        like those of any callback.
+
+        Raises:
+            CallbackInUseError: the entity has a callback, which takes everything.
+            ClosedError: the entity is closed.
+            TypeError: `function` is not callable, or not without arguments.
+        """
+        subject = f"the on_ready function of {self._described()}"
+        self._require_takeable()
+        listener = user_callback(self._scope, function, subject)
+        if listener is None:
+            raise TypeError(f"{subject} must be a function, got None")
+        if self._listeners is None:
+            self._listeners = RegistrationSet()
+        registration = self._listeners.add(listener)
+        self._on_arrival = self._notify_ready
+        if self._is_ready():
+            listener.call()
+        return registration
+
+    def _notify_ready(self) -> None:
+        for listener in self._listeners or ():
+            listener.call()
+
+    def _require_no_callback(self) -> None:
+        if self._callback is not None:
+            raise CallbackInUseError(
+                f"{self._described()} has a callback; its {self._contents} cannot be taken as well"
+            )
+
+    def _require_takeable(self) -> None:
+        """Raise `CallbackInUseError` or `ClosedError`."""
+        self._require_no_callback()
+        self._require_open()
+
+    def _is_ready(self) -> bool:
+        raise NotImplementedError
+
+
 class CompositeEntity(Entity):
     """Entity that consists of others: everything created with the scope `_parts` closes with it, tasks as well."""
 
@@ -91,6 +164,25 @@ class CompositeEntity(Entity):
         """Close all entities that this one consists of. From any thread; may be called twice."""
         if self._begin_close():
             self._parts.close()
+
+
+def user_callback(
+    scope: EntityScope,
+    function: Callable[..., object] | None,
+    subject: str,
+    *arguments: str,
+    hint: str = "",
+    type_hint: str = "",
+) -> UserCallback | None:
+    """Return the callback of a user's function, which may be None; raises as `require_callable`, `require_signature`.
+
+    `type_hint` ends the error about an object that is no function, `hint` that about other arguments.
+    """
+    require_callable(function, subject, type_hint)
+    if function is None:
+        return None
+    require_signature(function, subject, *arguments, hint=hint)
+    return UserCallback(scope, function, subject)
 
 
 def entity_repr(entity: Entity, *details: str, peers: Callable[[], int], peer: str) -> str:
@@ -241,20 +333,21 @@ class EntityScope:
         self,
         condition: Callable[[], object],
         timeout_s: float | None,
-        is_closed: Callable[[], bool],
+        entity: Entity | None = None,
         *,
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> bool:
         """Wait until `condition` holds, checked at every change of the graph and every `poll_s` seconds.
 
-        Returns False if the time has passed. Raises `ClosedError` if the entity or its node is closed, also later.
+        Returns False if the time has passed. Raises `ClosedError` if the entity or the node is closed, also later.
         """
         deadline = Deadline(timeout_s)
-        self.require_open(is_closed(), "what was waited for")
+        require_open = partial(self.require_open, False, "the node") if entity is None else entity._require_open
+        require_open()
         self.loop_binding.running_loop()
 
         def is_over() -> bool:
-            self.require_open(is_closed(), "what was waited for")
+            require_open()
             return bool(condition())
 
         while not await self.discovery.changes.wait(is_over, deadline.remaining_s(poll_s)):
@@ -266,14 +359,14 @@ class EntityScope:
         self,
         condition: Callable[[], object],
         timeout_s: float | None,
-        is_closed: Callable[[], bool],
         missing: Callable[[], str],
+        entity: Entity | None = None,
         *,
         why: Callable[[], str] = lambda: "",
         poll_s: float = _MATCH_POLL_INTERVAL_S,
     ) -> Literal[True]:
         """Wait like `wait_until`, or raise `WaitTimeoutError` with `missing` and the reason `why` after the timeout."""
-        if not await self.wait_until(condition, timeout_s, is_closed, poll_s=poll_s):
+        if not await self.wait_until(condition, timeout_s, entity, poll_s=poll_s):
             raise WaitTimeoutError(f"{missing()} in {timeout_s:g} s", why())
         return True
 

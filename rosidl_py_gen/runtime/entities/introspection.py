@@ -71,19 +71,15 @@ class ServiceEventPublisher:
             self._publisher = Publisher(self._scope, message_type(self._cls.Event), self._topic, profile)
         return self._publisher is not None
 
-    def on_sent(self, client_gid: bytes, sequence_number: int, message: Payload) -> None:
-        """Publish that the client or server has sent a message."""
-        event_type = ServiceEventType.REQUEST_SENT if self._is_client else ServiceEventType.RESPONSE_SENT
-        self._publish(event_type, client_gid, sequence_number, message)
-
-    def on_received(self, client_gid: bytes, sequence_number: int, message: Payload) -> None:
-        """Publish that the client or server has received a message."""
-        event_type = ServiceEventType.RESPONSE_RECEIVED if self._is_client else ServiceEventType.REQUEST_RECEIVED
-        self._publish(event_type, client_gid, sequence_number, message)
-
-    def _publish(self, event_type: ServiceEventType, client_gid: bytes, sequence_number: int, message: Payload) -> None:
+    def publish(self, client_gid: bytes, sequence_number: int, message: Payload, *, is_sent: bool) -> None:
+        """Publish that the client or server has sent or received a message."""
         if self._scope.closed or self._publisher is None:
             return  # a response that is sent while the node closes must not fail
+        is_request = is_sent is self._is_client
+        if is_request:
+            event_type = ServiceEventType.REQUEST_SENT if is_sent else ServiceEventType.REQUEST_RECEIVED
+        else:
+            event_type = ServiceEventType.RESPONSE_SENT if is_sent else ServiceEventType.RESPONSE_RECEIVED
         event = self._cls.Event()
         event.info.event_type = int(event_type)
         event.info.client_gid = np.frombuffer(client_gid, np.uint8)  # fits messages of both APIs
@@ -91,7 +87,7 @@ class ServiceEventPublisher:
         set_stamp(event.info.stamp, self._clock.now_ns())
         try:
             if self._state is IntrospectionState.CONTENTS:
-                if event_type in (ServiceEventType.REQUEST_SENT, ServiceEventType.REQUEST_RECEIVED):
+                if is_request:
                     event.request = [self._cls.Request._decode(message)]
                 else:
                     event.response = [self._cls.Response._decode(message)]

@@ -160,8 +160,8 @@ class Publisher(Entity, Generic[T]):
         return await self._scope.wait_or_raise(
             lambda: self.subscription_count >= count,
             timeout_s,
-            lambda: self._closed,
             lambda: f"{self.subscription_count} subscriptions on {self.topic}, expected at least {count},",
+            self,
             why=self._why_unmatched,
         )
 
@@ -180,11 +180,11 @@ class Publisher(Entity, Generic[T]):
         return await self._scope.wait_or_raise(
             lambda: self._send_queue.flush() and self._writer.all_acknowledged(),
             timeout_s,
-            lambda: self._closed,
             lambda: (
                 f"messages on {self.topic} were not acknowledged by all "
                 f"{pluralize(self.subscription_count, 'subscription')}"
             ),
+            self,
             poll_s=0.002,
         )
 

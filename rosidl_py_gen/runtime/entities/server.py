@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.entities.pollable import QOS_HINT, PollableEntity, user_callback
+from rosidl_py_gen.runtime.entities.entity_scope import QOS_HINT, PollableEntity, user_callback
 from rosidl_py_gen.runtime.entities.service_common import ServiceEndpoint, incompatible_peer_text
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer
@@ -192,7 +192,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
                     return None
                 data = converted
             if self._introspection is not None:
-                self._introspection.on_received(*self._transport_server.request_origin(origin), data)
+                self._introspection.publish(*self._transport_server.request_origin(origin), data, is_sent=False)
             return ServiceRequest(self, origin, self._type.request.decode(data), (source_ns, received_ns))
         except DecodeError as err:
             if self._throttle.allows():
@@ -220,7 +220,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
     def _send(self, origin: RequestId, data: bytes) -> bool:
         is_sent = self._transport_server.send(origin, data)
         if is_sent and self._introspection is not None:
-            self._introspection.on_sent(*self._transport_server.request_origin(origin), data)
+            self._introspection.publish(*self._transport_server.request_origin(origin), data, is_sent=True)
         return is_sent
 
     def _wait_and_send(self, origin: RequestId, data: bytes) -> None:
@@ -231,7 +231,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         can_reach = partial(self._transport_server.can_reach_client, origin)
         try:
             is_reachable = await self._scope.wait_until(
-                can_reach, _CLIENT_MATCH_TIMEOUT_S, lambda: self._closed, poll_s=_CLIENT_MATCH_POLL_INTERVAL_S
+                can_reach, _CLIENT_MATCH_TIMEOUT_S, self, poll_s=_CLIENT_MATCH_POLL_INTERVAL_S
             )
         except ClosedError:
             return

@@ -17,9 +17,15 @@ from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar, cast
 from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.waiters import Waiters, current_loop
 from rosidl_py_gen.errors import ClosedError, DecodeError
-from rosidl_py_gen.runtime.entities.entity_scope import Throttle, entity_repr, pluralize
+from rosidl_py_gen.runtime.entities.entity_scope import (
+    QOS_HINT,
+    PollableEntity,
+    Throttle,
+    entity_repr,
+    pluralize,
+    user_callback,
+)
 from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes
-from rosidl_py_gen.runtime.entities.pollable import QOS_HINT, PollableEntity, user_callback
 from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
@@ -401,8 +407,8 @@ class Subscription(PollableEntity, Generic[T]):
         return await self._scope.wait_or_raise(
             lambda: self.publisher_count >= count,
             timeout_s,
-            lambda: self._closed,
             lambda: f"{self.publisher_count} publishers on {self.topic}, expected at least {count},",
+            self,
             why=self._why_unmatched,
         )
 

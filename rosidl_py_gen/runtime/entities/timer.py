@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.entities.entity_scope import entity_repr
-from rosidl_py_gen.runtime.entities.pollable import PollableEntity, user_callback
+from rosidl_py_gen.runtime.entities.entity_scope import PollableEntity, entity_repr, user_callback
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.clock_timer import ClockTimer, TimerCall, TimerSchedule, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,9 +32,9 @@ class RosArgumentError(RosidlError, ValueError):
     """A ROS argument cannot be parsed; the text contains it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RosArguments:
-    """Parsed command line.
+    """Parsed command line, and one method for each flag with an argument.
 
     Attributes:
         program: program name and the arguments of the program.
@@ -43,36 +43,21 @@ class RosArguments:
         warnings: sentences to log once.
     """
 
-    program: tuple[str, ...] = ()
-    remap_rules: tuple[RemapRule, ...] = ()
-    parameters: tuple[ParameterOverrides, ...] = ()
+    program: list[str] = field(default_factory=list)
+    remap_rules: list[RemapRule] = field(default_factory=list)
+    parameters: list[ParameterOverrides] = field(default_factory=list)
     logs: LogSettings = field(default_factory=LogSettings)
     enclave: str = "/"
-    warnings: tuple[str, ...] = ()
+    warnings: list[str] = field(default_factory=list)
 
     def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
         """Return the parameter values of a node."""
         return overrides_for(self.parameters, fully_qualified_name)
 
-
-@dataclass(slots=True)
-class _Parser:
-    """Collected values, and one method for each flag with an argument."""
-
-    program: list[str] = field(default_factory=list)
-    remap_rules: list[RemapRule] = field(default_factory=list)
-    parameters: list[ParameterOverrides] = field(default_factory=list)
-    log_levels: list[tuple[str, int]] = field(default_factory=list)
-    logs: dict[str, Any] = field(default_factory=dict)
-    """Fields of `LogSettings` without `levels`."""
-    enclave: str = "/"
-    warnings: list[str] = field(default_factory=list)
-    unknown: list[str] = field(default_factory=list)
-
-    def remap(self, value: str) -> None:
+    def add_remap_rule(self, value: str) -> None:
         self.remap_rules.append(parse_remap_rule(value))
 
-    def parameter(self, value: str) -> None:
+    def add_parameter(self, value: str) -> None:
         from rosidl_py_gen.runtime.parameters.files import parse_parameter_value
 
         left, separator, text = value.partition(":=")
@@ -85,7 +70,7 @@ class _Parser:
             raise RosArgumentError(f"{name!r} is not a parameter name; expected [NODE:]name:=value")
         self.parameters.append(ParameterOverrides(pattern, {name: parse_parameter_value(text)}, f"-p {value}"))
 
-    def params_file(self, value: str) -> None:
+    def add_parameter_file(self, value: str) -> None:
         from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
 
         try:
@@ -97,11 +82,11 @@ class _Parser:
     def set_log_level(self, value: str) -> None:
         name, separator, level = value.partition(":=")
         if not separator:
-            self.logs["level"] = parse_level(value)
+            self.logs = replace(self.logs, level=parse_level(value))
         elif not name:
             raise RosArgumentError("the logger's name is missing; expected LEVEL or logger:=LEVEL")
         else:
-            self.log_levels.append((name, parse_level(level)))
+            self.logs = replace(self.logs, levels=(*self.logs.levels, (name, parse_level(level))))
 
     def set_enclave(self, value: str) -> None:
         validate_enclave(value)
@@ -116,20 +101,20 @@ class _Parser:
     def set_log_file_name(self, value: str) -> None:
         if not value or not value.isprintable() or any(sign in value for sign in "/\\:"):
             raise RosArgumentError("expected the prefix of a file name, without folder; ROS_LOG_DIR sets the folder")
-        self.logs["file_name"] = value
+        self.logs = replace(self.logs, file_name=value)
 
 
 _WITH_ARGUMENT = {
-    "-r": _Parser.remap,
-    "--remap": _Parser.remap,
-    "-p": _Parser.parameter,
-    "--param": _Parser.parameter,
-    "--params-file": _Parser.params_file,
-    "--log-level": _Parser.set_log_level,
-    "-e": _Parser.set_enclave,
-    "--enclave": _Parser.set_enclave,
-    "--log-config-file": _Parser.set_log_config_file,
-    "--log-file-name": _Parser.set_log_file_name,
+    "-r": RosArguments.add_remap_rule,
+    "--remap": RosArguments.add_remap_rule,
+    "-p": RosArguments.add_parameter,
+    "--param": RosArguments.add_parameter,
+    "--params-file": RosArguments.add_parameter_file,
+    "--log-level": RosArguments.set_log_level,
+    "-e": RosArguments.set_enclave,
+    "--enclave": RosArguments.set_enclave,
+    "--log-config-file": RosArguments.set_log_config_file,
+    "--log-file-name": RosArguments.set_log_file_name,
 }
 _SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-logs": "external_lib"}
 """Rest of a flag after ``--enable-`` or ``--disable-`` -> the field of `LogSettings` that it sets."""
@@ -151,31 +136,26 @@ def parse_arguments(arguments: Sequence[str]) -> RosArguments:
     for argument in arguments:
         if not isinstance(argument, str):
             raise TypeError(f"args must be texts, got {argument!r}")
-    parser = _Parser()
+    parsed, unknown = RosArguments(), list[str]()
     rest = iter(arguments)
     for argument in rest:
         if argument == "--ros-args":
-            _parse_group(parser, rest)
-        elif not _parse_deprecated_remap(parser, argument):
-            parser.program.append(argument)
-    if parser.unknown:
-        flags = " ".join(repr(argument) for argument in parser.unknown)
+            unknown += _parse_group(parsed, rest)
+        elif not _parse_deprecated_remap(parsed, argument):
+            parsed.program.append(argument)
+    if unknown:
+        flags = " ".join(map(repr, unknown))
         known = ", ".join([*_WITH_ARGUMENT, *(f"--enable-{s}, --disable-{s}" for s in _SWITCHES)])
         raise RosArgumentError(f"unknown ROS arguments: {flags}; expected {known}; end them with '--'")
-    return RosArguments(
-        tuple(parser.program),
-        tuple(parser.remap_rules),
-        tuple(parser.parameters),
-        LogSettings(levels=tuple(parser.log_levels), **parser.logs),
-        parser.enclave,
-        tuple(parser.warnings),
-    )
+    return parsed
 
 
-def _parse_group(parser: _Parser, rest: Iterator[str]) -> None:
+def _parse_group(parsed: RosArguments, rest: Iterator[str]) -> list[str]:
+    """Parse arguments up to ``--``; return the unknown ones."""
+    unknown = []
     for argument in rest:
         if argument == "--":
-            return
+            break
         if argument == "--ros-args":
             continue
         handler = _WITH_ARGUMENT.get(argument)
@@ -184,24 +164,26 @@ def _parse_group(parser: _Parser, rest: Iterator[str]) -> None:
             if value is None:
                 raise RosArgumentError(f"ROS argument {argument} needs a value after it")
             try:
-                handler(parser, value)
+                handler(parsed, value)
             except (RosArgumentError, InvalidNameError, ParameterFileError, LogLevelError) as error:
                 raise RosArgumentError(f"ROS argument {argument} {value!r}: {error}") from None
         elif (switch := _SWITCH.match(argument)) and switch[2] in _SWITCHES:
-            parser.logs[_SWITCHES[switch[2]]] = switch[1] == "enable"
+            change: dict[str, Any] = {_SWITCHES[switch[2]]: switch[1] == "enable"}
+            parsed.logs = replace(parsed.logs, **change)
         else:
-            parser.unknown.append(argument)
+            unknown.append(argument)
+    return unknown
 
 
-def _parse_deprecated_remap(parser: _Parser, argument: str) -> bool:
+def _parse_deprecated_remap(parsed: RosArguments, argument: str) -> bool:
     if ":=" not in argument:
         return False
     try:
         rule = parse_remap_rule(argument)
     except InvalidRemapRuleError:
         return False
-    parser.remap_rules.append(rule)
-    parser.warnings.append(f"remap rule {argument!r} outside of --ros-args is deprecated; use --ros-args -r {argument}")
+    parsed.remap_rules.append(rule)
+    parsed.warnings.append(f"remap rule {argument!r} outside of --ros-args is deprecated; use --ros-args -r {argument}")
     return True
 
 

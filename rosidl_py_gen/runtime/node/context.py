@@ -1,19 +1,24 @@
 """Contexts: participants of a domain that nodes share.
 
-The first node without a context opens the default context, the last one closes it.
+The first node without a context opens the default context, the last one closes it. Open contexts are attached to event
+loops, and closed when a loop or the process ends.
 """
 
 from __future__ import annotations
 
+import atexit
 import os
+import signal
 import sys
 import threading
 import warnings
 import weakref
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.distributions import command_distribution
+from rosidl_py_gen.base.interrupts import CommandInterrupts, command_interrupts
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
 from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
@@ -24,13 +29,13 @@ from rosidl_py_gen.runtime.loop.callback_failures import CallbacksNeverRanError,
 from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
 from rosidl_py_gen.runtime.loop.loop_runner import LoopRunner
 from rosidl_py_gen.runtime.names.validation import validate_enclave
-from rosidl_py_gen.runtime.node import context_registry
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, find_security, middleware, read_environment
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
 from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Callable, Mapping, Sequence
 
     from typing_extensions import Self
@@ -40,6 +45,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.api import DomainSettings, Transport
+
+
+_FORKED = (
+    "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
+    '"spawn" method, or make nodes after the fork'
+)
+open_contexts: set[ContextCore] = set()
 
 
 class ContextCore:
@@ -104,7 +116,7 @@ class ContextCore:
             except BaseException:
                 self.participant.close()
                 raise
-        context_registry.open_contexts.add(self)
+        open_contexts.add(self)
 
     def require_open(self) -> None:
         """Raise `ClosedError` if the context is closed."""
@@ -162,7 +174,7 @@ class ContextCore:
         if self.closed:
             return
         self.closed = "this context is closed"
-        context_registry.open_contexts.discard(self)
+        open_contexts.discard(self)
         for node in list(self._nodes.values()):
             node.close()
         self.initial_values.close()
@@ -317,11 +329,6 @@ class Context:
         if context is not None:
             context.close()
 
-    @classmethod
-    def _after_fork(cls) -> None:
-        """Replace the lock in the child, because a thread of the parent may have held it."""
-        cls._default, cls._default_lock = None, threading.RLock()
-
     def __enter__(self) -> Self:
         return self
 
@@ -355,5 +362,49 @@ class Context:
         self.close()
 
 
+def attach_all() -> None:
+    """Attach the running loop to every open context that no running loop serves."""
+    for core in sorted(open_contexts, key=lambda core: not core.is_default):
+        core.loop_binding.adopt_running_loop()
+
+
+def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
+    """Close the contexts that a loop serves."""
+    for core in list(open_contexts):
+        if core.loop_binding.loop is loop:
+            core.close()
+
+
+def close_all() -> None:
+    """Close all contexts before the process ends, so that peers notice at once and no DDS thread outlives Python."""
+    for core in list(open_contexts):
+        core.close()
+
+
+@atexit.register
+def _close_at_exit() -> None:
+    # A second Ctrl-C must not leave DDS entities open: they may block the end of the interpreter for ever.
+    if open_contexts and signal.getsignal(signal.SIGINT) is not command_interrupts:
+        interrupts = CommandInterrupts()
+        interrupts.ignores_first = True
+        with suppress(ValueError):  # this is not the main thread
+            signal.signal(signal.SIGINT, interrupts)
+    for core in list(open_contexts):
+        core.close_at_exit()
+
+
+def _after_fork() -> None:
+    """Mark all inherited contexts as closed in the child.
+
+    A child has the memory of its parent, but not the threads that serve DDS: a call into the middleware, a join or a
+    lock may block forever.
+    """
+    Context._default, Context._default_lock = None, threading.RLock()  # a thread of the parent may have held it
+    for core in open_contexts:
+        core.abandon(_FORKED)
+    open_contexts.clear()
+    outputs.after_fork()
+
+
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=Context._after_fork)
+    os.register_at_fork(after_in_child=_after_fork)

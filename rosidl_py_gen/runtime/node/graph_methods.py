@@ -179,7 +179,7 @@ class GraphMethods(NodeBase):
             return f"no node {full_name} appeared{similar_name(full_name, names)}"
 
         alone = self._scope.discovery.unmatched.alone
-        return await self._scope.wait_or_raise(is_known, timeout_s, lambda: self._scope.closed, missing, why=alone)
+        return await self._scope.wait_or_raise(is_known, timeout_s, missing, why=alone)
 
     wait_for_node_sync = blocking(wait_for_node)
 

@@ -124,7 +124,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         self.context = Context.default() if context is None else context
         core = self.context._core
         try:
-            rules = own_arguments.remap_rules + (core.ros_arguments.remap_rules if use_global_arguments else ())
+            rules = (*own_arguments.remap_rules, *(core.ros_arguments.remap_rules if use_global_arguments else ()))
             self._names = NodeNames.create(name, namespace, rules)
             self._scope = core.open_scope(self._names, on_error)
             self._scope.type_hash_check = mode

@@ -67,7 +67,7 @@ class ParameterMethods(NodeBase):
 
     def _open_parameters(
         self,
-        own_arguments: tuple[ParameterOverrides, ...],
+        own_arguments: Sequence[ParameterOverrides],
         parameter_overrides: Mapping[str, object],
         *,
         use_global_arguments: bool,
@@ -80,9 +80,8 @@ class ParameterMethods(NodeBase):
     ) -> None:
         """Start the parameters and all that depends on them, in the order of rclpy; arguments as for `Node`."""
         own_overrides = {item.name: item.value for item in as_parameters(parameter_overrides)}
-        arguments = own_arguments
-        if use_global_arguments:
-            arguments = self.context._core.ros_arguments.parameters + arguments
+        core = self.context._core
+        arguments = [*(core.ros_arguments.parameters if use_global_arguments else ()), *own_arguments]
         self._changes = changes = list[AsyncQueue[ParameterChange]]()
         self._event_callbacks = callbacks = RegistrationSet[Callable[[ParameterEvent], object]]()
         events: ParameterEventPublisher | None = None
@@ -126,7 +125,7 @@ class ParameterMethods(NodeBase):
 
             start_logger_services(self._scope, self._names)
         start_type_descriptions(self._scope, self._names, self._store)
-        self.context._core.initial_values.register_node(
+        core.initial_values.register_node(
             self._scope,
             self._store,
             own_overrides,

@@ -110,35 +110,21 @@ class ServiceMethods(NodeBase):
 
     @overload
     def create_action_server(
-        self,
-        action: ActionClass[ActionT, GoalT, ResultT, FeedbackT],
-        name: str,
+        self, action: ActionClass[ActionT, GoalT, ResultT, FeedbackT], name: str,
         execute: Callable[[ServerGoal[ActionT]], ResultT | GoalResult | Awaitable[ResultT | GoalResult | None] | None]
-        | None = None,
-        *,
-        goal_callback: Callable[[GoalT], object] | None = None,
-        cancel_callback: Callable[[ServerGoal[ActionT]], object] | bool = True,
-        result_timeout_s: float = 900.0,
-        goal_policy: Policy = "parallel",
-        arrays: bool = False,
-        type_hash_check: TypeCheck | None = None,
-    ) -> ActionServer[ActionT]: ...
+        | None = None, *, goal_callback: Callable[[GoalT], object] | None = None,
+        cancel_callback: Callable[[ServerGoal[ActionT]], object] | bool = True, result_timeout_s: float = 900.0,
+        goal_policy: Policy = "parallel", arrays: bool = False, type_hash_check: TypeCheck | None = None,
+    ) -> ActionServer[ActionT]: ...  # fmt: skip
     @overload
     def create_action_server(
-        self,
-        action: str,
-        name: str,
+        self, action: str, name: str,
         execute: Callable[
             [ServerGoal[UntypedAction]], DictMessage | GoalResult | Awaitable[DictMessage | GoalResult | None] | None
-        ]
-        | None = None,
-        *,
-        goal_callback: Callable[[DictMessage], object] | None = None,
-        cancel_callback: Callable[[ServerGoal[UntypedAction]], object] | bool = True,
-        result_timeout_s: float = 900.0,
-        goal_policy: Policy = "parallel",
-        type_hash_check: TypeCheck | None = None,
-    ) -> ActionServer[UntypedAction]: ...
+        ] | None = None, *, goal_callback: Callable[[DictMessage], object] | None = None,
+        cancel_callback: Callable[[ServerGoal[UntypedAction]], object] | bool = True, result_timeout_s: float = 900.0,
+        goal_policy: Policy = "parallel", type_hash_check: TypeCheck | None = None,
+    ) -> ActionServer[UntypedAction]: ...  # fmt: skip
     def create_action_server(
         self,
         action: object,

@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime.type_resolution.description_client import (
     decode_description,
     request_type_description,
 )
-from rosidl_py_gen.runtime.type_resolution.type_resolver import ResolveRequest, resolve
+from rosidl_py_gen.runtime.type_resolution.type_resolver import TypeResolver
 
 if TYPE_CHECKING:
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
@@ -112,8 +112,8 @@ class TypeMethods(NodeBase):
         timeout_s: float | None,
     ) -> type[BaseT]:
         self._require_open()
-        request = ResolveRequest(query, base, type_name, type_hash, path)
-        cls: type[BaseT] = await resolve(self._scope, self._names, request, timeout_s)
+        resolver = TypeResolver(self._scope, self._names, query, base, type_name, type_hash, path, timeout_s)
+        cls: type[BaseT] = await resolver.run()
         return cls
 
     async def get_type_description(

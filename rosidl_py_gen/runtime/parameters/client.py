@@ -226,9 +226,7 @@ class ParameterClient(CompositeEntity):
         def why() -> str:
             return next((client._why_missing(client.name.removeprefix(self.node)) for client in unavailable()), "")
 
-        return await self._scope.wait_or_raise(
-            lambda: not unavailable(), timeout_s, lambda: self._closed, missing, why=why
-        )
+        return await self._scope.wait_or_raise(lambda: not unavailable(), timeout_s, missing, self, why=why)
 
     wait_for_services_sync = blocking(wait_for_services)
 

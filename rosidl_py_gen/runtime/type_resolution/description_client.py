@@ -60,9 +60,9 @@ async def announced_hash(
     def names_by_hash() -> dict[str, set[str]]:
         return graph.announced_hashes(name, namespace or "/", type_name)
 
-    if not await scope.wait_until(node_exists, timeout_s, lambda: scope.closed):
+    if not await scope.wait_until(node_exists, timeout_s):
         raise CallTimeoutError(f"no node {node} appeared in {timeout_s} s")
-    await scope.wait_until(names_by_hash, deadline.remaining_s(_ENDPOINTS_TIMEOUT_S), lambda: scope.closed)
+    await scope.wait_until(names_by_hash, deadline.remaining_s(_ENDPOINTS_TIMEOUT_S))
     return _only_hash(node, type_name, names_by_hash()), deadline.remaining_s()
 
 
@@ -120,7 +120,7 @@ async def _call_with_retry(
         return client.in_flight_count > 0 or calls[0].done()
 
     try:
-        await scope.wait_until(is_sent, timeout_s, lambda: scope.closed, poll_s=_SENT_POLL_INTERVAL_S)
+        await scope.wait_until(is_sent, timeout_s, poll_s=_SENT_POLL_INTERVAL_S)
         if not (await asyncio.wait(calls, timeout=_RETRY_DELAY_S))[0]:
             calls.append(asyncio.ensure_future(client.call(request, timeout_s)))
         done, _ = await asyncio.wait(calls, return_when=asyncio.FIRST_COMPLETED)

@@ -7,6 +7,7 @@ bundled interfaces and below AMENT_PREFIX_PATH; if there is no file, or with oth
 from __future__ import annotations
 
 import os
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,64 +49,60 @@ def start_type_descriptions(scope: EntityScope, names: NodeNames, store: Paramet
         descriptor = ParameterDescriptor(PARAMETER, ParameterType.BOOL, description, read_only=True)
         store.declare(PARAMETER, parameter_value(True), descriptor)
     if store.get(PARAMETER).value is True:
-        name, handler = names.resolve_service("~/get_type_description"), _DescriptionService(scope).handle
+        name, handler = names.resolve_service("~/get_type_description"), partial(_describe, scope)
         try:
             ServiceServer(scope, lazy_service_type(SERVICE), name, handler, SERVICES_DEFAULT)
         except SecurityError as error:  # permissions for nodes of Humble, which do not have this service
             scope.logger.warning(f"types of this node are not described to peers: {error}")
 
 
-class _DescriptionService:
-    """Handler of the service for one node."""
+def _describe(scope: EntityScope, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
+    if not TYPE_HASH.match(request.type_hash):
+        return _failure("Failed to parse type hash")
+    reason = "Failed to populate TypeDescription to response."
+    try:
+        cls = _find_class(scope, request.type_hash)
+        if cls is None or not _is_described(cls):
+            return _failure("Type not currently in use by this node")
+        from rosidl_py_gen import from_dict
 
-    def __init__(self, scope: EntityScope) -> None:
-        self._scope = scope
+        description = from_dict(msg.TypeDescription, type_description(cls))
+        response = srv.GetTypeDescription_Response(successful=True, type_description=description)
+        encode(response)  # reports what does not fit into a message, such as names of over 255 characters
+        if request.include_type_sources:
+            reason = "Failed to populate TypeSource_Sequence to response."
+            response.type_sources = _sources(cls)
+            encode(response)
+    except Exception:
+        scope.report_failure(f"describing the type {request.type_name} {request.type_hash}")
+        return _failure(reason)
+    return response
 
-    def handle(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
-        if not TYPE_HASH.match(request.type_hash):
-            return _failure("Failed to parse type hash")
-        reason = "Failed to populate TypeDescription to response."
-        try:
-            cls = self._find_class(request.type_hash)
-            if cls is None or not _is_described(cls):
-                return _failure("Type not currently in use by this node")
-            from rosidl_py_gen import from_dict
 
-            description = from_dict(msg.TypeDescription, type_description(cls))
-            response = srv.GetTypeDescription_Response(successful=True, type_description=description)
-            encode(response)  # reports what does not fit into a message, such as names of over 255 characters
-            if request.include_type_sources:
-                reason = "Failed to populate TypeSource_Sequence to response."
-                response.type_sources = _sources(cls)
-                encode(response)
-        except Exception:
-            self._scope.report_failure(f"describing the type {request.type_name} {request.type_hash}")
-            return _failure(reason)
-        return response
+def _find_class(scope: EntityScope, wanted_hash: str) -> type[Any] | None:
+    """Return the class of a type in use; raises `TypeNotFoundError` if a type in use has no class."""
+    for name, endpoint_hash in _endpoint_types(scope):
+        if endpoint_hash == wanted_hash:
+            return _load_class(name, wanted_hash)
+        service_name = name.removesuffix("_Request")
+        if service_name != name:
+            service: Any = class_of(service_name, wanted_hash)
+            if service is not None and type_hash(service.Request) == endpoint_hash:
+                return _load_class(service_name, wanted_hash)
+            if (HASHES.get(service_name), HASHES.get(name)) == (wanted_hash, endpoint_hash):
+                return _load_class(service_name, wanted_hash)
+    actions: Iterator[Any] = (getattr(owned, "action_class", None) for owned in scope.owned.values())
+    return next((cls for cls in actions if cls is not None and type_hash(cls) == wanted_hash), None)
 
-    def _find_class(self, wanted_hash: str) -> type[Any] | None:
-        """Return the class of a type in use; raises `TypeNotFoundError` if a type in use has no class."""
-        for name, endpoint_hash in self._endpoint_types():
-            if endpoint_hash == wanted_hash:
-                return _load_class(name, wanted_hash)
-            service_name = name.removesuffix("_Request")
-            if service_name != name:
-                service: Any = class_of(service_name, wanted_hash)
-                if service is not None and type_hash(service.Request) == endpoint_hash:
-                    return _load_class(service_name, wanted_hash)
-                if (HASHES.get(service_name), HASHES.get(name)) == (wanted_hash, endpoint_hash):
-                    return _load_class(service_name, wanted_hash)
-        actions: Iterator[Any] = (getattr(owned, "action_class", None) for owned in self._scope.owned.values())
-        return next((cls for cls in actions if cls is not None and type_hash(cls) == wanted_hash), None)
 
-    def _endpoint_types(self) -> Iterator[tuple[str, str]]:
-        """Yield name and hash of the message type of each endpoint of this node, as announced."""
-        discovery, graph = self._scope.discovery, self._scope.graph
-        discovery.refresh()
-        for guid in discovery.endpoints_of(self._scope.number):
-            endpoint = graph.endpoints.get(guid)
-            if endpoint is not None and "/" in endpoint.type:
-                yield endpoint.type, endpoint.type_hash
+def _endpoint_types(scope: EntityScope) -> Iterator[tuple[str, str]]:
+    """Yield name and hash of the message type of each endpoint of this node, as announced."""
+    discovery, graph = scope.discovery, scope.graph
+    discovery.refresh()
+    for guid in discovery.endpoints_of(scope.number):
+        endpoint = graph.endpoints.get(guid)
+        if endpoint is not None and "/" in endpoint.type:
+            yield endpoint.type, endpoint.type_hash
 
 
 def _failure(reason: str) -> srv.GetTypeDescription_Response:

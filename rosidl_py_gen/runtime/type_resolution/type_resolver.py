@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.descriptions import rihs01
@@ -71,67 +70,59 @@ _KINDS = {Message: "a message", Service: "a service", Action: "an action"}
 _ADVICE = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
 
 
-@dataclass(frozen=True, slots=True)
-class ResolveRequest:
-    """Parameters of a search; `base` is the expected base class."""
+class TypeResolver:
+    """One search for the class of a topic, service or action; see `Node.resolve_type` for the arguments."""
 
-    query: TypeQuery
-    base: type[Any]
-    type_name: str | None
-    type_hash: str | None
-    path: SearchFolders
-
-    @property
-    def subject(self) -> str:
-        """Kind and name for errors, such as "the topic /chatter"."""
-        return f"the {self.query.kind} {self.query.name}"
-
-
-async def resolve(scope: EntityScope, names: NodeNames, request: ResolveRequest, timeout_s: float | None) -> Any:
-    """Return the class of a topic, service or action; see `Node.resolve_type`."""
-    if request.type_name is not None:
-        split_ros_name(request.type_name)
-    if request.type_hash is not None and not TYPE_HASH.match(request.type_hash):
-        raise TypeDescriptionError(
-            f"type_hash: got {request.type_hash!r:.100}; expected RIHS01_ and 64 hexadecimal digits"
-        )
-    cls = await _TypeResolver(scope, names, request, Deadline(timeout_s)).run(timeout_s)
-    if not issubclass(cls, request.base):
-        raise TypeDescriptionError(
-            f"{request.subject} has the type {cls._TYPE.name}, which is not {_KINDS[request.base]}"
-        )
-    return cls
-
-
-@dataclass(slots=True)
-class _FetchedDescriptions:
-    """Descriptions that nodes returned, by type name; all of them have the announced hash."""
-
-    senders: dict[str, None] = field(default_factory=dict)
-    individuals: dict[str, Description] = field(default_factory=dict)
-    sources: dict[str, tuple[str, str]] = field(default_factory=dict)
-
-
-class _TypeResolver:
-    """State of one search."""
-
-    def __init__(self, scope: EntityScope, names: NodeNames, request: ResolveRequest, deadline: Deadline) -> None:
+    def __init__(
+        self,
+        scope: EntityScope,
+        names: NodeNames,
+        query: TypeQuery,
+        base: type[Any],
+        type_name: str | None,
+        wanted_hash: str | None,
+        path: SearchFolders,
+        timeout_s: float | None,
+    ) -> None:
+        if type_name is not None:
+            split_ros_name(type_name)
+        if wanted_hash is not None and not TYPE_HASH.match(wanted_hash):
+            raise TypeDescriptionError(
+                f"type_hash: got {wanted_hash!r:.100}; expected RIHS01_ and 64 hexadecimal digits"
+            )
         self._scope = scope
         self._names = names
-        self._request = request
-        self._query = request.query
-        self._deadline = deadline
-        self._fetched = _FetchedDescriptions()
+        self._query = query
+        self._subject = f"the {query.kind} {query.name}"
+        self._base = base
+        self._type_name = type_name
+        self._wanted_hash = wanted_hash
+        self._path = path
+        self._timeout_s = timeout_s
+        self._deadline = Deadline(timeout_s)
+        # Descriptions that nodes returned, by type name; all of them have the announced hash.
+        self._senders: dict[str, None] = {}
+        self._individuals: dict[str, Description] = {}
+        self._sources: dict[str, tuple[str, str]] = {}
 
-    async def run(self, timeout_s: float | None) -> type[Any]:
-        announcement = await self._wait_for_announcement(timeout_s)
+    async def run(self) -> Any:
+        """Return the class."""
+        cls = await self._find_or_fetch()
+        if not issubclass(cls, self._base):
+            raise TypeDescriptionError(
+                f"{self._subject} has the type {cls._TYPE.name}, which is not {_KINDS[self._base]}"
+            )
+        return cls
+
+    async def _find_or_fetch(self) -> type[Any]:
+        announcement = await self._wait_for_announcement()
         if not announcement.has_hashes():
             return await self._find_by_name(announcement)
         cls = await self._find_local(announcement, self._matches(announcement))
         if cls is not None:
             return cls
         try:
-            return await self._fetch_with_late_announcements(announcement, timeout_s)
+            return await self._fetch_with_late_announcements(announcement)
         except TypeDescriptionError as error:
             other = await self._find_local(announcement, lambda hashes: True)
             if other is None:
@@ -147,47 +138,45 @@ class _TypeResolver:
         return [
             announcement
             for announcement in self._announcements(participants).values()
-            if is_complete(announcement, self._query) and self._request.type_name in (None, announcement.type_name)
+            if is_complete(announcement, self._query) and self._type_name in (None, announcement.type_name)
         ]
 
-    async def _wait_for_announcement(self, timeout_s: float | None) -> TypeAnnouncement:
-        scope, request = self._scope, self._request
+    async def _wait_for_announcement(self) -> TypeAnnouncement:
+        scope = self._scope
         scope.discovery.refresh()
-        if not await scope.wait_until(lambda: bool(self._candidates()), timeout_s, lambda: scope.closed):
-            raise CallTimeoutError(self._not_announced_text(timeout_s))
+        if not await scope.wait_until(lambda: bool(self._candidates()), self._timeout_s):
+            raise CallTimeoutError(self._not_announced_text())
         candidates = self._candidates()
-        if len(candidates) > 1 or (request.type_hash is None and candidates[0].is_ambiguous()):
+        if len(candidates) > 1 or (self._wanted_hash is None and candidates[0].is_ambiguous()):
             # The types of publishers and servers in other processes are preferred.
             providers = {*provider_participants(scope.graph, self._query)}
             candidates = self._candidates(providers - {scope.participant.guid} or providers) or candidates
         if len(candidates) > 1:
             raise self._ambiguous_error("types", candidates, "type_name")
-        if request.type_hash is None and candidates[0].is_ambiguous():
+        if self._wanted_hash is None and candidates[0].is_ambiguous():
             raise self._ambiguous_error("definitions", candidates, "type_hash")
         try:
             split_ros_name(candidates[0].type_name)
         except InvalidNameError:
             text = join_truncated(candidates[0].lines())
-            raise TypeDescriptionError(f"the type of {request.subject} is not a ROS type: {text}") from None
+            raise TypeDescriptionError(f"the type of {self._subject} is not a ROS type: {text}") from None
         return candidates[0]
 
-    def _not_announced_text(self, timeout_s: float | None) -> str:
+    def _not_announced_text(self) -> str:
         lines = [line for announcement in self._announcements().values() for line in announcement.lines()]
-        wanted = f"the type {self._request.type_name}" if self._request.type_name else "a type"
+        wanted = f"the type {self._type_name}" if self._type_name else "a type"
         existing = f"; announced are {join_truncated(lines)}" if lines else ""
-        return f"no node announced {wanted} for {self._request.subject} in {timeout_s} s{existing}"
+        return f"no node announced {wanted} for {self._subject} in {self._timeout_s} s{existing}"
 
     def _ambiguous_error(
         self, plural: str, announcements: list[TypeAnnouncement], parameter: str
     ) -> TypeDescriptionError:
         lines = [line for item in sorted(announcements, key=lambda item: item.type_name) for line in item.lines()]
-        return TypeDescriptionError(
-            f"{self._request.subject} has several {plural}: {join_truncated(lines)}; pass {parameter}"
-        )
+        return TypeDescriptionError(f"{self._subject} has several {plural}: {join_truncated(lines)}; pass {parameter}")
 
     def _matches(self, announcement: TypeAnnouncement) -> HashPredicate:
         """Return a function that compares hashes, by message name, with the announced ones."""
-        wanted_hash = self._request.type_hash
+        wanted_hash = self._wanted_hash
 
         def matches(hashes: Mapping[str, str]) -> bool:
             announced_hashes = {name: set(by_hash) - {""} for name, by_hash in announcement.hashes.items()}
@@ -199,16 +188,16 @@ class _TypeResolver:
     async def _find_local(self, announcement: TypeAnnouncement, matches: HashPredicate) -> type[Any] | None:
         from rosidl_py_gen.type_loading.class_lookup import find_class
 
-        return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._request.path)
+        return await asyncio.to_thread(find_class, announcement.type_name, matches, path=self._path)
 
     async def _find_by_name(self, announcement: TypeAnnouncement) -> type[Any]:
         """Return the class of a type for which no hash is announced."""
         from rosidl_py_gen.type_loading.class_lookup import find_named_class
         from rosidl_py_gen.type_loading.peer_definitions import find_class_of
 
-        name, path = announcement.type_name, self._request.path
-        reason = f"the nodes of {self._request.subject} announce no hash for {name}, as those of ROS 2 Humble do"
-        if self._request.type_hash:
+        name, path = announcement.type_name, self._path
+        reason = f"the nodes of {self._subject} announce no hash for {name}, as those of ROS 2 Humble do"
+        if self._wanted_hash:
             cls = await self._find_local(announcement, self._matches(announcement))
             if cls is None:
                 raise TypeNotFoundError(f"{reason}, and no local definition has the hash; {_ADVICE}")
@@ -241,14 +230,12 @@ class _TypeResolver:
             return not graph.is_ros(guid) or graph.is_humble(guid) is not None or graph.node_names_complete(guid)
 
         timeout_s = self._deadline.remaining_s(_NODE_NAME_TIMEOUT_S)
-        await scope.wait_until(lambda: all(map(is_known, participants())), timeout_s, lambda: scope.closed)
+        await scope.wait_until(lambda: all(map(is_known, participants())), timeout_s)
         found = participants()
         # All later distributions announce a hash, so a node that has sent no graph message is of Humble, too.
         return bool(found) and all(graph.is_ros(one) and graph.is_humble(one) is not False for one in found)
 
-    async def _fetch_with_late_announcements(
-        self, announcement: TypeAnnouncement, timeout_s: float | None
-    ) -> type[Any]:
+    async def _fetch_with_late_announcements(self, announcement: TypeAnnouncement) -> type[Any]:
         """Fetch the type, and retry if an optional message, such as the events of a service, was announced later."""
         try:
             return await self._fetch_class(announcement)
@@ -262,23 +249,22 @@ class _TypeResolver:
             names = (announcement.type_name + suffix for suffix in self._query.optional.values())
             is_incomplete = any(name not in announcement.hashes for name in names)
             grace_s = self._deadline.remaining_s(_LATE_ANNOUNCEMENT_GRACE_S) if is_incomplete else 0.0
-            if not await scope.wait_until(has_more, grace_s, lambda: scope.closed):
+            if not await scope.wait_until(has_more, grace_s):
                 raise
-            return await self._fetch_class(await self._wait_for_announcement(timeout_s))
+            return await self._fetch_class(await self._wait_for_announcement())
 
     async def _fetch_class(self, announcement: TypeAnnouncement) -> type[Any]:
         from rosidl_py_gen.type_loading.from_description import compile_described, described_hashes
 
         name, is_service = announcement.type_name, self._query.kind == "service"
-        wanted_hash = self._request.type_hash
+        wanted_hash = self._wanted_hash
         if wanted_hash is not None:
             await self._fetch(name, wanted_hash, _announcing_nodes(announcement, wanted_hash))
         else:
             await self._fetch_messages(announcement)
-        fetched = self._fetched
         try:
-            if name not in fetched.individuals:
-                hashes = await asyncio.to_thread(described_hashes, name, fetched.individuals, is_service=is_service)
+            if name not in self._individuals:
+                hashes = await asyncio.to_thread(described_hashes, name, self._individuals, is_service=is_service)
                 self._require_match(announcement, hashes)
                 try:  # only for the sources; a node may not have the whole type
                     await self._fetch(name, hashes[name], announcement.nodes())
@@ -287,14 +273,14 @@ class _TypeResolver:
             cls = await asyncio.to_thread(
                 compile_described,
                 name,
-                fetched.individuals,
-                fetched.sources,
+                self._individuals,
+                self._sources,
                 is_service=is_service,
-                path=self._request.path,
+                path=self._path,
             )
         except DefinitionError as error:
             raise TypeDescriptionError(
-                f"the description of {name} by {join_truncated(fetched.senders)} cannot be used: {error}"
+                f"the description of {name} by {join_truncated(self._senders)} cannot be used: {error}"
             ) from error
         self._require_match(announcement, hashes_of(cls))
         return cls
@@ -310,7 +296,7 @@ class _TypeResolver:
             name = announcement.type_name + suffix
             failures: list[str] = []
             for carrier in carriers:
-                if name in self._fetched.individuals:
+                if name in self._individuals:
                     break
                 for wanted_hash in announcement.nodes_by_hash(carrier):
                     nodes = _announcing_nodes(announcement, wanted_hash)
@@ -318,14 +304,14 @@ class _TypeResolver:
                         await self._fetch(announcement.type_name + carrier, wanted_hash, nodes)
                     except TypeDescriptionError as error:
                         failures.append(str(error))
-            if name not in self._fetched.individuals:
+            if name not in self._individuals:
                 raise TypeDescriptionError("; ".join(failures) + self._hint(name))
 
     def _hint(self, name: str) -> str:
         if self._query.kind == "topic":
             return f"; {_ADVICE}"
         return (
-            f"; so no node describes {printable(name)} (nodes of ROS 2 describe {_KINDS[self._request.base]} only by "
+            f"; so no node describes {printable(name)} (nodes of ROS 2 describe {_KINDS[self._base]} only by "
             f"its own hash, which they do not announce): {_ADVICE}, or pass that hash as type_hash"
         )
 
@@ -376,7 +362,7 @@ class _TypeResolver:
                 announcement.has_unnamed() for announcement in self._candidates()
             )
 
-        await scope.wait_until(is_over, self._deadline.remaining_s(_NODE_NAME_TIMEOUT_S), lambda: scope.closed)
+        await scope.wait_until(is_over, self._deadline.remaining_s(_NODE_NAME_TIMEOUT_S))
         return all_nodes()
 
     def _serves(self, node: str) -> bool:
@@ -390,7 +376,7 @@ class _TypeResolver:
             return max_s if left_s is None else min(max_s, left_s / remaining_nodes)
 
         service_timeout_s = timeout_s(_SERVICE_TIMEOUT_S)
-        if not await scope.wait_until(lambda: self._serves(node), service_timeout_s, lambda: scope.closed):
+        if not await scope.wait_until(lambda: self._serves(node), service_timeout_s):
             raise CallTimeoutError(f"no server of {service} ({SERVICE}) appeared in {service_timeout_s:.3g} s")
         return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(_ANSWER_TIMEOUT_S))
 
@@ -410,11 +396,11 @@ class _TypeResolver:
                 f"{sender} describes {printable(described)} with the hash {found_hash}, but {name} with the hash "
                 f"{wanted_hash} was announced: the description is refused"
             )
-        self._fetched.senders[sender] = None
+        self._senders[sender] = None
         individuals = [description["type_description"], *description["referenced_type_descriptions"]]
-        self._fetched.individuals |= {individual["type_name"]: individual for individual in individuals}
+        self._individuals |= {individual["type_name"]: individual for individual in individuals}
         for source in response.type_sources:
-            self._fetched.sources.setdefault(source.type_name, (source.encoding, source.raw_file_contents))
+            self._sources.setdefault(source.type_name, (source.encoding, source.raw_file_contents))
 
 
 def _announcing_nodes(announcement: TypeAnnouncement, wanted_hash: str) -> set[str]:

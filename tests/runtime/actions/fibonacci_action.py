@@ -56,7 +56,7 @@ async def statuses_of(world: World, server: Any) -> list[list[int]]:
     world.node().create_subscription(
         GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
     )
-    await until(lambda: server._goals._status._publisher.subscription_count == 2)
+    await until(lambda: server._goals._status.subscription_count == 2)
     return seen
 
 

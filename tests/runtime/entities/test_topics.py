@@ -18,7 +18,7 @@ from support.node_fixtures import until, while_the_loop_sleeps
 from rosidl_py_gen import compile_definition, dtype
 from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
 from rosidl_py_gen.runtime import History, QoSProfile, WaitTimeoutError
-from rosidl_py_gen.runtime.entities.pollable import CallbackInUseError
+from rosidl_py_gen.runtime.entities.entity_scope import CallbackInUseError
 
 if TYPE_CHECKING:
     from support.node_fixtures import World

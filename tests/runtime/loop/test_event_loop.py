@@ -17,7 +17,7 @@ from support.node_fixtures import rests, until, while_the_loop_sleeps
 from rosidl_py_gen.runtime import new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
-from rosidl_py_gen.runtime.node import context_registry
+from rosidl_py_gen.runtime.node.context import attach_all
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -237,7 +237,7 @@ def test_a_loop_may_be_closed_before_its_contexts(dds: World) -> None:
         loop = EventLoop()
 
         async def main(number: int = number) -> None:
-            context_registry.attach_all()
+            attach_all()
             publisher.publish(Int32(data=number))
             while len(heard) <= number:
                 await asyncio.sleep(0.01)

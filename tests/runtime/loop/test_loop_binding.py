@@ -22,7 +22,7 @@ from support.node_fixtures import ROOT, rests, until
 
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop, end_tasks
-from rosidl_py_gen.runtime.node import context_registry
+from rosidl_py_gen.runtime.node.context import attach_all
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import wakeup_pipe
 
@@ -41,7 +41,7 @@ class LoopWithoutReaders(asyncio.SelectorEventLoop):
 
 def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
     async def served() -> None:
-        context_registry.attach_all()
+        attach_all()
         await main
 
     makers: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {

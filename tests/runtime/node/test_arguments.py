@@ -39,13 +39,13 @@ def parse(text: str) -> RosArguments:
 
 
 def test_without_ros_arguments_everything_is_the_programs() -> None:
-    assert parse("prog --verbose -r x --") == RosArguments(program=("prog", "--verbose", "-r", "x", "--"))
+    assert parse("prog --verbose -r x --") == RosArguments(program=["prog", "--verbose", "-r", "x", "--"])
     assert parse_arguments([]) == RosArguments()
 
 
 def test_groups_end_at_two_dashes_and_may_be_repeated() -> None:
     got = parse("prog one --ros-args -r a:=b -- two --ros-args -r c:=d --ros-args -e /x")
-    assert got.program == ("prog", "one", "two")
+    assert got.program == ["prog", "one", "two"]
     assert [rule.match for rule in got.remap_rules] == ["a", "c"] and got.enclave == "/x"
 
 
@@ -91,13 +91,13 @@ def test_a_node_prefix_means_that_node() -> None:
 
 def test_a_bare_rule_still_works_and_warns() -> None:
     got = parse("prog a:=b __ns:=/x key=value")
-    assert got.program == ("prog", "key=value")
+    assert got.program == ["prog", "key=value"]
     assert [rule.kind for rule in got.remap_rules] == [RemapKind.TOPIC_AND_SERVICE, RemapKind.NAMESPACE]
     assert len(got.warnings) == 2 and "--ros-args -r a:=b" in got.warnings[0]
 
 
 def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
-    assert parse("prog a*:=b").program == ("prog", "a*:=b")
+    assert parse("prog a*:=b").program == ["prog", "a*:=b"]
 
 
 @pytest.mark.parametrize(

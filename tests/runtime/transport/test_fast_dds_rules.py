@@ -79,7 +79,7 @@ async def main():
 asyncio.run(main())
 """
 SHORT_LIFE = f"""{AS_FAST_DDS}
-from rosidl_py_gen.runtime.node import context_registry
+from rosidl_py_gen.runtime.node.context import close_all
 
 async def main():
     async with Node("mayfly") as node:
@@ -91,13 +91,13 @@ def child():  # which creates everything anew
     pid = os.fork()
     if pid == 0:
         asyncio.run(main())
-        context_registry.close_all()
+        close_all()
         os._exit(0)
     assert os.waitpid(pid, 0)[1] == 0
 
 child()
 asyncio.run(main())
-context_registry.close_all()
+close_all()
 child()
 asyncio.run(main())
 if len(sys.argv) > 1:  # leave without closing anything
