@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from support import raw_endpoints
-from support.foxglove_viewer import served, viewer
+from support.foxglove_viewer import foxglove_options, served, viewer
 from support.node_fixtures import until
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -28,10 +28,11 @@ from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
 from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
 from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
 from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
-from rosidl_py_gen.ros_cli.foxglove.serve import ConnectionGraph
+from rosidl_py_gen.ros_cli.foxglove.serve import connection_graph
+from rosidl_py_gen.ros_cli.foxglove.server import Server
 from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
 from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
-from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, Handlers, RateLimit, ServerState, Viewer
+from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, Handlers, RateLimit, Viewer
 from rosidl_py_gen.runtime import CallTimeoutError
 
 if TYPE_CHECKING:
@@ -304,15 +305,16 @@ async def _nothing(*_: Any) -> dict[str, Any]:
     return {}
 
 
-def _viewer(connection: Any, shown: ServerState | None = None, queue: int = 256) -> Viewer:
-    handlers = Handlers(lambda: None, _nothing, _nothing, _nothing)  # type: ignore[arg-type]
-    return Viewer(connection, 1, shown or ServerState(), handlers, queue, may_publish=True)
+def _viewer(connection: Any) -> Viewer:
+    server = Server(foxglove_options())
+    server.handlers = Handlers(lambda: None, _nothing, _nothing, _nothing)  # type: ignore[arg-type]
+    return Viewer(connection, server, 1)
 
 
-async def _statuses(*messages: dict[str, Any], shown: ServerState | None = None) -> tuple[Viewer, str]:
+async def _statuses(*messages: dict[str, Any]) -> tuple[Viewer, str]:
     """Return a viewer that has sent these messages, and the statuses it got."""
     connection: Any = _Messages()
-    one = _viewer(connection, shown)
+    one = _viewer(connection)
     for message in messages:
         await one._handle(json.dumps(message), _NoPace())  # type: ignore[arg-type]
     told = [json.loads(text) for text in one._control if isinstance(text, str)]
@@ -382,16 +384,15 @@ async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
         return {"id": number, "topic": f"/q{number}", "encoding": "cdr", "schemaName": "q/msg/Q", "schema": "#" * size}
 
     most = limits.MAX_SCHEMA_BYTES
-    shown = ServerState()
-    _, said = await _statuses({"op": "advertise", "channels": [channel(1, most + 1)]}, shown=shown)
-    assert f"its definition has {most + 1} bytes, expected at most {most}" in said and shown.offers == {}
+    one, said = await _statuses({"op": "advertise", "channels": [channel(1, most + 1)]})
+    assert f"its definition has {most + 1} bytes, expected at most {most}" in said and one._server.offers == {}
     full, total = limits.MAX_VIEWER_SCHEMA_BYTES // most, limits.MAX_VIEWER_SCHEMA_BYTES
     channels = [channel(number, most) for number in range(full + 2)]
-    one, said = await _statuses({"op": "advertise", "channels": channels}, shown=shown)
+    one, said = await _statuses({"op": "advertise", "channels": channels})
     refused = f"/q{full} cannot be published: with its definition there are {total + most} bytes"
-    assert refused in said and len(shown.offers) == full
+    assert refused in said and len(one._server.offers) == full
     await one._handle('{"op": "unadvertise", "channelIds": [0, 0, 99]}', _NoPace())  # type: ignore[arg-type]
-    assert len(shown.offers) == full - 1
+    assert len(one._server.offers) == full - 1
     many = [channel(number, 0) for number in range(100)]
     _, said = await _statuses({"op": "advertise", "channels": many})
     assert said.count("64 topics are published already") == 8 and "28 further entries" in said
@@ -564,7 +565,6 @@ class Told:
         self.channels: dict[str, Any] = {}
         self.calls: dict[str, Any] = {}
         self.warnings: list[str] = []
-        self.graph: tuple[Any, ...] = ()
 
     def open_channel(self, topic: str, type_name: str, definition: str) -> Any:
         made = self.channels[topic] = SimpleNamespace(viewers=frozenset(), send=print)
@@ -576,14 +576,12 @@ class Told:
     def watch(self, topic: str) -> None:
         self.channels[topic].viewers = frozenset({1})
 
-    def add_service(self, name: str, type_name: str, texts: Any, call: Any) -> None:
+    def add_service(self, name: str, type_name: str, texts: Any, call: Any) -> int:
         self.calls[name] = call
+        return len(self.calls)
 
-    def remove_services(self, names: list[str]) -> None:
+    def remove_service(self, number: int) -> None:
         pass
-
-    def publish_graph(self, *graph: Any) -> None:
-        self.graph = graph
 
     def send_control(self, about: str, text: str) -> None:
         self.warnings.append(text)
@@ -649,8 +647,7 @@ async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, 
     robot.create_publisher(String, "words")
     robot._scope.discovery.add_node("odd", "/2d//space")
     await until(lambda: any(one.name == "odd" for one in ours.get_nodes()))
-    ConnectionGraph(ours, told, hidden=False).refresh()
-    assert told.graph[0]["/words"] == ["/alice"]
+    assert connection_graph(ours, hidden=False)[0]["/words"] == ["/alice"]
 
 
 async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World, told: Any) -> None:
@@ -679,6 +676,7 @@ async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, 
     service.close()
     await until(lambda: ours.count_services("/trigger") == 0)
     services.refresh()
+    await asyncio.sleep(0)
     with pytest.raises(CommandError, match=r"^service /trigger has disappeared$"):
         await told.calls["/trigger"](Trigger.Request().encode())
     assert ours.count_clients("/trigger") == 0

@@ -149,6 +149,13 @@ async def viewer(address: str, **how: Any) -> AsyncIterator[Viewer]:
             await connection.close()
 
 
+def foxglove_options(**settings: Any) -> FoxgloveOptions:
+    """Return options for a server in the process of the test."""
+    usual: dict[str, Any] = {"host": "127.0.0.1", "port": 0, "is_read_only": False, "origins": (), "token": ""}
+    usual |= {"max_mib": 1, "per_s": 1000, "use_sim_time": False, "queue": 256, "hidden": False}
+    return FoxgloveOptions(**usual | settings)
+
+
 @asynccontextmanager
 async def served(**settings: Any) -> AsyncIterator[tuple[Server, str]]:
     """A server with these options, and its address."""
@@ -159,9 +166,7 @@ async def served(**settings: Any) -> AsyncIterator[tuple[Server, str]]:
     async def publish(*_: Any) -> None:
         pass
 
-    usual: dict[str, Any] = {"host": "127.0.0.1", "port": 0, "is_read_only": False, "origins": (), "token": ""}
-    usual |= {"max_mib": 1, "per_s": 1000, "use_sim_time": False, "queue": 256, "hidden": False}
-    server = Server(FoxgloveOptions(**usual | settings))
+    server = Server(foxglove_options(**settings))
     handlers = Handlers(lambda: None, publish, nothing, nothing)
     port = await server.start(handlers, has_time=False)
     try:

@@ -12,6 +12,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.ros_cli.foxglove.keyed_tasks import KeyedTasks
 from rosidl_py_gen.ros_cli.name_lookup import LIST_PARAMETERS, is_hidden_node, nodes_serving
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
 
@@ -48,7 +49,7 @@ class ParameterBridge:
         self._values: dict[str, dict[str, Any]] = {}
         """Node -> parameter -> value."""
         self._changed_names: set[str] = set()
-        self._queries: dict[str, asyncio.Task[None]] = {}
+        self._queries = KeyedTasks(self._query)
         self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
         self._listening: asyncio.Task[None] | None = None
         self._first: asyncio.Task[None] | None = None
@@ -58,12 +59,8 @@ class ParameterBridge:
         if self._listening is None:
             return
         current = set(nodes_serving(self._node, *LIST_PARAMETERS, hidden=True))
-        for disappeared in self._queries.keys() - current:
-            self._queries.pop(disappeared).cancel()
         self._values = {node: values for node, values in self._values.items() if node in current}
-        for node in current - self._queries.keys():
-            if not is_hidden_node(node):
-                self._queries[node] = asyncio.ensure_future(self._query(node))
+        self._queries.update([node for node in current if not is_hidden_node(node)])
 
     async def _query(self, node: str) -> None:
         async with self._limiter:
@@ -72,7 +69,7 @@ class ParameterBridge:
                     names = (await client.list(timeout_s=_TIMEOUT_S)).names
                     values = await _values_of(client, names)
             except RosidlError:  # it has disappeared, or hangs; the next request retries
-                self._queries.pop(node, None)
+                self._queries.forget(node)
                 return
         known = self._values.setdefault(node, {})
         known.update({name: value for name, value in values.items() if name not in known})  # events are newer
@@ -121,8 +118,7 @@ class ParameterBridge:
     async def _begin(self) -> None:
         self._listening = asyncio.ensure_future(self._listen())
         self.refresh()
-        if self._queries:
-            await asyncio.wait(self._queries.values(), timeout=_FIRST_REPLY_S)
+        await self._queries.wait(_FIRST_REPLY_S)
 
     async def set_(self, requested: dict[str, Any]) -> dict[str, Any]:
         """Set parameters; return their values afterwards."""
@@ -159,7 +155,8 @@ class ParameterBridge:
 
     async def close(self) -> None:
         """Cancel all tasks."""
-        tasks = [task for task in (self._first, self._listening, *self._queries.values()) if task is not None]
+        await self._queries.close()
+        tasks = [task for task in (self._first, self._listening) if task is not None]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)

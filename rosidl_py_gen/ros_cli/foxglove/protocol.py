@@ -12,6 +12,7 @@ import json
 import math
 import reprlib
 import struct
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError, printable
@@ -32,8 +33,9 @@ class ProtocolError(RosidlError):
     """Raised for a message that is invalid, or not permitted in the current state."""
 
 
-class ClientAdvertisement(NamedTuple):
-    """Topic that a viewer wants to publish on."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ClientAdvertisement:
+    """Topic that a viewer wants to publish on; advertised again, it is another one."""
 
     topic: str
     encoding: str
@@ -249,8 +251,7 @@ def _value(value: Any) -> dict[str, Any]:
     return {"value": value}
 
 
-Names = dict[str, list[str]]
-Graph = tuple[Names, Names, Names]
+Graph = tuple[dict[str, list[str]], dict[str, list[str]], dict[str, list[str]]]
 """Nodes that publish a topic, subscribe to one, and serve a service, by name."""
 NO_GRAPH: Graph = ({}, {}, {})
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 from collections import deque
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import Message, compile_definition, encode, get_message
@@ -19,6 +19,7 @@ from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
+from rosidl_py_gen.ros_cli.foxglove.keyed_tasks import KeyedTasks
 from rosidl_py_gen.ros_cli.name_lookup import full_name
 from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
@@ -35,21 +36,17 @@ if TYPE_CHECKING:
 _ENCODINGS = ("cdr", "json")
 
 
+_Key = tuple["ClientChannelKey", "ClientAdvertisement"]
+
+
 class _ClientPublisher:
-    def __init__(self, offer: ClientAdvertisement) -> None:
-        self.offer = offer
-        self.opening: asyncio.Task[None] | None = None
+    def __init__(self) -> None:
+        self.has_failed = False
         self.decoder: Decoder | None = None
         self.publisher: Publisher[Any] | None = None
         self.waiting: deque[bytes] = deque()
         self.lock = asyncio.Lock()
         """Messages are decoded and published in order."""
-
-    def close(self) -> None:
-        if self.opening is not None:
-            self.opening.cancel()
-        if self.publisher is not None:
-            self.publisher.close()
 
 
 class ClientPublishing:
@@ -59,7 +56,8 @@ class ClientPublishing:
         self._command_node = command_node
         self._server = server
         self._paths = paths
-        self._publishers: dict[ClientChannelKey, _ClientPublisher] = {}
+        self._publishers: dict[_Key, _ClientPublisher] = {}
+        self._tasks = KeyedTasks(self._serve)
         self._compiled: dict[tuple[str, bytes], type[Any]] = {}
         """Classes by name and hash of the schema; they are never freed."""
         self._compiled_bytes = 0
@@ -67,52 +65,49 @@ class ClientPublishing:
 
     def update_publishers(self) -> None:
         """Create and close publishers as viewers advertise."""
-        offers = self._server.offers
-        for key in [*self._publishers]:
-            if offers.get(key) is not self._publishers[key].offer:
-                self._publishers.pop(key).close()
-        for key, offer in offers.items():
-            if key not in self._publishers:
-                client = self._publishers[key] = _ClientPublisher(offer)
-                client.opening = asyncio.ensure_future(self._start_publishing(client))
+        offers = self._server.offers.items()
+        self._publishers = {key: self._publishers.get(key) or _ClientPublisher() for key in offers}
+        self._tasks.update(offers)
 
     async def publish_from_viewer(self, key: ClientChannelKey, data: bytes) -> None:
         """Publish a message of a viewer, now or when its type is known."""
-        client = self._publishers.get(key)
-        if client is None or client.offer is not self._server.offers[key]:  # it was advertised just now
+        offer = self._server.offers[key]
+        if (key, offer) not in self._publishers:  # it was advertised just now
             self.update_publishers()
-            client = self._publishers[key]
+        client = self._publishers[key, offer]
         if client.publisher is not None:
-            await self._publish(client, data)
-        elif client.opening is not None and not client.opening.done():
-            self._retain(key[0], client, data)
+            await self._publish(client, offer.topic, data)
+        elif not client.has_failed:
+            self._retain(key[0], client, offer.topic, data)
 
-    def _retain(self, viewer: int, client: _ClientPublisher, data: bytes) -> None:
+    def _retain(self, viewer: int, client: _ClientPublisher, topic: str, data: bytes) -> None:
         client.waiting.append(data)
-        all_waiting = [one.waiting for key, one in self._publishers.items() if key[0] == viewer]
+        all_waiting = [one.waiting for ((number, _), _), one in self._publishers.items() if number == viewer]
         size = sum(len(one) for waiting in all_waiting for one in waiting)
         while len(client.waiting) > limits.MAX_WAITING or (client.waiting and size > limits.MAX_WAITING_BYTES):
             size -= len(client.waiting.popleft())
-            topic = client.offer.topic
             self._server.send_control(
                 topic, f"messages for {topic} are dropped: too many arrived before its type was known"
             )
 
-    async def _start_publishing(self, client: _ClientPublisher) -> None:
-        offer = client.offer
+    async def _serve(self, key: _Key) -> None:
+        client, offer = self._publishers[key], key[1]
         try:
             topic = full_name(self._command_node.node, offer.topic)
             cls = await self._class(topic, offer)
             client.decoder = Decoder(cls, offer.encoding)
             client.publisher = self._command_node.node.create_publisher(cls, topic, BEST_AVAILABLE)
+        except RosidlError as error:
+            client.has_failed = True
+            self._server.send_control(offer.topic, f"{offer.topic} cannot be published: {error}")
+            return
+        with closing(client.publisher):
             timeout_s = 5.0 if self._command_node.node.count_subscribers(topic) else 1.0
             with suppress(WaitTimeoutError):
                 await client.publisher.wait_for_subscribers(timeout_s)
-        except RosidlError as error:
-            self._server.send_control(offer.topic, f"{offer.topic} cannot be published: {error}")
-            return
-        while client.waiting:
-            await self._publish(client, client.waiting.popleft())
+            while client.waiting:
+                await self._publish(client, offer.topic, client.waiting.popleft())
+            await asyncio.Event().wait()  # until the viewer withdraws it
 
     async def _class(self, topic: str, offer: ClientAdvertisement) -> type[Message]:
         if offer.encoding not in _ENCODINGS:
@@ -160,9 +155,8 @@ class ClientPublishing:
             self._compiled_bytes = size
         return self._compiled[key]
 
-    async def _publish(self, client: _ClientPublisher, data: bytes) -> None:
+    async def _publish(self, client: _ClientPublisher, topic: str, data: bytes) -> None:
         assert client.decoder is not None and client.publisher is not None
-        topic = client.offer.topic
         try:
             async with client.lock:
                 client.publisher.publish_raw(await client.decoder.run(data, self._decoding, encode))
@@ -171,10 +165,6 @@ class ClientPublishing:
 
     async def close(self) -> None:
         """Close all publishers."""
-        opening = [client.opening for client in self._publishers.values() if client.opening is not None]
-        for client in self._publishers.values():
-            client.close()
-        self._publishers.clear()
         self._compiling.close()
         self._decoding.close()
-        await asyncio.gather(*opening, return_exceptions=True)
+        await self._tasks.close()

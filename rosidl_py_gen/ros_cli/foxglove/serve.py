@@ -17,7 +17,7 @@ from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
 from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
-from rosidl_py_gen.ros_cli.foxglove.protocol import NO_GRAPH, Graph, Names
+from rosidl_py_gen.ros_cli.foxglove.protocol import Graph
 from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
 from rosidl_py_gen.ros_cli.foxglove.server import Server
 from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
@@ -37,68 +37,30 @@ _MIN_INTERVAL_S = 1 / 30
 """Minimum interval of time updates. Viewers draw at most 30 times a second, and time updates are never dropped."""
 
 
-class ViewerClock:
-    """Time of messages; simulated time after `follow`."""
-
-    def __init__(self) -> None:
-        self._sim_ns: int | None = None
-        self._sent_at = 0.0
-
-    def now_ns(self) -> int:
-        """Return the time in nanoseconds; 0 before the first message of ``/clock``."""
-        return time.time_ns() if self._sim_ns is None else self._sim_ns
-
-    def follow(self, node: Node, server: Server) -> None:
-        """Use the time of ``/clock`` from now on, and send it to viewers."""
-        self._sim_ns = 0
-        clock: Any = get_message("rosgraph_msgs/msg/Clock")
-
-        def on_message(message: Any) -> None:
-            self._sim_ns = max(0, stamp_ns(message.clock))
-            now = time.monotonic()
-            if now >= self._sent_at + _MIN_INTERVAL_S:
-                self._sent_at = now
-                server.send_time(self._sim_ns)
-
-        node.create_subscription(clock, _CLOCK_TOPIC, on_message, CLOCK)
+def connection_graph(node: Node, *, hidden: bool) -> Graph:
+    """Return the nodes of each topic and service, without nodes whose names are invalid in ROS."""
+    graph: Graph = ({}, {}, {})
+    for info in {(one.name, one.namespace): one for one in node.get_nodes()}.values():
+        if not _is_shown(info, hidden):
+            continue
+        names_of_node = (
+            node.get_publisher_names_and_types_by_node(info.name, info.namespace),
+            node.get_subscriber_names_and_types_by_node(info.name, info.namespace),
+            node.get_service_names_and_types_by_node(info.name, info.namespace),
+        )
+        for nodes_by_name, names in zip(graph, names_of_node, strict=True):
+            for name, _ in names:
+                if hidden or not is_hidden(name):
+                    nodes_by_name.setdefault(name, []).append(info.fully_qualified_name)
+    return graph
 
 
-class ConnectionGraph:
-    """Sends the graph to viewers; `refresh` is called after changes."""
-
-    def __init__(self, node: Node, server: Server, *, hidden: bool) -> None:
-        self._node = node
-        self._server = server
-        self._hidden = hidden
-        self._sent_graph: Graph = NO_GRAPH
-
-    def refresh(self) -> None:
-        """Send changes of the graph."""
-        published: Names = {}
-        subscribed: Names = {}
-        served_names: Names = {}
-        for info in {(one.name, one.namespace): one for one in self._node.get_nodes()}.values():
-            if not self._is_shown(info):
-                continue
-            node_name = info.fully_qualified_name
-            for nodes_by_name, names in (
-                (published, self._node.get_publisher_names_and_types_by_node(info.name, info.namespace)),
-                (subscribed, self._node.get_subscriber_names_and_types_by_node(info.name, info.namespace)),
-                (served_names, self._node.get_service_names_and_types_by_node(info.name, info.namespace)),
-            ):
-                for name, _ in names:
-                    if self._hidden or not is_hidden(name):
-                        nodes_by_name.setdefault(name, []).append(node_name)
-        if (published, subscribed, served_names) != self._sent_graph:
-            self._sent_graph = published, subscribed, served_names
-            self._server.publish_graph(published, subscribed, served_names)
-
-    def _is_shown(self, info: NodeInfo) -> bool:
-        try:
-            validate_full_name(info.fully_qualified_name)
-        except InvalidNameError:
-            return False
-        return self._hidden or not is_hidden_node(info.fully_qualified_name)
+def _is_shown(info: NodeInfo, hidden: bool) -> bool:
+    try:
+        validate_full_name(info.fully_qualified_name)
+    except InvalidNameError:
+        return False
+    return hidden or not is_hidden_node(info.fully_qualified_name)
 
 
 _APP = "https://app.foxglove.dev"
@@ -123,19 +85,20 @@ class _View:
     def __init__(self, command_node: CommandNode, options: FoxgloveOptions) -> None:
         self._options = options
         self._node = command_node.node
-        self._clock = ViewerClock()
-        self._server = server = Server(options)
+        self._sim_ns: int | None = None
+        """Simulated time after `_follow_clock`, 0 before the first message of ``/clock``."""
+        self._time_sent_s = 0.0
         self._parameters_changed = asyncio.Event()
         self._viewers_changed = asyncio.Event()  # or their subscriptions
         self._has_clock = self._has_noted_clock = False
+        self._server = server = Server(options)
         settings: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
-        self._topics = TopicBridge(command_node, server, self._clock.now_ns, **settings)
+        self._topics = TopicBridge(command_node, server, self._now_ns, **settings)
         self._services = ServiceBridge(command_node, server, **settings)
         self._publishing = ClientPublishing(command_node, server, paths=options.paths)
         self._parameters = ParameterBridge(
             command_node, server, self._parameters_changed.set, is_read_only=options.is_read_only
         )
-        self._connections = ConnectionGraph(command_node.node, server, hidden=options.hidden)
 
     async def show(self) -> None:
         self._has_clock = self._options.use_sim_time or self._node.count_publishers(_CLOCK_TOPIC) > 0
@@ -144,7 +107,7 @@ class _View:
         )
         port = await self._server.start(handlers, has_time=self._has_clock)
         if self._has_clock:
-            self._clock.follow(self._node, self._server)
+            self._follow_clock()
         self._print_address(port)
         await first_of(self._follow(), self._follow_viewers(), self._follow_parameters())
 
@@ -160,7 +123,23 @@ class _View:
         if not self._options.is_read_only:
             self._services.refresh()
         self._parameters.refresh()
-        self._connections.refresh()
+        self._server.publish_graph(connection_graph(self._node, hidden=self._options.hidden))
+
+    def _now_ns(self) -> int:
+        return time.time_ns() if self._sim_ns is None else self._sim_ns
+
+    def _follow_clock(self) -> None:
+        self._sim_ns = 0
+
+        def on_message(message: Any) -> None:
+            self._sim_ns = max(0, stamp_ns(message.clock))
+            now_s = time.monotonic()
+            if now_s >= self._time_sent_s + _MIN_INTERVAL_S:
+                self._time_sent_s = now_s
+                self._server.send_time(self._sim_ns)
+
+        clock: Any = get_message("rosgraph_msgs/msg/Clock")
+        self._node.create_subscription(clock, _CLOCK_TOPIC, on_message, CLOCK)
 
     def _note_clock(self) -> None:
         if not (self._has_clock or self._has_noted_clock) and self._node.count_publishers(_CLOCK_TOPIC):

@@ -14,7 +14,6 @@ import secrets
 import socket
 import traceback
 from contextlib import suppress
-from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
@@ -23,14 +22,7 @@ from websockets.asyncio.server import ServerConnection, serve
 
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
-from rosidl_py_gen.ros_cli.foxglove.viewer import (
-    AdvertisedChannel,
-    AdvertisedService,
-    Handlers,
-    RateLimit,
-    ServerState,
-    Viewer,
-)
+from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, AdvertisedService, Handlers, RateLimit, Viewer
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -40,6 +32,8 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
     from rosidl_py_gen.ros_cli.foxglove.command import FoxgloveOptions
+    from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
+    from rosidl_py_gen.ros_cli.foxglove.viewer import ClientChannelKey
 
 
 KNOWN_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
@@ -48,43 +42,33 @@ _LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 ANY = "*"
 
 
-@dataclass(frozen=True, slots=True)
-class Access:
-    """Access rules.
+def _refusal(options: FoxgloveOptions, origins: Sequence[str], path: str) -> tuple[int, str] | None:
+    """Return status and text of an HTTP response that refuses a connection; None if it is permitted."""
+    if len(origins) > 1 or not all(_is_allowed(origin, options.origins) for origin in origins):
+        text = ", ".join(origins)[:100]
+        return 403, f"pages of {text} must not connect; permit them with rosidl-py foxglove --allow-origin"
+    if options.token and not _has_token(path, options.token):
+        return 401, "the address requires ?token=... of rosidl-py foxglove"
+    return None
 
-    Attributes:
-        origins: permitted pages in addition to the known ones, such as ``https://example.org``; `ANY` permits all.
-        token: required value of ``?token=...`` in the address; empty for none.
-    """
 
-    origins: Sequence[str] = ()
-    token: str = ""
+def _is_allowed(origin: str, permitted: Sequence[str]) -> bool:
+    allowed = (*KNOWN_ORIGINS, *(one.rstrip("/") if one != "file://" else one for one in permitted))
+    if ANY in allowed or origin in allowed:
+        return True
+    try:
+        parts = urlsplit(origin)
+        return parts.scheme in ("http", "https") and parts.hostname in _LOCAL_HOSTS and parts.username is None
+    except ValueError:
+        return False
 
-    def refusal(self, origins: Sequence[str], path: str) -> tuple[int, str] | None:
-        """Return status and text of an HTTP response that refuses a connection; None if it is permitted."""
-        if len(origins) > 1 or not all(map(self._is_allowed, origins)):
-            text = ", ".join(origins)[:100]
-            return 403, f"pages of {text} must not connect; permit them with rosidl-py foxglove --allow-origin"
-        if self.token and not self._has_token(path):
-            return 401, "the address requires ?token=... of rosidl-py foxglove"
-        return None
 
-    def _is_allowed(self, origin: str) -> bool:
-        allowed = (*KNOWN_ORIGINS, *(one.rstrip("/") if one != "file://" else one for one in self.origins))
-        if ANY in allowed or origin in allowed:
-            return True
-        try:
-            parts = urlsplit(origin)
-            return parts.scheme in ("http", "https") and parts.hostname in _LOCAL_HOSTS and parts.username is None
-        except ValueError:
-            return False
-
-    def _has_token(self, path: str) -> bool:
-        try:
-            tokens = parse_qs(urlsplit(path).query, max_num_fields=20).get("token", [])
-        except ValueError:
-            return False
-        return len(tokens) == 1 and hmac.compare_digest(tokens[0].encode(errors="replace"), self.token.encode())
+def _has_token(path: str, token: str) -> bool:
+    try:
+        tokens = parse_qs(urlsplit(path).query, max_num_fields=20).get("token", [])
+    except ValueError:
+        return False
+    return len(tokens) == 1 and hmac.compare_digest(tokens[0].encode(errors="replace"), token.encode())
 
 
 _NAME = "rosidl-py"
@@ -121,18 +105,22 @@ class _Connection(ServerConnection):
 
 
 class Server:
-    """Server between `start` and `stop`."""
+    """Server between `start` and `stop`, with what all viewers share."""
 
     def __init__(self, options: FoxgloveOptions) -> None:
-        self._options = options
-        self._access = Access(options.origins, options.token)
+        self.options = options
+        self.handlers: Handlers
+        self.channels: dict[int, AdvertisedChannel] = {}
+        self.services: dict[int, AdvertisedService] = {}
+        self.offers: dict[ClientChannelKey, ClientAdvertisement] = {}
+        """Topics that viewers publish on."""
+        self.graph = protocol.NO_GRAPH
+        self.heavy_message = asyncio.Lock()
+        """Held while a heavy message is handled, so that there is one at a time."""
         self._has_time = False
         self._server: WebSocketServer | None = None
         self._numbers = itertools.count(1)
         self._viewers: dict[int, Viewer] = {}
-        self._state = ServerState()
-        self.offers = self._state.offers
-        """Topics that viewers publish on."""
         self._warned_at: dict[str, float] = {}
 
     async def start(self, handlers: Handlers, *, has_time: bool) -> int:
@@ -141,7 +129,8 @@ class Server:
         Args:
             has_time: viewers are sent the time, instead of using their own.
         """
-        self._has_time, host, port = has_time, self._options.host, self._options.port
+        self.handlers, self._has_time = handlers, has_time
+        host, port = self.options.host, self.options.port
         try:
             bound = await asyncio.to_thread(_bind, host, port)
         except (OSError, OverflowError) as error:
@@ -151,13 +140,13 @@ class Server:
         names: Any = protocol.SUBPROTOCOLS
         session = secrets.token_hex(8)
         self._server = await serve(
-            lambda connection: self._serve(connection, handlers, session),
+            lambda connection: self._serve(connection, session),
             sock=bound,
             subprotocols=names,
             process_request=self._check_request,
             create_connection=_Connection,
             compression=None,
-            max_size=self._options.max_mib << 20,
+            max_size=self.options.max_mib << 20,
             max_queue=_READ_QUEUE,
             open_timeout=_HANDSHAKE_TIMEOUT_S,
             close_timeout=_CLOSE_GRACE_S,
@@ -179,7 +168,7 @@ class Server:
                 viewer.abort()
 
     def _check_request(self, connection: ServerConnection, request: Request) -> Response | None:
-        refusal = self._access.refusal(request.headers.get_all("Origin"), request.path)
+        refusal = _refusal(self.options, request.headers.get_all("Origin"), request.path)
         if refusal is None and len(self._viewers) >= limits.MAX_VIEWERS:
             refusal = 503, f"there are {limits.MAX_VIEWERS} viewers already"
         if refusal is None:
@@ -187,10 +176,10 @@ class Server:
         code: HTTPStatus | Any = refusal[0]
         return connection.respond(code, refusal[1] + "\n")
 
-    async def _serve(self, connection: ServerConnection, handlers: Handlers, session: str) -> None:
-        options, may_act = self._options, not self._options.is_read_only
-        viewer = Viewer(connection, next(self._numbers), self._state, handlers, options.queue, may_publish=may_act)
-        self._viewers[viewer.number] = viewer
+    async def _serve(self, connection: ServerConnection, session: str) -> None:
+        may_act = not self.options.is_read_only
+        number = next(self._numbers)
+        viewer = self._viewers[number] = Viewer(connection, self, number)
         can = ["parameters", "parametersSubscribe", "connectionGraph", *["time"] * self._has_time]
         can += ["clientPublish", "services"] * may_act
         encodings = ["cdr", "json"] * may_act
@@ -199,17 +188,17 @@ class Server:
                 "serverInfo", name=_NAME, capabilities=can, supportedEncodings=encodings, sessionId=session
             )
         )
-        channels = [channel.advertisement for channel in self._state.channels.values()]
+        channels = [channel.advertisement for channel in self.channels.values()]
         viewer.send_control(protocol.control("advertise", channels=channels))
-        services = [service.advertisement for service in self._state.services.values()]
+        services = [service.advertisement for service in self.services.values()]
         viewer.send_control(protocol.control("advertiseServices", services=services))
         try:
-            await viewer.run(RateLimit(options.per_s))
+            await viewer.run(RateLimit(self.options.per_s))
         except Exception:  # the library logs nothing, as its logger is silent
             terminal_output.note(f"disconnected a viewer: {traceback.format_exc()}")
             raise
         finally:
-            del self._viewers[viewer.number]
+            del self._viewers[number]
 
     def _broadcast(self, text: str | bytes) -> None:
         for viewer in self._viewers.values():
@@ -218,22 +207,20 @@ class Server:
     def open_channel(self, topic: str, type_name: str, definition: str) -> AdvertisedChannel:
         """Advertise a topic of CDR messages; an empty definition means that it is unknown."""
         number = next(self._numbers)
-        advertised = self._state.channels[number] = AdvertisedChannel(
-            protocol.channel(number, topic, type_name, definition)
-        )
+        advertised = self.channels[number] = AdvertisedChannel(protocol.channel(number, topic, type_name, definition))
         self._broadcast(protocol.control("advertise", channels=[advertised.advertisement]))
         return advertised
 
     def close_channel(self, channel: AdvertisedChannel) -> None:
         """Withdraw a topic."""
-        del self._state.channels[channel.advertisement["id"]]
+        del self.channels[channel.advertisement["id"]]
         channel.close()
         self._broadcast(protocol.control("unadvertise", channelIds=[channel.advertisement["id"]]))
 
     def add_service(
         self, name: str, type_name: str, texts: tuple[str, str], call: Callable[[bytes], Awaitable[bytes]]
-    ) -> None:
-        """Advertise a service.
+    ) -> int:
+        """Advertise a service, and return its number.
 
         Args:
             texts: definitions of request and response.
@@ -241,20 +228,21 @@ class Server:
         """
         number = next(self._numbers)
         advertisement = protocol.service(number, name, type_name, texts)
-        self._state.services[number] = AdvertisedService(advertisement, call)
+        self.services[number] = AdvertisedService(advertisement, call)
         self._broadcast(protocol.control("advertiseServices", services=[advertisement]))
+        return number
 
-    def remove_services(self, names: list[str]) -> None:
-        """Withdraw services."""
-        withdrawn = [number for number, one in self._state.services.items() if one.advertisement["name"] in names]
-        for number in withdrawn:
-            del self._state.services[number]
-        self._broadcast(protocol.control("unadvertiseServices", serviceIds=withdrawn))
+    def remove_service(self, number: int) -> None:
+        """Withdraw a service."""
+        del self.services[number]
+        self._broadcast(protocol.control("unadvertiseServices", serviceIds=[number]))
 
-    def publish_graph(self, published: protocol.Names, subscribed: protocol.Names, served: protocol.Names) -> None:
-        """Send the nodes that publish and subscribe to topics, and serve services."""
-        before, self._state.graph = self._state.graph, (published, subscribed, served)
-        update = protocol.graph_update(before, self._state.graph)
+    def publish_graph(self, graph: protocol.Graph) -> None:
+        """Send the changes of the graph to the viewers that follow it."""
+        if graph == self.graph:
+            return
+        update = protocol.graph_update(self.graph, graph)
+        self.graph = graph
         for viewer in self._viewers.values():
             if viewer.follows_graph:
                 viewer.send_control(update)

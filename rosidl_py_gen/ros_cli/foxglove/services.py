@@ -14,6 +14,7 @@ from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
+from rosidl_py_gen.ros_cli.foxglove.keyed_tasks import KeyedTasks
 from rosidl_py_gen.ros_cli.name_lookup import has_server, is_hidden
 from rosidl_py_gen.type_loading.from_description import definition_text
 
@@ -31,20 +32,6 @@ _SECTION = re.compile(rf"^{_LINE}", re.MULTILINE)
 _RESPONSE = re.compile(r"^---[ \t\r]*\n", re.MULTILINE)
 
 
-class _AdvertisedService:
-    def __init__(self, type_name: str) -> None:
-        self.type_name = type_name
-        self.opening: asyncio.Task[None] | None = None
-        self.is_open = False
-        self.client: Client[Any, Any] | None = None
-
-    def close(self) -> None:
-        if self.opening is not None:
-            self.opening.cancel()
-        if self.client is not None:
-            self.client.close()
-
-
 class ServiceBridge:
     """Advertises the services of the graph: `refresh` is called after changes."""
 
@@ -53,69 +40,63 @@ class ServiceBridge:
         self._server = server
         self._paths = paths
         self._hidden = hidden
-        self._services: dict[str, _AdvertisedService] = {}
+        self._clients: dict[int, Client[Any, Any] | None] = {}
+        """Clients of advertised services by their number for viewers; None before the first call."""
+        self._tasks = KeyedTasks(self._show)
         self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
         self._decoding = Worker()
 
     def refresh(self) -> None:
         """Advertise new services, and withdraw those that have disappeared."""
         node = self._command_node.node
-        current = {
-            name: kinds[0]
-            for name, kinds in node.get_service_names_and_types()
-            if (self._hidden or not is_hidden(name)) and has_server(node, name)
-        }
-        withdrawn = {name: one for name, one in self._services.items() if current.get(name) != one.type_name}
-        for name in withdrawn:
-            self._services.pop(name).close()
-        if opened := [name for name, service in withdrawn.items() if service.is_open]:
-            self._server.remove_services(opened)
-        for name, type_name in current.items():
-            if name not in self._services:
-                service = self._services[name] = _AdvertisedService(type_name)
-                service.opening = asyncio.ensure_future(self._open(name, service))
+        self._tasks.update(
+            {
+                (name, kinds[0])
+                for name, kinds in node.get_service_names_and_types()
+                if (self._hidden or not is_hidden(name)) and has_server(node, name)
+            }
+        )
 
-    async def _open(self, name: str, service: _AdvertisedService) -> None:
+    async def _show(self, name_and_type: tuple[str, str]) -> None:
+        name, type_name = name_and_type
         try:
-            split_ros_name(service.type_name, "srv")
+            split_ros_name(type_name, "srv")
             async with self._limiter:
                 cls: Any = await type_resolution.interface_class(
-                    self._command_node, "service", name, service.type_name, self._paths
+                    self._command_node, "service", name, type_name, self._paths
                 )
                 texts = await asyncio.to_thread(_definitions, cls)
         except InvalidNameError:
             return  # belongs to an action
         except RosidlError as error:
             terminal_output.note(
-                f"{name}: viewers cannot call it, because the definition of {service.type_name} is unknown: {error}"
+                f"{name}: viewers cannot call it, because the definition of {type_name} is unknown: {error}"
             )
             return
-
         decoder = Decoder(cls.Request)
 
         async def call(data: bytes) -> bytes:
-            return await self._call(name, service, cls, await decoder.run(data, self._decoding, lambda one: one))
+            request = await decoder.run(data, self._decoding, lambda one: one)
+            if number not in self._clients:  # a client that is created now would never be closed
+                raise CommandError(f"service {name} has disappeared")
+            client = self._clients[number] = self._clients[number] or self._command_node.node.create_client(cls, name)
+            response = await client.call(request, _CALL_TIMEOUT_S)
+            encoded: bytes = response.encode()
+            return encoded
 
-        self._server.add_service(name, service.type_name, texts, call)
-        service.is_open = True
-
-    async def _call(self, name: str, service: _AdvertisedService, cls: Any, request: Any) -> bytes:
-        if self._services.get(name) is not service:  # a client that is created now would never be closed
-            raise CommandError(f"service {name} has disappeared")
-        if service.client is None:
-            service.client = self._command_node.node.create_client(cls, name)
-        response = await service.client.call(request, _CALL_TIMEOUT_S)
-        encoded: bytes = response.encode()
-        return encoded
+        number = self._server.add_service(name, type_name, texts, call)
+        self._clients[number] = None
+        try:
+            await asyncio.Event().wait()  # until the service has disappeared
+        finally:
+            self._server.remove_service(number)
+            if client := self._clients.pop(number):
+                client.close()
 
     async def close(self) -> None:
         """Close all clients."""
-        opening = [service.opening for service in self._services.values() if service.opening is not None]
-        for service in self._services.values():
-            service.close()
-        self._services.clear()
         self._decoding.close()
-        await asyncio.gather(*opening, return_exceptions=True)
+        await self._tasks.close()
 
 
 def _definitions(cls: Any) -> tuple[str, str]:

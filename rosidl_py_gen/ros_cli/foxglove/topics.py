@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli import terminal_output, type_resolution
+from rosidl_py_gen.ros_cli.foxglove.keyed_tasks import KeyedTasks
 from rosidl_py_gen.ros_cli.name_lookup import is_hidden
 from rosidl_py_gen.runtime import AdaptiveSubscription, Durability
 from rosidl_py_gen.type_loading.from_description import definition_text
@@ -34,11 +35,10 @@ class _Key(NamedTuple):
     type_name: str
 
 
-class _AdvertisedTopic:
-    def __init__(self) -> None:
-        self.opening: asyncio.Task[None] | None = None
-        self.channel: AdvertisedChannel | None = None
-        self.cls: type[Message] | None = None
+class _WatchedTopic:
+    def __init__(self, channel: AdvertisedChannel, cls: type[Message] | None) -> None:
+        self.channel = channel
+        self.cls = cls
         """Class with the definition that viewers get; None if it is unknown."""
         self.subscription: AdaptiveSubscription[bytes] | None = None
         self.viewers: frozenset[int] = frozenset()
@@ -49,11 +49,6 @@ class _AdvertisedTopic:
         if self.subscription is not None:
             self.subscription.close()
             self.subscription = None
-
-    def end(self) -> None:
-        if self.opening is not None:
-            self.opening.cancel()
-        self.unsubscribe()
 
 
 class TopicBridge:
@@ -74,19 +69,13 @@ class TopicBridge:
         self._now_ns = now_ns
         self._paths = paths
         self._hidden = hidden
-        self._topics: dict[_Key, _AdvertisedTopic] = {}
+        self._topics: dict[_Key, _WatchedTopic] = {}
+        self._tasks = KeyedTasks(self._show)
         self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
 
     def refresh(self) -> None:
         """Advertise new topics, and withdraw those that have disappeared."""
-        current = self._current()
-        for key in [*self._topics]:
-            if key not in current:
-                self._close(self._topics.pop(key))
-        for key in current:
-            if key not in self._topics:
-                entry = self._topics[key] = _AdvertisedTopic()
-                entry.opening = asyncio.ensure_future(self._open(key, entry))
+        self._tasks.update(self._current())
         self.update_subscriptions()
 
     def _current(self) -> set[_Key]:
@@ -105,41 +94,41 @@ class TopicBridge:
         own = {one.guid for one in node.context.participants() if one.is_own}
         return [one for one in infos if one.participant_guid not in own]
 
-    async def _open(self, key: _Key, entry: _AdvertisedTopic) -> None:
+    async def _show(self, key: _Key) -> None:
         async with self._limiter:
-            text = await self._definition(key, entry)
-        entry.channel = self._server.open_channel(key.topic, key.type_name, text)
+            text, cls = await self._definition(key)
+        topic = self._topics[key] = _WatchedTopic(self._server.open_channel(key.topic, key.type_name, text), cls)
+        try:
+            await asyncio.Event().wait()  # until the topic has disappeared
+        finally:
+            del self._topics[key]
+            topic.unsubscribe()
+            self._server.close_channel(topic.channel)
 
-    def _close(self, entry: _AdvertisedTopic) -> None:
-        entry.end()
-        if entry.channel is not None:
-            self._server.close_channel(entry.channel)
-
-    async def _definition(self, key: _Key, entry: _AdvertisedTopic) -> str:
+    async def _definition(self, key: _Key) -> tuple[str, type[Message] | None]:
         try:
             cls = await type_resolution.interface_class(
                 self._command_node, "topic", key.topic, key.type_name, self._paths
             )
             text = await asyncio.to_thread(definition_text, cls)
-            entry.cls = type_resolution.opaque_message_class(key.type_name, type_hash(cls))
-            return text
+            return text, type_resolution.opaque_message_class(key.type_name, type_hash(cls))
         except RosidlError as error:
             terminal_output.note(
                 f"{key.topic}: viewers cannot decode it, because the definition of {key.type_name} is unknown: {error}"
             )
-            return ""
+            return "", None
 
     def update_subscriptions(self) -> None:
         """Update the subscriptions of watched topics, and close those of others."""
         for key, entry in self._topics.items():
-            before, entry.viewers = entry.viewers, entry.channel.viewers if entry.channel else frozenset()
+            before, entry.viewers = entry.viewers, entry.channel.viewers
             has_newcomer = bool(entry.viewers - before)
             if not entry.viewers:
                 entry.unsubscribe()
             elif has_newcomer or not entry.has_failed:
                 self._update_subscription(key, entry, has_newcomer)
 
-    def _update_subscription(self, key: _Key, entry: _AdvertisedTopic, has_newcomer: bool) -> None:
+    def _update_subscription(self, key: _Key, entry: _WatchedTopic, has_newcomer: bool) -> None:
         entry.has_failed = False
         try:
             if entry.subscription is None:
@@ -153,16 +142,11 @@ class TopicBridge:
             entry.unsubscribe()
             self._server.send_control(key.topic, f"{key.topic} cannot be read: {error}")
 
-    def _subscribe(self, key: _Key, entry: _AdvertisedTopic) -> AdaptiveSubscription[bytes]:
-        assert entry.channel is not None
+    def _subscribe(self, key: _Key, entry: _WatchedTopic) -> AdaptiveSubscription[bytes]:
         send, now_ns = entry.channel.send, self._now_ns
         cls = entry.cls or type_resolution.opaque_class(self._command_node, key.topic, key.type_name)
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:
         """Close all subscriptions."""
-        tasks = [entry.opening for entry in self._topics.values() if entry.opening is not None]
-        for entry in self._topics.values():
-            entry.end()
-        self._topics.clear()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await self._tasks.close()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,9 +26,11 @@ from rosidl_py_gen.ros_cli.foxglove.protocol import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Coroutine
+    from collections.abc import Awaitable, Callable
 
     from websockets.asyncio.server import ServerConnection
+
+    from rosidl_py_gen.ros_cli.foxglove.server import Server
 
 ClientChannelKey = tuple[int, int]
 """Id of a viewer, and its id of a channel."""
@@ -83,17 +85,6 @@ class AdvertisedService(NamedTuple):
     call: Callable[[bytes], Awaitable[bytes]]
 
 
-@dataclass(slots=True)
-class ServerState:
-    """State that all viewers share: channels and services by id, and a lock for one heavy message at a time."""
-
-    channels: dict[int, AdvertisedChannel] = field(default_factory=dict)
-    services: dict[int, AdvertisedService] = field(default_factory=dict)
-    offers: dict[ClientChannelKey, ClientAdvertisement] = field(default_factory=dict)
-    graph: protocol.Graph = protocol.NO_GRAPH
-    heavy: asyncio.Lock = field(default_factory=asyncio.Lock)
-
-
 class RateLimit:
     """Rate limit of a viewer: `per_s` messages per second, with bursts of as many.
 
@@ -114,29 +105,18 @@ class RateLimit:
 
 
 class Viewer:
-    """Connection to a viewer, for which at most `queue` messages of topics wait."""
+    """Connection to a viewer with an id."""
 
-    def __init__(
-        self,
-        connection: ServerConnection,
-        number: int,
-        state: ServerState,
-        handlers: Handlers,
-        queue: int,
-        *,
-        may_publish: bool,
-    ) -> None:
+    def __init__(self, connection: ServerConnection, server: Server, number: int) -> None:
         self._connection = connection
-        self._state = state
-        self._handlers = handlers
-        self._may_publish = may_publish
+        self._server = server
+        self._handlers = server.handlers
         self.number = number
         self._control: deque[str | bytes] = deque()
         self._control_bytes = 0
         self._messages: deque[tuple[int, int, bytes]] = deque()
         """Subscription, time and data; the data is shared by all viewers."""
         self._message_bytes = 0
-        self._queue = queue
         self._news = asyncio.Event()
         self._jobs: dict[asyncio.Task[None], int] = {}
         """Size in bytes that each job retains."""
@@ -155,7 +135,7 @@ class Viewer:
         """Queue a message of a topic; the oldest is dropped if the queue is full."""
         self._messages.append((subscription, time_ns, data))
         self._message_bytes += len(data)
-        while len(self._messages) > self._queue or (
+        while len(self._messages) > self._server.options.queue or (
             self._message_bytes > limits.MAX_CONTROL_BYTES and len(self._messages) > 1
         ):
             self._next_message()
@@ -187,7 +167,7 @@ class Viewer:
             with suppress(ConnectionClosed):
                 async for message in self._connection:
                     if isinstance(message, str) and len(message) > limits.HEAVY_TEXT:
-                        async with self._state.heavy:
+                        async with self._server.heavy_message:
                             await self._handle(message, pace)
                     else:
                         await self._handle(message, pace)
@@ -197,7 +177,7 @@ class Viewer:
             for channel in self.watched.values():
                 channel.watchers.pop(self, None)
             for number in self._advertised:
-                del self._state.offers[self.number, number]
+                del self._server.offers[self.number, number]
             self._handlers.refresh()
             await asyncio.gather(sending, *self._jobs, return_exceptions=True)
 
@@ -255,7 +235,7 @@ class Viewer:
                     if channel := self.watched.pop(subscription, None):
                         del channel.watchers[self]
                 self._handlers.refresh()
-            case "advertise" | "unadvertise" | "publish" if not self._may_publish:
+            case "advertise" | "unadvertise" | "publish" if self._server.options.is_read_only:
                 raise ProtocolError("Server does not support clientPublish capability")
             case "advertise":
                 for number, offer in message.what:
@@ -263,24 +243,23 @@ class Viewer:
                 self._handlers.refresh()
             case "unadvertise":
                 for number in message.what:
-                    self._withdraw(number)
+                    if self._advertised.pop(number, None):
+                        del self._server.offers[self.number, number]
                 self._handlers.refresh()
             case "publish":
                 number, data = message.what
                 if number not in self._advertised:
                     raise ProtocolError(f"Channel ID {number} is not advertised")
                 return self._handlers.publish((self.number, number), data)
-            case "call":
-                self._start_call(message.what, size)
-            case "getParameters" | "setParameters":
-                self._start_job(self._reply(message), size)
+            case "call" | "getParameters" | "setParameters":
+                self._start_job(message, size)
             case "subscribeParameterUpdates":
                 self._follow_parameters({*message.what})
             case "unsubscribeParameterUpdates":
                 self.followed = (self.followed and self.followed - {*message.what}) if message.what else set()
             case "subscribeConnectionGraph":
                 self.follows_graph = True
-                self.send_control(protocol.graph_update(protocol.NO_GRAPH, self._state.graph))
+                self.send_control(protocol.graph_update(protocol.NO_GRAPH, self._server.graph))
             case "unsubscribeConnectionGraph":
                 self.follows_graph = False
             case _:
@@ -288,7 +267,7 @@ class Viewer:
         return None
 
     def _subscribe(self, subscription: int, number: int) -> None:
-        channel = self._state.channels.get(number)
+        channel = self._server.channels.get(number)
         if channel is None:
             self._reject(f"Unknown channel ID: {number}; ignoring subscription")
         elif self in channel.watchers:
@@ -313,11 +292,7 @@ class Viewer:
             limit = f"expected at most {limits.MAX_VIEWER_SCHEMA_BYTES} for all topics of a viewer"
             self._reject(f"{offer.topic} cannot be published: with its definition there are {size} bytes, {limit}")
         else:
-            self._advertised[number] = self._state.offers[self.number, number] = offer
-
-    def _withdraw(self, number: int) -> None:
-        if self._advertised.pop(number, None):
-            del self._state.offers[self.number, number]
+            self._advertised[number] = self._server.offers[self.number, number] = offer
 
     def _follow_parameters(self, names: set[str]) -> None:
         if self.followed is None or not names:
@@ -331,30 +306,24 @@ class Viewer:
             raise ProtocolError(f"parameters are not followed: {reason}; an empty list follows all")
         self.followed = followed
 
-    def _start_job(self, job: Coroutine[Any, Any, None], size: int) -> None:
-        try:
-            if len(self._jobs) >= limits.MAX_JOBS:
-                raise ProtocolError(f"{limits.MAX_JOBS} calls and parameter requests are in flight already")
-            total = sum(self._jobs.values()) + size
-            if self._jobs and total > limits.MAX_JOB_BYTES:
-                limit = f"expected at most {limits.MAX_JOB_BYTES} at a time"
-                raise ProtocolError(f"calls and parameter requests of {total} bytes would be in flight, {limit}")
-        except ProtocolError:
-            job.close()
-            raise
-        task = asyncio.ensure_future(job)
+    def _start_job(self, message: ClientMessage, size: int) -> None:
+        total = sum(self._jobs.values()) + size
+        refusal = ""
+        if len(self._jobs) >= limits.MAX_JOBS:
+            refusal = f"{limits.MAX_JOBS} calls and parameter requests are in flight already"
+        elif self._jobs and total > limits.MAX_JOB_BYTES:
+            limit = f"expected at most {limits.MAX_JOB_BYTES} at a time"
+            refusal = f"calls and parameter requests of {total} bytes would be in flight, {limit}"
+        if refusal:
+            if message.op == "call":
+                self.send_control(protocol.failure(message.what, refusal))
+            raise ProtocolError(refusal)
+        task = asyncio.ensure_future(self._call(message.what) if message.op == "call" else self._reply(message))
         self._jobs[task] = size
         task.add_done_callback(lambda done: self._jobs.pop(done, None))
 
-    def _start_call(self, call: ServiceCallRequest, size: int) -> None:
-        try:
-            self._start_job(self._call(call), size)
-        except ProtocolError as error:
-            self.send_control(protocol.failure(call, str(error)))
-            raise
-
     async def _call(self, call: ServiceCallRequest) -> None:
-        service = self._state.services.get(call.service)
+        service = self._server.services.get(call.service)
         try:
             if service is None:
                 raise ProtocolError(f"Unknown service ID: {call.service}")
