@@ -1,5 +1,8 @@
 """Decoder for many messages of one class at once: numpy runs each step of their program for all of them.
 
+A step reads one field of variable size, or a run of all fixed-size fields between two such. Nested messages are read
+inline, as CDR has no boundary there (docs/internals/protocol.md 2.2).
+
 A cursor has a position in every message, and a step moves all of them. Anything unexpected in one message raises
 `BatchUnsupportedError`; the messages are then decoded one by one, which names the wrong byte. Valid but unusual data,
 such as big-endian messages, may raise it too.
@@ -10,12 +13,13 @@ from offset 4 as in a single message.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.cdr.arrays import FieldValueError
+from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError
 from rosidl_py_gen.cdr.layout import (
     COUNT_BYTES,
     HEADER_BYTES,
@@ -27,29 +31,27 @@ from rosidl_py_gen.cdr.layout import (
     align_offset,
     align_up,
 )
+from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
+from rosidl_py_gen.cdr.structured_layout import cached_per_class
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
-from rosidl_py_gen.tables.columns import VARIABLE_LENGTH
-from rosidl_py_gen.tables.read_program import (
-    FixedMessageSequence,
-    FixedRun,
-    NumberSequence,
-    ReadStep,
-    StringField,
-    VariableSequence,
-)
+from rosidl_py_gen.tables.columns import VARIABLE_LENGTH, Kind, nodes_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from numpy.typing import NDArray
 
+    from rosidl_py_gen.cdr.structured_arrays import StructuredCodec
     from rosidl_py_gen.tables.arrow_columns import ColumnArrays
     from rosidl_py_gen.tables.columns import ColumnNode
 
     Ints: TypeAlias = NDArray[np.int64]
-    Program: TypeAlias = Sequence[ReadStep]
+    Program: TypeAlias = Sequence["ReadStep"]
+    Selected: TypeAlias = Collection[ColumnNode]
 
+_TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
+_BYTE = np.dtype("u1")
 _WORD_SHIFT = COUNT_BYTES.bit_length() - 1
 """Number of bits to shift an offset by for an index of 4-byte words; a division of int64 arrays is much slower."""
 _SHORT_RANGE_BYTES = 24
@@ -125,92 +127,177 @@ def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> BatchCursor
     return cursor
 
 
-def run(cursor: BatchCursor, program: Program, selected: Collection[ColumnNode]) -> ColumnArrays:
+def run(cursor: BatchCursor, program: Program, selected: Selected) -> ColumnArrays:
     """Run all steps of a program; returns the columns of the selected nodes.
 
     Raises `BatchUnsupportedError` if the data is invalid or unusual, `BagError` if a column is too large for Arrow.
     """
     columns: ColumnArrays = {}
     for step in program:
-        if isinstance(step, FixedRun):
-            _decode_run(cursor, step, selected, columns)
-        elif isinstance(step, StringField):
-            _decode_string(cursor, step, selected, columns)
-        elif isinstance(step, NumberSequence):
-            _decode_numbers(cursor, step, selected, columns)
-        elif isinstance(step, FixedMessageSequence):
-            _decode_records(cursor, step, selected, columns)
-        else:
-            _decode_elements(cursor, step, selected, columns)
+        step.decode(cursor, selected, columns)
     return columns
 
 
-# --------------------------------------------------------------------------------------------------------- fixed size
+# ---------------------------------------------------------------------------------------------------------------- steps
 
 
-def _decode_run(cursor: BatchCursor, step: FixedRun, selected: Collection[ColumnNode], columns: ColumnArrays) -> None:
-    start = cursor.take(0, step.fields[0].align)
-    phases = start - HEADER_BYTES & MAX_ALIGN - 1
-    phase = int(phases[0]) if len(phases) else 0
-    groups: list[tuple[Any, np.dtype[np.void]]]
-    if (phases == phase).all():
-        groups = [(slice(None), step.layout(phase))]
-        cursor.take(groups[0][1].itemsize, 1)
-    else:
-        groups = [(np.flatnonzero(phases == phase), step.layout(int(phase))) for phase in np.unique(phases)]
-        size = np.empty(len(start), np.int64)
-        for rows, layout in groups:
-            size[rows] = layout.itemsize
-        cursor.take(size, 1)
-    fields = [(f"f{number}", field) for number, field in enumerate(step.fields) if field.node in selected]
-    if not fields:
-        return
-    records = [gather_fixed(cursor, start[rows], layout.itemsize).view(layout) for rows, layout in groups]
-    for name, field in fields:
-        if len(groups) == 1:
-            values = np.ascontiguousarray(records[0][name])
+@dataclass(frozen=True, slots=True)
+class RunField:
+    """Values of one field in a run."""
+
+    node: ColumnNode
+    dtype: np.dtype[Any]
+    align: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class FixedRun:
+    """Run of fields of fixed size."""
+
+    fields: tuple[RunField, ...]
+    layouts: dict[int, np.dtype[np.void]] = field(default_factory=dict)
+
+    def layout(self, position: int) -> np.dtype[np.void]:
+        """Return the type of the whole run at a position modulo 8, where the first value is aligned."""
+        if position not in self.layouts:
+            offsets, end = [], position
+            for one in self.fields:
+                end = align_up(end, one.align)
+                offsets.append(end - position)
+                end += one.dtype.itemsize * one.count
+            names = [f"f{number}" for number in range(len(offsets))]
+            formats: list[Any] = [(one.dtype, (one.count,)) for one in self.fields]
+            form: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": end - position}
+            self.layouts[position] = np.dtype(form)
+        return self.layouts[position]
+
+    def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
+        start = cursor.take(0, self.fields[0].align)
+        phases = start - HEADER_BYTES & MAX_ALIGN - 1
+        phase = int(phases[0]) if len(phases) else 0
+        groups: list[tuple[Any, np.dtype[np.void]]]
+        if (phases == phase).all():
+            groups = [(slice(None), self.layout(phase))]
+            cursor.take(groups[0][1].itemsize, 1)
         else:
-            values = np.empty((len(start), field.count), field.dtype)
-            for (rows, _), group in zip(groups, records, strict=True):
-                values[rows] = group[name]
-        columns[field.node] = arrow_columns.fixed(field.node, values)
+            groups = [(np.flatnonzero(phases == phase), self.layout(int(phase))) for phase in np.unique(phases)]
+            size = np.empty(len(start), np.int64)
+            for rows, layout in groups:
+                size[rows] = layout.itemsize
+            cursor.take(size, 1)
+        fields = [(f"f{number}", one) for number, one in enumerate(self.fields) if one.node in selected]
+        if not fields:
+            return
+        records = [gather_fixed(cursor, start[rows], layout.itemsize).view(layout) for rows, layout in groups]
+        for name, one in fields:
+            if len(groups) == 1:
+                values = np.ascontiguousarray(records[0][name])
+            else:
+                values = np.empty((len(start), one.count), one.dtype)
+                for (rows, _), group in zip(groups, records, strict=True):
+                    values[rows] = group[name]
+            columns[one.node] = arrow_columns.fixed(one.node, values)
 
 
-def gather_fixed(cursor: BatchCursor, start: Ints, size: int) -> NDArray[np.void]:
-    """Return `size` bytes from each start; all must be within the data."""
-    count = max(0, len(cursor.data) - size + 1)
-    windows: NDArray[np.void] = np.ndarray((count,), f"V{size}", cursor.data if count else None, 0, (1,))
-    return windows[start]
+@dataclass(frozen=True, slots=True)
+class StringField:
+    """String or wstring; inside of a list, `node` is that of the list."""
+
+    node: ColumnNode
+
+    def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
+        node, counts = self.node, cursor.counts()
+        if node.field.type.base == "wstring":
+            start = cursor.take(WSTRING_UNIT_BYTES * counts, 1)
+            if node in selected:
+                ranges = zip(start.tolist(), counts.tolist(), strict=True)
+                texts = [_utf16_to_utf8(cursor, begin, count) for begin, count in ranges]
+                octets = np.frombuffer(b"".join(texts), np.uint8)
+                columns[node] = arrow_columns.texts(node, np.fromiter(map(len, texts), np.int64, len(texts)), octets)
+            return
+        start = cursor.take(counts, 1)
+        last = cursor.octets[cursor.pos - 1]
+        if last[counts > 0].any():  # no NUL
+            raise BatchUnsupportedError
+        if node in selected:
+            size = np.maximum(counts - 1, 0)
+            try:
+                columns[node] = arrow_columns.texts(node, size, gather_ranges(cursor, start, size))
+            except ValueError as error:
+                if isinstance(error, BagError):
+                    raise
+                raise BatchUnsupportedError from None  # not UTF-8
 
 
-def _decode_records(
-    cursor: BatchCursor, step: FixedMessageSequence, selected: Collection[ColumnNode], columns: ColumnArrays
-) -> None:
-    node, codec, data = step.node, step.codec, cursor.data
-    counts = _element_counts(cursor, node)
-    pos, ends, pieces = cursor.pos.tolist(), cursor.limit.tolist(), []
-    is_selected = node in selected
-    try:
-        for row, count in enumerate(counts.tolist()):
-            if count:
-                begin, end = codec.element_range(pos[row], count)
-                if end > ends[row]:
-                    raise BatchUnsupportedError
-                if is_selected:
-                    pieces.append(codec.read_elements(data, begin, count, "<"))
-                pos[row] = end
-    except (FieldValueError, MemoryError):
-        raise BatchUnsupportedError from None
-    cursor.pos = np.array(pos, np.int64)
-    if is_selected:
-        if len(pieces) == 1:
-            records = pieces[0]
-        else:
-            records = np.frombuffer(b"".join([piece.tobytes() for piece in pieces]), codec.dtype)
-        columns[node] = arrow_columns.lists(node, counts, arrow_columns.from_records(node, records))
+@dataclass(frozen=True, slots=True)
+class NumberSequence:
+    """Sequence of values without gaps: numbers, times, messages without fields."""
+
+    node: ColumnNode
+    dtype: np.dtype[Any]
+    align: int
+
+    def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
+        counts = _element_counts(cursor, self.node)
+        size = counts * self.dtype.itemsize
+        if self.align > COUNT_BYTES:  # padding precedes the first element; an empty sequence has none
+            cursor.pos = np.where(counts > 0, align_offset(cursor.pos, self.align), cursor.pos)
+        start = cursor.take(size, 1)
+        if self.node in selected:
+            octets = gather_ranges(cursor, start, size)
+            columns[self.node] = arrow_columns.sequences(self.node, counts, octets.view(self.dtype))
 
 
-# ------------------------------------------------------------------------------------------------------- varying size
+@dataclass(frozen=True, slots=True)
+class FixedMessageSequence:
+    """Array or sequence of messages of fixed size."""
+
+    node: ColumnNode
+    codec: StructuredCodec
+
+    def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
+        node, codec, data = self.node, self.codec, cursor.data
+        counts = _element_counts(cursor, node)
+        pos, ends, pieces = cursor.pos.tolist(), cursor.limit.tolist(), []
+        is_selected = node in selected
+        try:
+            for row, count in enumerate(counts.tolist()):
+                if count:
+                    begin, end = codec.element_range(pos[row], count)
+                    if end > ends[row]:
+                        raise BatchUnsupportedError
+                    if is_selected:
+                        pieces.append(codec.read_elements(data, begin, count, "<"))
+                    pos[row] = end
+        except (FieldValueError, MemoryError):
+            raise BatchUnsupportedError from None
+        cursor.pos = np.array(pos, np.int64)
+        if is_selected:
+            if len(pieces) == 1:
+                records = pieces[0]
+            else:
+                records = np.frombuffer(b"".join([piece.tobytes() for piece in pieces]), codec.dtype)
+            columns[node] = arrow_columns.lists(node, counts, arrow_columns.from_records(node, records))
+
+
+@dataclass(frozen=True, slots=True)
+class VariableSequence:
+    """Array or sequence of strings, or of messages that vary in size."""
+
+    node: ColumnNode
+    steps: tuple[ReadStep, ...]
+
+    def decode(self, cursor: BatchCursor, selected: Selected, columns: ColumnArrays) -> None:
+        node = self.node
+        counts = _element_counts(cursor, node)
+        starts = _element_starts(cursor, self.steps, counts)
+        if node in selected:
+            elements = run(cursor.at(starts, np.repeat(cursor.limit, counts)), self.steps, selected)
+            columns[node] = arrow_columns.lists(node, counts, arrow_columns.assembled(node, elements, len(starts)))
+
+
+ReadStep: TypeAlias = "FixedRun | StringField | NumberSequence | FixedMessageSequence | VariableSequence"
 
 
 def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
@@ -227,54 +314,11 @@ def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
     return counts
 
 
-def _decode_numbers(
-    cursor: BatchCursor, step: NumberSequence, selected: Collection[ColumnNode], columns: ColumnArrays
-) -> None:
-    counts = _element_counts(cursor, step.node)
-    size = counts * step.dtype.itemsize
-    if step.align > COUNT_BYTES:  # padding precedes the first element; an empty sequence has none
-        cursor.pos = np.where(counts > 0, align_offset(cursor.pos, step.align), cursor.pos)
-    start = cursor.take(size, 1)
-    if step.node in selected:
-        octets = gather_ranges(cursor, start, size)
-        columns[step.node] = arrow_columns.sequences(step.node, counts, octets.view(step.dtype))
-
-
-def _decode_string(
-    cursor: BatchCursor, step: StringField, selected: Collection[ColumnNode], columns: ColumnArrays
-) -> None:
-    node, counts = step.node, cursor.counts()
-    if node.field.type.base == "wstring":
-        start = cursor.take(WSTRING_UNIT_BYTES * counts, 1)
-        if node in selected:
-            ranges = zip(start.tolist(), counts.tolist(), strict=True)
-            texts = [_utf16_to_utf8(cursor, begin, count) for begin, count in ranges]
-            octets = np.frombuffer(b"".join(texts), np.uint8)
-            columns[node] = arrow_columns.texts(node, np.fromiter(map(len, texts), np.int64, len(texts)), octets)
-        return
-    start = cursor.take(counts, 1)
-    last = cursor.octets[cursor.pos - 1]
-    if last[counts > 0].any():  # no NUL
-        raise BatchUnsupportedError
-    if node in selected:
-        size = np.maximum(counts - 1, 0)
-        try:
-            columns[node] = arrow_columns.texts(node, size, gather_ranges(cursor, start, size))
-        except ValueError as error:
-            if isinstance(error, BagError):
-                raise
-            raise BatchUnsupportedError from None  # not UTF-8
-
-
-def _utf16_to_utf8(cursor: BatchCursor, start: int, count: int) -> bytes:
-    first = start >> _WORD_SHIFT
-    units = cursor.words[first : first + count]
-    if count and units.max() > MAX_WSTRING_UNIT:
-        raise BatchUnsupportedError
-    try:
-        return units.astype("<u2").tobytes().decode("utf-16-le").encode()
-    except UnicodeError:
-        raise BatchUnsupportedError from None
+def gather_fixed(cursor: BatchCursor, start: Ints, size: int) -> NDArray[np.void]:
+    """Return `size` bytes from each start; all must be within the data."""
+    count = max(0, len(cursor.data) - size + 1)
+    windows: NDArray[np.void] = np.ndarray((count,), f"V{size}", cursor.data if count else None, 0, (1,))
+    return windows[start]
 
 
 def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.uint8]:
@@ -293,15 +337,15 @@ def gather_ranges(cursor: BatchCursor, start: Ints, size: Ints) -> NDArray[np.ui
     return np.frombuffer(b"".join([view[at:end] for at, end in zip(start.tolist(), ends, strict=True)]), np.uint8)
 
 
-def _decode_elements(
-    cursor: BatchCursor, step: VariableSequence, selected: Collection[ColumnNode], columns: ColumnArrays
-) -> None:
-    node = step.node
-    counts = _element_counts(cursor, node)
-    starts = _element_starts(cursor, step.steps, counts)
-    if node in selected:
-        elements = run(cursor.at(starts, np.repeat(cursor.limit, counts)), step.steps, selected)
-        columns[node] = arrow_columns.lists(node, counts, arrow_columns.assembled(node, elements, len(starts)))
+def _utf16_to_utf8(cursor: BatchCursor, start: int, count: int) -> bytes:
+    first = start >> _WORD_SHIFT
+    units = cursor.words[first : first + count]
+    if count and units.max() > MAX_WSTRING_UNIT:
+        raise BatchUnsupportedError
+    try:
+        return units.astype("<u2").tobytes().decode("utf-16-le").encode()
+    except UnicodeError:
+        raise BatchUnsupportedError from None
 
 
 def _element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints:
@@ -362,3 +406,65 @@ def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -
     cursor.pos = cursor.pos.copy()
     cursor.pos[rows] = ends[is_last]
     return starts
+
+
+# ------------------------------------------------------------------------------------------------------------- programs
+
+
+@cached_per_class
+def read_program_for(cls: type[Any]) -> tuple[ReadStep, ...] | None:
+    """Return the steps for a class; None if its messages must be read one by one."""
+    try:
+        program = tuple(_merge_runs(_steps(nodes_of(cls))))
+        for step in program:
+            if isinstance(step, FixedRun):
+                step.layout(0)
+    except (ValueError, OverflowError):  # too large for numpy
+        return None
+    return program or None
+
+
+def _steps(nodes: tuple[ColumnNode, ...]) -> list[ReadStep]:
+    steps: list[ReadStep] = []
+    for node in nodes:
+        if node.kind is Kind.STRUCT and node.length is None:
+            steps += _steps(node.children)
+        elif node.kind is Kind.STRING:
+            steps.append(StringField(node) if node.length is None else VariableSequence(node, (StringField(node),)))
+        elif node.kind is Kind.STRUCT:
+            steps.append(_message_sequence(node))
+        else:
+            dtype = _dtype(node)
+            align = _TIME["sec"].itemsize if dtype is _TIME else dtype.itemsize
+            if node.length == VARIABLE_LENGTH:
+                steps.append(NumberSequence(node, dtype, align))
+            else:
+                steps.append(FixedRun((RunField(node, dtype, align, node.length or 1),)))
+    return steps
+
+
+def _message_sequence(node: ColumnNode) -> ReadStep:
+    assert node.field.cls is not None
+    codec = find_structured_codec(node.field.cls)
+    if codec is not None:
+        return FixedMessageSequence(node, codec)
+    steps = tuple(_merge_runs(_steps(node.children)))
+    if all(isinstance(step, FixedRun) for step in steps):
+        raise OverflowError("messages of fixed size are too large for numpy")
+    return VariableSequence(node, steps)
+
+
+def _dtype(node: ColumnNode) -> np.dtype[Any]:
+    if node.kind is Kind.NUMBER:
+        return _BYTE if node.code == "?" else DTYPES[node.code]  # the byte of a bool may have any value
+    return _BYTE if node.kind is Kind.EMPTY else _TIME
+
+
+def _merge_runs(steps: list[ReadStep]) -> list[ReadStep]:
+    merged: list[ReadStep] = []
+    for step in steps:
+        if merged and isinstance(step, FixedRun) and isinstance(merged[-1], FixedRun):
+            merged[-1] = FixedRun(merged[-1].fields + step.fields)
+        else:
+            merged.append(step)
+    return merged

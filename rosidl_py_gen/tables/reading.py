@@ -25,9 +25,15 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.arrow import from_numpy, pa
 from rosidl_py_gen.tables.arrow_columns import NANOSECONDS, element_type, schema_of
-from rosidl_py_gen.tables.batch_decoder import BatchCursor, BatchUnsupportedError, concatenate, cursor_at, run
+from rosidl_py_gen.tables.batch_decoder import (
+    BatchCursor,
+    BatchUnsupportedError,
+    concatenate,
+    cursor_at,
+    read_program_for,
+    run,
+)
 from rosidl_py_gen.tables.columns import Kind, select_columns
-from rosidl_py_gen.tables.read_program import read_program_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -26,7 +26,7 @@ from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.tables.multi_bag import datasets as many
-from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
+from rosidl_py_gen.tables.multi_bag.datasets import names_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is lost is said in them
 Imu: Any = get_message("sensor_msgs/msg/Imu")

@@ -24,10 +24,10 @@ from support.bag_datasets import bag_of, rows, said
 from support.pool_tasks import die, die_once, fail, pid
 from werkzeug.serving import make_server
 
-from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.tables import write_datasets
-from rosidl_py_gen.tables.multi_bag import dask_cluster, pool
 from rosidl_py_gen.tables.multi_bag import datasets as many
+from rosidl_py_gen.tables.multi_bag import task_runners
 
 BAGS = 60
 EACH = 20
@@ -72,7 +72,7 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
 
     def run(function: Any, tasks: list[Any]) -> Any:
         with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
-            yield from dask_cluster._run(client, function, tasks)
+            yield from task_runners._run_by_dask(client, function, tasks)
 
     ((task, outcome),) = run(die, [5])
     assert task == 5 and "KilledWorker" in outcome.error
@@ -81,10 +81,10 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dask_cluster, "_CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(task_runners, "_CONNECT_TIMEOUT_S", 0.2)
     bag = bag_of(tmp_path / "a.mcap", 1)
     for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1"):
-        with pytest.raises(dask_cluster.BagError, match=f"no scheduler of Dask responds at {address}"):
+        with pytest.raises(BagError, match=f"no scheduler of Dask responds at {address}"):
             write_datasets([bag], tmp_path / "out", scheduler=address)
 
 
@@ -102,11 +102,11 @@ def test_a_scheduler_with_tls_takes_only_who_has_its_certificates(
         assert address.startswith("tls://")
         report = write_datasets([bag], out, scheduler=address)
         assert not report.failed and rows(out) == [("a", 1), ("a", 2)]
-        monkeypatch.setattr(dask_cluster, "_CONNECT_TIMEOUT_S", 0.5)
+        monkeypatch.setattr(task_runners, "_CONNECT_TIMEOUT_S", 0.5)
         for settings in (other, dict.fromkeys(own)):
             with (
                 dask.config.set(settings),
-                pytest.raises(dask_cluster.BagError, match="no scheduler of Dask responds at tls:"),
+                pytest.raises(BagError, match="no scheduler of Dask responds at tls:"),
             ):
                 write_datasets([bag], tmp_path / "none", scheduler=address)
 
@@ -129,7 +129,7 @@ def _certificates(folder: Path) -> dict[str, str]:
 
 
 def test_processes_of_this_machine_are_reached_by_no_other(tmp_path: Path) -> None:
-    with pool.process_pool(2) as run:
+    with task_runners.process_pool(2) as run:
         found = dict(run(pid, ["a", "b", "c", "d"]))
         pids = {int(one.error) for one in found.values()}
         assert sorted(found) == ["a", "b", "c", "d"] and len(pids) == 2 and os.getpid() not in pids
@@ -141,8 +141,8 @@ def test_processes_of_this_machine_are_reached_by_no_other(tmp_path: Path) -> No
 def test_a_process_that_dies_is_replaced_and_only_its_task_is_repeated_or_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pool, "_MAX_DEATHS", 2)
-    with pool.process_pool(2) as run:
+    monkeypatch.setattr(task_runners, "_MAX_DEATHS", 2)
+    with task_runners.process_pool(2) as run:
         tasks = [str(tmp_path / name) for name in "ab"]
         outcomes = dict(run(die_once, tasks))
         assert sorted(outcomes) == tasks and all(one.error.isdecimal() for one in outcomes.values())
@@ -153,7 +153,7 @@ def test_a_process_that_dies_is_replaced_and_only_its_task_is_repeated_or_given_
 
 
 def test_a_process_ends_when_the_one_that_started_it_is_gone() -> None:
-    worker = pool._Worker()
+    worker = task_runners._Worker()
     worker.send(pid, "a")
     assert worker.receive() is not None
     worker.connection.close()
@@ -164,7 +164,7 @@ def test_a_process_ends_when_the_one_that_started_it_is_gone() -> None:
 def test_memory_of_this_process_is_for_no_other(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "a.mcap", 1)
     for options in ({"workers": 2}, {"scheduler": "tcp://127.0.0.1:1"}):
-        with pytest.raises(dask_cluster.BagError, match="memory://own exists only in this process"):
+        with pytest.raises(BagError, match="memory://own exists only in this process"):
             write_datasets([bag], "memory://own", **options)
 
 

@@ -20,9 +20,8 @@ from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, mcap_
 from rosidl_py_gen.tables import write_dataset, write_datasets
 from rosidl_py_gen.tables.multi_bag import bag_tasks
 from rosidl_py_gen.tables.multi_bag import datasets as many
-from rosidl_py_gen.tables.multi_bag.bag_sources import names_of
-from rosidl_py_gen.tables.multi_bag.bag_tasks import run_task
-from rosidl_py_gen.tables.multi_bag.manifest import DatasetManifest
+from rosidl_py_gen.tables.multi_bag.bag_tasks import DatasetManifest, run_task
+from rosidl_py_gen.tables.multi_bag.datasets import names_of
 from rosidl_py_gen.tables.query import Database, is_dataset
 
 
@@ -145,7 +144,12 @@ def test_what_was_not_finished_is_done_once_more(tmp_path: Path, monkeypatch: py
     def die(*_: Any) -> None:
         raise Killed
 
-    real = os.replace
+    real, write = os.replace, DatasetManifest.write
+
+    def last(manifest: DatasetManifest, entry: Any) -> None:
+        if entry.is_done:
+            raise Killed
+        write(manifest, entry)
 
     def second(source: str, target: str) -> None:
         if target.endswith(".parquet") and list(out.rglob("*.parquet")):
@@ -155,7 +159,7 @@ def test_what_was_not_finished_is_done_once_more(tmp_path: Path, monkeypatch: py
     for patch in (
         lambda: monkeypatch.setattr(DatasetManifest, "begin", die),
         lambda: monkeypatch.setattr(os, "replace", second),
-        lambda: monkeypatch.setattr(DatasetManifest, "end", die),
+        lambda: monkeypatch.setattr(DatasetManifest, "write", last),
     ):
         with monkeypatch.context():
             patch()
@@ -315,7 +319,7 @@ def test_names_that_are_known_are_kept() -> None:
 
 def test_several_processes_need_posix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.mcap").write_bytes(b"")
-    monkeypatch.setattr("rosidl_py_gen.tables.multi_bag.pool.IS_POSIX", False)
+    monkeypatch.setattr("rosidl_py_gen.tables.multi_bag.task_runners.IS_POSIX", False)
     with pytest.raises(BagError, match=r"found workers=2 on .*; expected workers=1"):
         write_datasets([tmp_path / "a.mcap"], tmp_path / "out", workers=2)
 

@@ -1,8 +1,11 @@
-"""Execution of tasks by processes of this machine.
+"""Execution of tasks by processes of this machine, or by the workers of a Dask scheduler.
 
 Socket pairs connect them, which no other process can open: a port on the loopback interface would let every user of the
 machine send tasks, that is, run code. A process runs one task at a time. A process that dies is replaced, and its task
 is repeated; after `_MAX_DEATHS` deaths the task fails.
+
+Anyone who can connect to a scheduler without TLS can run code on its workers, and in this process, which reads their
+results with pickle. Therefore this module starts no scheduler.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import signal
 import sys
 from collections import deque
 from contextlib import contextmanager, suppress
+from functools import partial
 from multiprocessing.connection import Connection, Pipe, wait
 from queue import SimpleQueue
 from subprocess import DEVNULL, Popen
@@ -20,6 +24,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
 
 if TYPE_CHECKING:
@@ -30,6 +35,7 @@ if TYPE_CHECKING:
 IS_POSIX = os.name == "posix"
 _MAX_DEATHS = 4
 """Number of processes that a task may kill before it is given up; Dask has the same limit."""
+_CONNECT_TIMEOUT_S = 10
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment of the processes, unless it is set: one thread each, as there is a process for each core."""
 
@@ -134,3 +140,36 @@ def _result(request: bytes) -> TaskResult:
         return result
     except Exception as error:
         return TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
+
+
+# ----------------------------------------------------------------------------------------------------------------- Dask
+
+
+@contextmanager
+def dask_cluster(scheduler: str) -> Iterator[TaskRunner]:
+    """Yield a function that runs tasks on the workers of a scheduler, as `process_pool`. Raises `BagError`."""
+    try:
+        import distributed
+    except ModuleNotFoundError as missing:
+        raise missing_extra_message(missing) or missing from None
+    try:
+        client: Any = distributed.Client(  # type: ignore[no-untyped-call]
+            scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False
+        )
+    except (OSError, ValueError, TypeError, ImportError) as error:
+        raise BagError(f"no scheduler of Dask responds at {scheduler}: {error}") from None
+    with client:
+        yield partial(_run_by_dask, client)
+
+
+def _run_by_dask(client: Any, function: TaskFunction, tasks: list[Task]) -> Iterator[tuple[Task, TaskResult]]:
+    import distributed
+
+    futures = {client.submit(function, task, pure=False): task for task in tasks}
+    completed: Any = distributed.as_completed  # without types
+    for future, result in completed(futures, loop=client.loop, with_results=True, raise_errors=False):
+        if not isinstance(result, TaskResult):  # an exception, possibly with its type and traceback
+            error = result[1] if isinstance(result, tuple) else result
+            result = TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
+        yield futures.pop(future), result
+        future.release()
