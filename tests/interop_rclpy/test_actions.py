@@ -37,23 +37,32 @@ async def server_for_theirs(dds: Any, peer: Peer, kind: str, execute: Any, **set
     return name
 
 
-ENDS = [("succeed", GoalStatus.SUCCEEDED), ("abort", GoalStatus.ABORTED)]
+ENDS = [
+    ("succeed", GoalStatus.SUCCEEDED, DONE),
+    ("abort", GoalStatus.ABORTED, DONE),
+    ("raise", GoalStatus.ABORTED, {"sequence": []}),
+    ("cancel", GoalStatus.CANCELED, DONE),
+]
+"""How an execute callback ends, and the status and the result that the client gets."""
 
 
-@pytest.mark.parametrize(("how", "status"), ENDS)
+@pytest.mark.parametrize(("how", "status", "expected"), ENDS)
 async def test_a_goal_of_ours_ends_as_their_server_says(
-    dds: Any, shared_peer: Peer, how: str, status: GoalStatus
+    dds: Any, shared_peer: Peer, how: str, status: GoalStatus, expected: Any
 ) -> None:
     client = await client_of_theirs(dds, shared_peer, FIBONACCI, how, feedback=STEPS, result=DONE)
     goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=5), timeout_s=WAIT_S)
+    if how == "cancel":
+        await until(lambda: goal.status == GoalStatus.EXECUTING)
+        await goal.cancel(timeout_s=WAIT_S)
     assert [plain(one) async for one in goal.feedback()] == STEPS
     ended, result = await goal.result(timeout_s=WAIT_S)
-    assert (ended, plain(result)) == (status, DONE)
+    assert (ended, plain(result)) == (status, expected)
 
 
-@pytest.mark.parametrize(("how", "status"), ENDS)
+@pytest.mark.parametrize(("how", "status", "expected"), ENDS)
 async def test_a_goal_of_theirs_ends_as_our_server_says(
-    dds: Any, shared_peer: Peer, how: str, status: GoalStatus
+    dds: Any, shared_peer: Peer, how: str, status: GoalStatus, expected: Any
 ) -> None:
     cls = action(shared_peer, FIBONACCI)
 
@@ -62,27 +71,19 @@ async def test_a_goal_of_theirs_ends_as_our_server_says(
         for values in STEPS:
             goal.publish_feedback(from_dict(cls.Feedback, values))
         assert await shared_peer.do("feedback", key=name, count=len(STEPS)) == STEPS
+        if how == "raise":
+            raise ValueError("on purpose")
+        if how == "cancel":
+            await goal.wait_for_cancel()
+            return goal.canceled(from_dict(cls.Result, DONE))
         return getattr(goal, how)(from_dict(cls.Result, DONE))
 
     name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
     assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 5})
-    assert await shared_peer.do("result", key=name) == {"status": status, "result": DONE}
-
-
-async def test_an_error_in_their_server_aborts_our_goal(dds: Any, shared_peer: Peer) -> None:
-    client = await client_of_theirs(dds, shared_peer, FIBONACCI, "raise")
-    goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
-    assert (await goal.result(timeout_s=WAIT_S))[0] == GoalStatus.ABORTED
-
-
-async def test_an_error_in_our_server_aborts_their_goal(dds: Any, shared_peer: Peer) -> None:
-    async def execute(goal: ServerGoal[Any]) -> Any:
-        raise ValueError("on purpose")
-
-    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
-    assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 5})
-    answer = await shared_peer.do("result", key=name)
-    assert answer == {"status": GoalStatus.ABORTED, "result": {"sequence": []}}
+    if how == "cancel":
+        await shared_peer.do("goal_status", key=name, expected=GoalStatus.EXECUTING)
+        assert await shared_peer.do("cancel", key=name) == {"code": 0, "goals": 1}
+    assert await shared_peer.do("result", key=name) == {"status": status, "result": expected}
 
 
 async def test_their_server_rejects_our_goal(dds: Any, shared_peer: Peer) -> None:
@@ -98,29 +99,6 @@ async def test_our_server_rejects_their_goal(dds: Any, shared_peer: Peer) -> Non
     name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, goal_callback=lambda goal: goal.order > 0)
     assert not await shared_peer.do("send_goal", name=name, key=f"{name} no", goal={"order": 0})
     assert await shared_peer.do("send_goal", name=name, key=f"{name} yes", goal={"order": 1})
-
-
-async def test_our_client_cancels_a_goal_of_their_server(dds: Any, shared_peer: Peer) -> None:
-    client = await client_of_theirs(dds, shared_peer, FIBONACCI, "cancel", result=DONE)
-    goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
-    await until(lambda: goal.status == GoalStatus.EXECUTING)
-    await goal.cancel(timeout_s=WAIT_S)
-    status, result = await goal.result(timeout_s=WAIT_S)
-    assert (status, plain(result)) == (GoalStatus.CANCELED, DONE)
-
-
-async def test_their_client_cancels_a_goal_of_our_server(dds: Any, shared_peer: Peer) -> None:
-    cls = action(shared_peer, FIBONACCI)
-
-    async def execute(goal: ServerGoal[Any]) -> Any:
-        await goal.wait_for_cancel()
-        return goal.canceled(from_dict(cls.Result, DONE))
-
-    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
-    assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 1})
-    await shared_peer.do("goal_status", key=name, expected=GoalStatus.EXECUTING)
-    assert await shared_peer.do("cancel", key=name) == {"code": 0, "goals": 1}
-    assert await shared_peer.do("result", key=name) == {"status": GoalStatus.CANCELED, "result": DONE}
 
 
 async def test_twenty_goals_of_theirs_that_end_together_get_their_results(dds: Any, shared_peer: Peer) -> None:

@@ -38,22 +38,26 @@ def test_policies_have_the_names_and_numbers_of_rclpy(peer_python: Path) -> None
 @pytest.mark.parametrize(
     ("theirs", "ours", "kind"),
     [
-        ({"reliability": "BEST_EFFORT"}, QoSProfile(), QoSPolicyKind.RELIABILITY),
-        ({}, QoSProfile().transient_local(), QoSPolicyKind.DURABILITY),
+        ({"reliability": "BEST_EFFORT"}, QoSProfile().reliable(), QoSPolicyKind.RELIABILITY),
+        ({"reliability": "RELIABLE"}, QoSProfile().best_effort(), None),
+        ({"durability": "VOLATILE"}, QoSProfile().transient_local(), QoSPolicyKind.DURABILITY),
+        ({"durability": "TRANSIENT_LOCAL"}, QoSProfile().volatile(), None),
         ({"deadline_s": 2}, QoSProfile().deadline(1.0), QoSPolicyKind.DEADLINE),
+        ({"liveliness": "AUTOMATIC"}, QoSProfile().manual_liveliness(), QoSPolicyKind.LIVELINESS),
         ({"lease_s": 2}, QoSProfile().automatic_liveliness(1.0), QoSPolicyKind.LIVELINESS),
     ],
 )
-async def test_their_publishers_that_do_not_fit(
-    dds: Any, shared_peer: Peer, theirs: dict[str, Any], ours: QoSProfile, kind: QoSPolicyKind
+async def test_policies_decide_who_is_matched(
+    dds: Any, shared_peer: Peer, theirs: dict[str, Any], ours: QoSProfile, kind: QoSPolicyKind | None
 ) -> None:
-    topic = fresh("incompatible")
+    topic = fresh("policies")
     events: list[IncompatibleStatus] = []
-    await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
     callbacks = SubscriptionEventCallbacks(incompatible_qos=events.append)
-    dds.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
-    await until(lambda: bool(events))
-    assert [(one.total_count, one.last_policy_kind) for one in events] == [(1, kind)]
+    subscription = dds.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
+    await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
+    await until(lambda: subscription.publisher_count > 0 or events)
+    assert subscription.publisher_count == (kind is None)
+    assert [(one.total_count, one.last_policy_kind) for one in events] == ([] if kind is None else [(1, kind)])
 
 
 async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer: Peer) -> None:

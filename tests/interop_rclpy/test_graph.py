@@ -30,29 +30,21 @@ PROFILES = [
 IDS = ["default", "best effort", "transient local", "manual liveliness", "deadline and lifespan"]
 
 
-async def test_nodes_see_each_other(dds: Any, shared_peer: Peer) -> None:
-    name = fresh("seen").strip("/")
-    node = dds.node(name, "/deep/space")
-    assert await node.wait_for_node(f"/{shared_peer.name}", timeout_s=SEEN_S)
-    await shared_peer.do("until_node", name=f"/deep/space/{name}")
-
-
-async def test_their_namespaces_and_nodes_that_leave_are_seen(dds: Any, shared_peer: Peer) -> None:
-    node, name = dds.node("tester"), fresh("guest").strip("/")
-    await shared_peer.do("add_node", name=name, namespace="/deep/space")
-    assert await node.wait_for_node(f"/deep/space/{name}", timeout_s=SEEN_S)
-    await shared_peer.do("remove_node", name=name)
-    await until(lambda: f"/deep/space/{name}" not in node.get_node_names())
-
-
-async def test_they_see_our_node_leave(dds: Any, shared_peer: Peer) -> None:
-    name, context = fresh("guest"), dds.context()
-    stays = dds.node(fresh("host").strip("/"), context=context)
-    leaves = dds.node(name.strip("/"), context=context)
-    await shared_peer.do("until_node", name=name)
+async def test_nodes_see_each_other_come_and_go(dds: Any, shared_peer: Peer) -> None:
+    context, guest = dds.context(), fresh("guest").strip("/")
+    stays = dds.node(fresh("host").strip("/"), "/deep/space", context=context)
+    leaves = dds.node(fresh("guest").strip("/"), context=context)
+    await shared_peer.do("add_node", name=guest, namespace="/deep/space")
+    for name in (f"/{shared_peer.name}", f"/deep/space/{guest}"):
+        assert await stays.wait_for_node(name, timeout_s=SEEN_S)
+    for node in (stays, leaves):
+        await shared_peer.do("until_node", name=node.fully_qualified_name)
+    name = leaves.fully_qualified_name
     leaves.close()
     await shared_peer.do("until_node", name=name, there=False)
     await shared_peer.do("until_node", name=stays.fully_qualified_name)
+    await shared_peer.do("remove_node", name=guest)
+    await until(lambda: f"/deep/space/{guest}" not in stays.get_node_names())
 
 
 def owner_of(node: Node, peer: Peer) -> str:

@@ -1,4 +1,4 @@
-"""Calls, goals and parameters at the same time while packets are lost and peers are killed every 20 s or earlier.
+"""Calls and goals at the same time while packets are lost and peers are killed every 20 s or earlier.
 
 SOAK_MINUTES=10 makes it last ten minutes. Cyclone DDS drops packets when it sends; Fast DDS has no such setting.
 """
@@ -77,8 +77,6 @@ class Soak:
             "action_server", name=names["goals_theirs"], type=FIBONACCI, how="succeed", result={"sequence": [7]}
         )
         self.ours.create_action_server(self.fibonacci, names["goals_ours"], self.execute, result_timeout_s=WAIT_S)
-        self.ours.declare_parameter("number", 0)
-        await stays.do("declare", parameters={"number": 0})
         await stays.do("client", name=names["ours"], type=BASIC)
         await stays.do("client", name=names["both_for_them"], type=BASIC)
         await stays.do("action_client", name=names["goals_ours"], type=FIBONACCI)
@@ -124,23 +122,6 @@ class Soak:
         key, order = f"goal{number}", number % 100
         assert await self.stays.do("send_goal", name=self.names["goals_ours"], key=key, goal={"order": order})
         assert (await self.stays.do("result", key=key))["result"] == {"sequence": [order]}
-
-    def our_parameters(self) -> Callable[[int], Awaitable[None]]:
-        remote = self.ours.create_parameter_client(f"/{self.stays.name}")
-
-        async def set_and_get(number: int) -> None:
-            await remote.set({"number": number}, timeout_s=WAIT_S)
-            assert await remote.get(["number"], timeout_s=WAIT_S) == [number]
-
-        return set_and_get
-
-    async def their_parameters(self, number: int) -> None:
-        node = self.ours.fully_qualified_name
-        (answer,) = (await self.stays.do("remote", node=node, method="set_parameters", argument={"number": number}))[
-            "results"
-        ]
-        assert answer["successful"]
-        assert self.ours.get_parameter("number") == number
 
     async def repeat(self, name: str, once: Callable[[int], Awaitable[None]]) -> None:
         """Repeat an activity until the end."""
@@ -206,8 +187,6 @@ async def test_soak_nothing_that_was_answered_is_lost(
         "their calls to both": soak.their_calls("both_for_them"),
         "our goals": soak.our_goals(),
         "their goals": soak.their_goals,
-        "our parameters": soak.our_parameters(),
-        "their parameters": soak.their_parameters,
     }
     tasks = [asyncio.ensure_future(soak.repeat(name, once)) for name, once in work.items()]
     tasks.append(asyncio.ensure_future(soak.kill(start_mortal)))

@@ -11,7 +11,7 @@ from rclpy_peer import Peer
 from support.node_fixtures import until
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.runtime import Node, QoSProfile, SubscriptionEventCallbacks
+from rosidl_py_gen.runtime import Node, QoSProfile
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ TYPES = [
             *("Defaults", "Empty", "MultiNested", "Nested", "Strings", "UnboundedSequences", "WStrings"),
         )
     ),
+    pytest.param("test_msgs/msg/NonKeyedWithNestedKey", marks=pytest.mark.only_with("kilted")),
 ]
 KEYED = ["test_msgs/msg/KeyedLong", "test_msgs/msg/KeyedString", "test_msgs/msg/ComplexNestedKey"]
 MEGABYTE = 1_048_576
@@ -57,30 +58,18 @@ DEEP = QoSProfile().keep_last(100)
 THEIR_DEEP = {"depth": 100}
 
 
-async def exchange(node: Node, peer: Peer, name: str, sent: list[dict[str, Any]]) -> None:
-    cls = message(peer, name)
-    topic, back = fresh("to_them"), fresh("to_us")
-    publisher = await matched_publisher(node, peer, cls, topic, DEEP, THEIR_DEEP)
-    for values in sent:
-        publisher.publish(from_dict(cls, values))
-    assert await peer.do("take", topic=topic, count=len(sent)) == sent
-    subscription = await matched_subscription(node, peer, cls, back, DEEP, THEIR_DEEP)
-    await peer.do("publish", topic=back, messages_=sent)
-    arrived = [await subscription.receive(timeout_s=10) for _ in sent]
-    assert [plain(one) for one in arrived] == sent
-    publisher.close()
-    subscription.close()
-
-
 @pytest.mark.parametrize("name", TYPES)
 async def test_random_messages_arrive_as_sent(dds: Any, shared_peer: Peer, name: str) -> None:
-    await exchange(dds.node("tester"), shared_peer, name, random_values(shared_peer.share, name))
-
-
-@pytest.mark.only_with("kilted")  # Jazzy's test_msgs have no keys
-async def test_a_key_of_a_nested_message_alone_makes_no_difference(dds: Any, shared_peer: Peer) -> None:
-    name = "test_msgs/msg/NonKeyedWithNestedKey"
-    await exchange(dds.node("tester"), shared_peer, name, random_values(shared_peer.share, name))
+    node, sent = dds.node("tester"), random_values(shared_peer.share, name)
+    cls = message(shared_peer, name)
+    topic, back = fresh("to_them"), fresh("to_us")
+    publisher = await matched_publisher(node, shared_peer, cls, topic, DEEP, THEIR_DEEP)
+    for values in sent:
+        publisher.publish(from_dict(cls, values))
+    assert await shared_peer.do("take", topic=topic, count=len(sent)) == sent
+    subscription = await matched_subscription(node, shared_peer, cls, back, DEEP, THEIR_DEEP)
+    await shared_peer.do("publish", topic=back, messages_=sent)
+    assert [plain(await subscription.receive(timeout_s=10)) for _ in sent] == sent
 
 
 async def test_endpoints_are_found_after_peers_told_each_other_their_types(
@@ -202,27 +191,3 @@ async def test_a_busy_subscriber_keeps_the_newest(dds: Any, shared_peer: Peer) -
     many = [{"data": f"message {number}"} for number in range(500)]
     await shared_peer.do("publish", topic=topic, messages_=many)
     await until(lambda: subscription.latest() == from_dict(cls, last))
-
-
-QOS_PAIRS = [
-    ("best effort to reliable", {"reliability": "BEST_EFFORT"}, QoSProfile().reliable(), False),
-    ("reliable to best effort", {"reliability": "RELIABLE"}, QoSProfile().best_effort(), True),
-    ("volatile to transient local", {"durability": "VOLATILE"}, QoSProfile().transient_local(), False),
-    ("transient local to volatile", {"durability": "TRANSIENT_LOCAL"}, QoSProfile().volatile(), True),
-    ("automatic to manual", {"liveliness": "AUTOMATIC"}, QoSProfile().manual_liveliness(), False),
-]
-
-
-@pytest.mark.parametrize(
-    ("offered", "requested", "is_match"), [row[1:] for row in QOS_PAIRS], ids=[r[0] for r in QOS_PAIRS]
-)
-async def test_policies_decide_who_is_matched(
-    dds: Any, shared_peer: Peer, offered: dict[str, Any], requested: QoSProfile, is_match: bool
-) -> None:
-    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
-    topic, incompatible = fresh("policies"), list[Any]()
-    events = SubscriptionEventCallbacks(incompatible_qos=incompatible.append)
-    subscription = node.create_subscription(cls, topic, qos=requested, event_callbacks=events)
-    await shared_peer.do("publisher", topic=topic, type="std_msgs/msg/String", qos=offered)
-    await until(lambda: subscription.publisher_count > 0 or incompatible)
-    assert (subscription.publisher_count > 0, incompatible == []) == (is_match, is_match)

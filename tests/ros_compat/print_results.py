@@ -1,7 +1,4 @@
-"""``python print_results.py program.py [ours]``: print the results of a program's expressions as JSON.
-
-It runs in the Python that has rclpy, and with ``ours`` in one that has ours.
-"""
+"""``print_results.py program.py``: print the results of a program's expressions as JSON, under either rclpy."""
 
 from __future__ import annotations
 
@@ -48,9 +45,5 @@ def results_of(source: str, name: str) -> dict[int, tuple[str, str]]:
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     path = Path(sys.argv[1])
-    if sys.argv[2:] == ["ours"]:
-        from install_rclpy import install
-
-        install()
     result = results_of(path.read_text(encoding="utf-8"), path.name)
     print("\n" + json.dumps(result))

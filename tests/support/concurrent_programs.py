@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
 from collections.abc import Awaitable, Callable, Iterable
+from pathlib import Path
 from typing import TypeVar
 
-from support.node_fixtures import new_domain_id
+from support.environments import rclpy_python
+from support.node_fixtures import DOMAINS, ROOT, new_domain_id
+from support.program_processes import RUN, run_in_domain
 
 T = TypeVar("T")
+Both = tuple[subprocess.CompletedProcess[str], subprocess.CompletedProcess[str]]
+"""Ends of a program under real rclpy and under ours."""
 AT_ONCE = 3
 _domains: list[int] = []
 
@@ -31,3 +37,16 @@ async def at_once(jobs: Iterable[Callable[[int], Awaitable[T]]]) -> list[T | Bas
             free.put_nowait(domain)
 
     return await asyncio.gather(*map(one, jobs), return_exceptions=True)
+
+
+def run_under_both(programs: Iterable[list[str | Path]]) -> list[Both | BaseException]:
+    """Run programs under real rclpy on Fast DDS and under ours on Cyclone DDS."""
+    real, ours = [rclpy_python()], [*RUN, "--path", ROOT / "tests" / "interfaces"]
+
+    def job(program: list[str | Path]) -> Callable[[int], Awaitable[Both]]:
+        return lambda domain: asyncio.gather(
+            asyncio.to_thread(run_in_domain, [*real, *program], domain, "rmw_fastrtps_cpp"),
+            asyncio.to_thread(run_in_domain, [*ours, *program], domain + DOMAINS, "rmw_cyclonedds_cpp"),
+        )
+
+    return asyncio.run(at_once(map(job, programs)))

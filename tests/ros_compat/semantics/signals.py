@@ -69,37 +69,6 @@ if mode == "int_spin":
     show(node.destroy_node)
     show(rclpy.shutdown)
     show(rclpy.try_shutdown)
-if mode == "term_spin":
-    later(signal.SIGTERM)
-    show(lambda: rclpy.spin(node))
-    show(rclpy.try_shutdown)
-if mode == "int_thread":
-    out = []
-
-    def run():
-        e = SingleThreadedExecutor()
-        e.add_node(node)
-        try:
-            e.spin()
-            out.append("returned")
-        except BaseException as x:
-            out.append(type(x).__name__)
-
-    t = threading.Thread(target=run)
-    t.start()
-    later(signal.SIGINT)
-    show(sleep_until_the_signal)
-    t.join(5)
-    print(out, t.is_alive())
-if mode == "reinit":
-    rclpy.shutdown()
-    rclpy.init()
-    n = Node("two")
-    show(lambda: rclpy.spin_once(n, timeout_sec=0.1))
-    n.destroy_node()
-    rclpy.shutdown()
-    show(rclpy.shutdown)
-    show(rclpy.try_shutdown)
 if mode == "options":
     print(g() == O.ALL)
     uninstall_signal_handlers()
@@ -112,14 +81,6 @@ if mode == "options":
     os.kill(os.getpid(), signal.SIGTERM)
     print(hits, rclpy.ok())
     rclpy.shutdown()
-if mode == "chained":
-    rclpy.shutdown()
-    hits = []
-    signal.signal(signal.SIGINT, lambda *a: hits.append(1))
-    rclpy.init()
-    os.kill(os.getpid(), signal.SIGINT)
-    until(lambda: not rclpy.ok())
-    print(hits, rclpy.ok())
 if mode == "spin_again_after":
     executors = [SingleThreadedExecutor(), MultiThreadedExecutor()]
     rclpy.spin_once(node, timeout_sec=0.01)  # makes the global executor
@@ -134,13 +95,5 @@ if mode == "spin_again_after":
         for executor in executors:
             show(partial(executor.spin_once, timeout_sec=limit))
             show(executor.spin)
-if mode == "spin_after":
-    later(signal.SIGINT)
-    try:
-        sleep_until_the_signal()
-    except KeyboardInterrupt:
-        while rclpy.ok():
-            time.sleep(0.01)
     show(lambda: rclpy.spin(node))
-    show(lambda: rclpy.spin_once(node, timeout_sec=0.1))
     show(SingleThreadedExecutor)

@@ -17,7 +17,6 @@ from typing import Any
 import rclpy
 import rclpy.logging
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -68,6 +67,8 @@ def nobody_spins():
     spin_until(lambda: len(got) >= 3)
     rclpy.spin_once(node, timeout_sec=0.1)
     print(got)
+    node.create_service(SetBool, "flip", lambda q, r: r)
+    print(node.create_client(SetBool, "flip").call(SetBool.Request(), timeout_sec=0.2))
 
 
 def one_at_a_time():
@@ -100,10 +101,13 @@ def order():
     timer = node.create_timer(0.05, lambda: (got.append("timer"), timer.cancel()), group)
     pub.publish(String())
     cli.call_async(SetBool.Request())
-    guard.trigger()
+    for _ in range(3):
+        guard.trigger()  # called back once
     let_arrive()
     spin_until(lambda: len(got) >= 4)
-    print(got)
+    rclpy.spin_once(node, timeout_sec=0.1)
+    print(got, node.destroy_guard_condition(guard))
+    show(guard.trigger)
 
 
 def nested():
@@ -197,25 +201,6 @@ def futures_in_asyncio():
     print(inner.exception())
 
 
-def timers():
-    hits = []
-    t = node.create_timer(1.0, lambda: hits.append(1))
-    print(t.is_ready(), t.is_canceled(), t.time_until_next_call() > 0)
-    time.sleep(3.5)  # three and a half periods
-    print(t.is_ready(), t.time_until_next_call() < 0)
-    rclpy.spin_once(node, timeout_sec=0)
-    rclpy.spin_once(node, timeout_sec=0)
-    print(len(hits), t.is_ready(), t.time_until_next_call() > 0)
-    t.cancel()
-    print(t.is_canceled(), t.is_ready(), t.time_until_next_call())
-    t.reset()
-    print(t.is_canceled(), t.time_until_next_call() > 5 * 10**8)
-    node.destroy_timer(t)
-    show(t.is_ready)
-    show(lambda: t.timer_period_ns)
-    show(lambda: node.create_timer(-1.0, print))
-
-
 def topics():
     for qos in (None, 1.5):
         show(lambda qos=qos: node.create_publisher(String, "t", qos) and None)
@@ -230,19 +215,6 @@ def topics():
     show(lambda: s.get_publisher_count())
     print(node.destroy_publisher(p))
     show(p.destroy)
-
-
-def groups():
-    g = node.default_callback_group
-    print(type(g).__name__)
-    s = node.create_subscription(String, "u", lambda message: None, 1)
-    print(g.has_entity(s), g.can_execute(s))
-    h = ReentrantCallbackGroup()
-    t = node.create_timer(1.0, print, h)
-    print(h.has_entity(t), g.has_entity(t))
-    print(g.beginning_execution(s), g.can_execute(s), g.beginning_execution(s))
-    g.ending_execution(s)
-    print(g.can_execute(s))
 
 
 def weak_nodes():
@@ -276,28 +248,6 @@ def created_while_spinning():
     print(cleared.wait(5), hit.wait(5))
     ex.shutdown()
     th.join()
-
-
-def events():
-    got = []
-
-    def matched(e):
-        got.append((e.total_count, e.total_count_change, e.current_count, e.current_count_change))
-
-    def incompatible(e):
-        got.append(("qos", e.total_count, e.total_count_change, int(e.last_policy_kind)))
-
-    callbacks = PublisherEventCallbacks(matched=matched, incompatible_qos=incompatible)
-    p = node.create_publisher(String, "ev", 10, event_callbacks=callbacks)
-    print(len(p.event_handlers), len(list(node.waitables)) >= 3)
-    s = node.create_subscription(String, "ev", print, 10)
-    spin_until(lambda: len(got) == 1)
-    node.destroy_subscription(s)
-    spin_until(lambda: len(got) == 2)
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    node.create_subscription(String, "ev", print, latched)
-    spin_until(lambda: len(got) == 3)
-    print(got, node.destroy_publisher(p))
 
 
 def mismatches_are_logged():
