@@ -50,7 +50,7 @@ OTHER_VALUES = {
 """Reason -> constants whose values differ."""
 MORE = {
     "the result of `init` since Kilted": ("rclpy.InitContextManager",),
-    "moved out of `rclpy.node`": ("rclpy.node_entities", "rclpy.node_graph", "rclpy.node_parameters"),
+    "moved out of `rclpy.node`": ("rclpy.node_entities", "rclpy.node_parameters"),
     "replacements of C code": (
         "rclpy.entity_execution",
         "rclpy.handles",
@@ -60,8 +60,6 @@ MORE = {
         "rclpy.impl.pending_requests",
         "rclpy.incompatible_peers",
         "rclpy.lifecycle.node.LifecycleStateMachine",
-        "rclpy.ready_scan",
-        "rclpy.task.EntityTask",
     ),
     "replacements of C classes and functions": (
         "rclpy.clock.ClockHandle.is_valid",

@@ -22,12 +22,11 @@ INTERNAL = (
     "rclpy.entity_execution",
     "rclpy.handles",
     "rclpy.incompatible_peers",
-    "rclpy.ready_scan",
     "rclpy.impl.",
     "rosidl_runtime_py",
 )
 """Modules whose classes programs neither derive from nor get."""
-INTERNAL_CLASSES = {"TimerHandle", "ClockHandle", "EventHandle", "GuardConditionHandle", "WaitSet", "EntityTask"}
+INTERNAL_CLASSES = {"TimerHandle", "ClockHandle", "EventHandle", "GuardConditionHandle", "WaitSet"}
 INTERNAL_CLASSES |= {
     "LifecycleStateMachine",
     "_OldName",
@@ -44,7 +43,6 @@ OF_COMPANIONS = {
 
 PARTS = {
     "NodeEntities": ["Node"],
-    "NodeGraph": ["Node"],
     "NodeParameters": ["Node"],
     "ActionWaitable": ["ActionClient", "ActionServer"],
     "SingleThreadedExecutor": ["Executor"],

@@ -1,4 +1,7 @@
-"""Execution of a ready entity by an executor: one item is taken, and the callback called with it."""
+"""Search for the ready entities of nodes, and their execution: one item is taken, and the callback called with it.
+
+The search runs for each message, before and after an executor waits, so endpoints without an arrival are skipped.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,76 @@ from typing import TYPE_CHECKING, Any
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from rclpy.service import Service
+from rclpy.waitable import WaitSet
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Coroutine
+    from collections.abc import Awaitable, Callable, Coroutine, Iterable
 
     from rclpy.executors import Executor
+    from rclpy.node import Node
+
+    ReadyEntities = list[tuple[Any, Node]]
+
+_KINDS = ("subscriptions", "guards", "clients", "services")
+"""Kinds of entities in rclpy's order, between timers and waitables."""
+
+
+def find_ready_entities(
+    nodes: Iterable[Node], can_execute: Callable[[Any], bool]
+) -> tuple[ReadyEntities, float | None, bool]:
+    """Return the ready entities that may run, except waitables, node by node in rclpy's order.
+
+    Returns:
+        The entities; the seconds until the next timer, None if no timer will be due without another event; and True if
+            there are waitables.
+    """
+    ready: ReadyEntities = []
+    min_wait_s: float | None = None
+    has_waitables = False
+    for node in nodes:
+        entities, marked_kinds = node._rosidl_entity_lists, node.handle.marked_kinds
+        for timer in tuple(entities["timers"]):
+            if timer._rosidl_is_ready():
+                if can_execute(timer):
+                    ready.append((timer, node))
+                continue
+            wait_s = timer.handle.max_wait_s()
+            if wait_s is not None and (min_wait_s is None or wait_s < min_wait_s) and can_execute(timer):
+                min_wait_s = wait_s
+        kinds = {"guards"} if entities["guards"] else set()
+        # Popped one at a time, because other threads add kinds; entities that stay ready add theirs again.
+        while marked_kinds:
+            kinds.add(marked_kinds.pop())
+        for kind in _KINDS if len(kinds) > 1 else kinds:
+            if kind in kinds:
+                for entity in tuple(entities[kind]):
+                    if entity._rosidl_is_ready() and can_execute(entity):
+                        ready.append((entity, node))
+        if entities["waitables"]:
+            has_waitables = True
+    return ready, min_wait_s, has_waitables
+
+
+def find_ready_waitables(nodes: Iterable[Node], can_execute: Callable[[Any], bool]) -> ReadyEntities:
+    """Return the ready waitables; called once for each scan, because the check may change them."""
+    ready: ReadyEntities = []
+    wait_set: WaitSet | None = None
+    for node in nodes:
+        for waitable in tuple(node._rosidl_entity_lists["waitables"]):
+            queue = waitable._rosidl_queue
+            if (queue is not None and not queue) or not can_execute(waitable):
+                continue
+            if wait_set is None:
+                wait_set = WaitSet()
+            try:
+                with waitable:
+                    waitable.add_to_wait_set(wait_set)
+                    if waitable.is_ready(wait_set):
+                        ready.append((waitable, node))
+            except InvalidHandle:
+                continue
+    return ready
 
 
 def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Coroutine[Any, Any, None] | None:

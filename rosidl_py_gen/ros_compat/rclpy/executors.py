@@ -19,14 +19,13 @@ from rclpy.client import Client
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
-from rclpy.entity_execution import execute_entity
+from rclpy.entity_execution import execute_entity, find_ready_entities, find_ready_waitables
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.guard_condition import GuardCondition
-from rclpy.ready_scan import find_ready_entities, find_ready_waitables
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.subscription import Subscription
-from rclpy.task import EntityTask, Future, Task, await_or_execute
+from rclpy.task import Future, Task, await_or_execute
 from rclpy.timer import Timer
 from rclpy.utilities import get_default_context, timeout_sec_to_nsec
 from rclpy.waitable import NumberOfEntities, Waitable
@@ -199,11 +198,15 @@ class Executor:
         raise NotImplementedError
 
     def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
-        return EntityTask(
-            self,
-            lambda: execute_entity(self, entity, self._is_shutdown),
-            lambda task: self._rosidl_retain_task(task, entity, node),
-        )
+        async def execute() -> None:
+            continuation = execute_entity(self, entity, self._is_shutdown)
+            if continuation is not None:
+                self._rosidl_retain_task(task, entity, node)
+                await continuation
+
+        task: Task[Any] = Task(execute, executor=self)
+        task._rosidl_is_dispatched = True
+        return task
 
     def _rosidl_retain_task(self, task: Task[Any], entity: Any, node: Node | None) -> None:
         with self._tasks_lock:

@@ -1,6 +1,6 @@
 """Expansion of topic and service names."""
 
-from rclpy.impl.names import namespace_error, node_name_error, topic_name_error
+from rclpy.impl.names import name_error
 from rosidl_py_gen import InvalidNameError, runtime
 
 
@@ -10,13 +10,9 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
     Raises:
         ValueError: one of the three arguments is invalid.
     """
-    for kind, name, error in (
-        ("topic name", topic_name, topic_name_error(topic_name)),
-        ("node name", node_name, node_name_error(node_name)),
-        ("node namespace", node_namespace, namespace_error(node_namespace)),
-    ):
-        if error is not None:
-            raise ValueError(f"{kind} '{name}' is invalid: {error[0]}")
+    for kind, name in (("topic name", topic_name), ("node name", node_name), ("namespace", node_namespace)):
+        if error := name_error(kind, name):
+            raise ValueError(f"{kind.replace('namespace', 'node namespace')} '{name}' is invalid: {error[0]}")
     try:
         return runtime.expand_name(topic_name, node_name, node_namespace)
     except InvalidNameError as invalid:

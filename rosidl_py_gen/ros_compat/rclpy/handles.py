@@ -178,8 +178,8 @@ class Handle(Destroyable, Generic[C]):
     Attributes:
         logger_name: name of the node's logger.
         events: queues of reported events, by number.
-        marked_kinds: for a node, the kinds of its endpoints (indices in `ready_scan.NodeEntityLists`) of which some may
-            be ready. Executors check no other endpoints.
+        marked_kinds: for a node, the kinds of its endpoints, such as ``clients``, of which some may be ready. Executors
+            check no other endpoints.
     """
 
     def __init__(
@@ -189,7 +189,7 @@ class Handle(Destroyable, Generic[C]):
         parent: Destroyable | None = None,
         *,
         logger_name: str = "",
-        kind: int = 0,
+        kind: str = "",
     ) -> None:
         super().__init__(parent)
         self.context = context
@@ -199,11 +199,11 @@ class Handle(Destroyable, Generic[C]):
         self.watched_endpoint: WatchedEndpoint | None = None
         self._has_more: Callable[[], bool] = lambda: False
         self._may_be_ready = False
-        self.marked_kinds: set[int] = set()
+        self.marked_kinds: set[str] = set()
         self._kind = kind
         self._node = parent if isinstance(parent, Handle) else None
 
-    def create_endpoint_handle(self, entity: Any, kind: int) -> Handle[Any]:
+    def create_endpoint_handle(self, entity: Any, kind: str) -> Handle[Any]:
         """Return the handle of an endpoint of this node, which the endpoint notifies of arrivals."""
         handle: Handle[Any] = Handle(self.context, entity, self, logger_name=self.logger_name, kind=kind)
         if hasattr(entity, "on_ready"):

@@ -20,35 +20,30 @@ class WatchedEndpoint:
         node: node that reads the graph.
         entity: the publisher or subscription.
         queues: queues of events by kind of `runtime.Mismatch`, ``"qos"`` or ``"type"``; peer kinds are not recorded.
-        known_peers: incompatible peers that were found.
+        known_peers: incompatible peers that were found, and their kinds of `runtime.Mismatch`.
     """
 
     node: runtime.Node
     entity: Any
     queues: dict[str, deque[Any]]
-    known_peers: set[bytes] = field(default_factory=set)
-    _peer_counts: dict[str, int] = field(default_factory=dict)
+    known_peers: dict[bytes, str] = field(default_factory=dict)
 
     def poll(self) -> None:
         """Append an event for each new incompatible peer."""
         gid = self.entity.gid
         for mismatch in self.node.incompatible_endpoints_of_topic(self.entity.topic):
             writer, reader, kind = mismatch.writer, mismatch.reader, mismatch.kind
-            pair = writer.endpoint_gid, reader.endpoint_gid
-            if gid not in pair:
+            gids = writer.endpoint_gid, reader.endpoint_gid
+            peer = gids[0] if gids[1] == gid else gids[1]
+            if gid not in gids or peer in self.known_peers:
                 continue
-            peer = pair[0] if pair[1] == gid else pair[1]
-            if peer in self.known_peers:
-                continue
-            self.known_peers.add(peer)
-            if kind not in self.queues:
-                continue
-            self._peer_counts[kind] = total = self._peer_counts.get(kind, 0) + 1
-            policy = runtime.QoSPolicyKind.INVALID
-            if kind == "qos":
-                policy = next(iter(runtime.check_compatible(writer.qos_profile, reader.qos_profile).policies), policy)
-            status = runtime.IncompatibleStatus(total, 1, mismatch.reason, policy)
-            self.queues[kind].append(to_rclpy_status(status))
+            self.known_peers[peer] = kind
+            if kind in self.queues:
+                total = list(self.known_peers.values()).count(kind)
+                policies = runtime.check_compatible(writer.qos_profile, reader.qos_profile).policies
+                policy = policies[0] if kind == "qos" and policies else runtime.QoSPolicyKind.INVALID
+                status = runtime.IncompatibleStatus(total, 1, mismatch.reason, policy)
+                self.queues[kind].append(to_rclpy_status(status))
 
 
 def to_rclpy_status(status: Any) -> Any:

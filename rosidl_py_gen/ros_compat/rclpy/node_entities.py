@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rclpy import ready_scan
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client
@@ -49,57 +48,42 @@ class NodeEntities:
 
     def _rosidl_init_entities(self) -> None:
         # Some programs read rclpy's private attributes (`_timers`), others store values of other types in them. So each
-        # list has two attributes; the code here uses `_rosidl_timers` and so on.
-        self._rosidl_publishers: list[Publisher] = []
-        self._rosidl_subscriptions: list[Subscription] = []
-        self._rosidl_clients: list[Client] = []
-        self._rosidl_services: list[Service] = []
-        self._rosidl_timers: list[Timer] = []
-        self._rosidl_guards: list[GuardCondition] = []
-        self._rosidl_waitables: list[Waitable] = []
-        self._rosidl_entity_lists = ready_scan.NodeEntityLists(
-            self.handle,
-            self._rosidl_timers,
-            self._rosidl_subscriptions,
-            self._rosidl_guards,
-            self._rosidl_clients,
-            self._rosidl_services,
-            self._rosidl_waitables,
-        )
+        # list is stored twice; the code here uses `_rosidl_entity_lists`.
+        self._rosidl_entity_lists: dict[str, list[Any]] = {kind: [] for kind in (*_KINDS, "waitables")}
         self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
         for kind in _KINDS:
-            setattr(self, f"_{kind}", getattr(self, f"_rosidl_{kind}"))
+            setattr(self, f"_{kind}", self._rosidl_entity_lists[kind])
         self._default_callback_group, self._rate_group = self._rosidl_group, self._rosidl_rate_group
 
     @property
     def publishers(self) -> Iterator[Publisher]:
         """Publishers of the node; the properties below are analogous."""
-        yield from self._rosidl_publishers
+        yield from self._rosidl_entity_lists["publishers"]
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        yield from self._rosidl_subscriptions
+        yield from self._rosidl_entity_lists["subscriptions"]
 
     @property
     def clients(self) -> Iterator[Client]:
-        yield from self._rosidl_clients
+        yield from self._rosidl_entity_lists["clients"]
 
     @property
     def services(self) -> Iterator[Service]:
-        yield from self._rosidl_services
+        yield from self._rosidl_entity_lists["services"]
 
     @property
     def timers(self) -> Iterator[Timer]:
-        yield from self._rosidl_timers
+        yield from self._rosidl_entity_lists["timers"]
 
     @property
     def guards(self) -> Iterator[GuardCondition]:
-        yield from self._rosidl_guards
+        yield from self._rosidl_entity_lists["guards"]
 
     @property
     def waitables(self) -> Iterator[Waitable]:
-        yield from self._rosidl_waitables
+        yield from self._rosidl_entity_lists["waitables"]
 
     @property
     def default_callback_group(self) -> CallbackGroup:
@@ -129,13 +113,13 @@ class NodeEntities:
             group.add_entity(entity)
         for entities in self._rosidl_lists_of_kind(kind):
             entities.append(entity)
-        self._rosidl_waitables += getattr(entity, "event_handlers", ())
+        self._rosidl_entity_lists["waitables"] += getattr(entity, "event_handlers", ())
         self._rosidl_wake_executor()
         return entity
 
     def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
         """Return the list of entities, and the list that the program has stored in rclpy's attribute instead."""
-        own_list, program_list = getattr(self, f"_rosidl_{kind}"), getattr(self, f"_{kind}", None)
+        own_list, program_list = self._rosidl_entity_lists[kind], getattr(self, f"_{kind}", None)
         if isinstance(program_list, list) and program_list is not own_list:
             return [own_list, program_list]
         return [own_list]
@@ -201,7 +185,7 @@ class NodeEntities:
             try:
                 with context.creation_lock, denied_as_rcl_error():
                     endpoint = create(qos=profile.get_c_qos_profile(), event_callbacks=runtime_callbacks)
-                    handle = self.handle.create_endpoint_handle(endpoint, ready_scan.SUBSCRIPTIONS)
+                    handle = self.handle.create_endpoint_handle(endpoint, "subscriptions")
             except runtime.UnsupportedEventError as error:
                 raise UnsupportedEventTypeError(str(error)) from error
             handle.events = queues
@@ -263,7 +247,7 @@ class NodeEntities:
         with self.handle, denied_as_rcl_error():
             _, node = self._rosidl_require_ok()
             handle = self.handle.create_endpoint_handle(
-                node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), ready_scan.CLIENTS
+                node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), "clients"
             )
         client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
         return self._rosidl_register(client, group, "clients")
@@ -288,7 +272,7 @@ class NodeEntities:
         with self.handle, denied_as_rcl_error():
             _, node = self._rosidl_require_ok()
             entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
-            handle = self.handle.create_endpoint_handle(entity, ready_scan.SERVICES)
+            handle = self.handle.create_endpoint_handle(entity, "services")
         service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
         return self._rosidl_register(service, group, "services")
 
@@ -335,12 +319,12 @@ class NodeEntities:
 
     def add_waitable(self, waitable: Waitable) -> None:
         """Make the executor wait for an object of the program."""
-        self._rosidl_waitables.append(waitable)
+        self._rosidl_entity_lists["waitables"].append(waitable)
         self._rosidl_wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
         """Undo `add_waitable`."""
-        self._rosidl_waitables.remove(waitable)
+        self._rosidl_entity_lists["waitables"].remove(waitable)
         self._rosidl_wake_executor()
 
     def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
@@ -351,7 +335,7 @@ class NodeEntities:
             if entity in entities:
                 entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
-            self._rosidl_waitables.remove(handler)
+            self._rosidl_entity_lists["waitables"].remove(handler)
         try:
             entity.destroy()
         except InvalidHandle:

@@ -238,40 +238,6 @@ class Task(Future[T]):
         super().cancel()
 
 
-class EntityTask(Task[None]):
-    """Task whose function may return a coroutine, which the task then runs and the executor retains."""
-
-    def __init__(
-        self,
-        executor: Executor,
-        start: Callable[[], Coroutine[Any, Any, None] | None],
-        retain: Callable[[Task[Any]], None],
-    ) -> None:
-        Future.__init__(self, executor=executor)
-        self._handler, self._args, self._kwargs = start, (), {}
-        self._executing, self._rosidl_is_dispatched, self._rosidl_awaited_future = False, True, None
-        self._task_lock = threading.Lock()
-        self._rosidl_retain: Callable[[Task[Any]], None] | None = retain
-
-    def _rosidl_step(self) -> None:
-        retain, self._rosidl_retain = self._rosidl_retain, None
-        if retain is not None:
-            assert callable(self._handler)
-            try:
-                continuation = self._handler()
-            except Exception as error:
-                self._handler = None
-                self.set_exception(error)
-                return
-            if continuation is None:
-                self._handler = None
-                self.set_result(None)
-                return
-            self._handler = continuation
-            retain(self)
-        super()._rosidl_step()
-
-
 def _no_executor() -> None:
     """Take the place of a dead weak reference."""
 

@@ -82,12 +82,6 @@ class TimerHandle(Destroyable):
     def time_since_last_call(self) -> int:
         return self._now_ns() - self._last_ns
 
-    def change_timer_period(self, period_ns: int) -> None:
-        """Set the period from the next call on; a call that is already due stays due."""
-        if period_ns < 0:
-            raise RCLError("failed to exchange timer period: timer period must be non-negative")
-        self.period_ns = period_ns
-
     def cancel_timer(self) -> None:
         self.canceled = True
         self._context.notify()
@@ -165,8 +159,11 @@ class Timer:
 
     @timer_period_ns.setter
     def timer_period_ns(self, value: int) -> None:
-        with self._rosidl_timer:
-            self._rosidl_timer.change_timer_period(int(value))
+        period_ns = int(value)
+        with self._rosidl_timer as timer:
+            if period_ns < 0:
+                raise RCLError("failed to exchange timer period: timer period must be non-negative")
+            timer.period_ns = period_ns
 
     def is_ready(self) -> bool:
         """Return True if a call is due."""

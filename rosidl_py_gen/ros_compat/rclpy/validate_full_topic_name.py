@@ -3,12 +3,10 @@
 from typing import Literal
 
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
-from rclpy.impl.names import full_topic_name_error
+from rclpy.impl.names import require_valid
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid name; raise InvalidTopicNameException or InvalidServiceNameException."""
-    fault = full_topic_name_error(name)
-    if fault is not None:
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *fault)
-    return True
+    error = InvalidServiceNameException if is_service else InvalidTopicNameException
+    return require_valid("full topic name", name, error)

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
-from rclpy.impl.names import topic_name_error
+from rclpy.impl.names import require_valid
 
 TOPIC_SEPARATOR_STRING = "/"
 
@@ -14,7 +14,5 @@ def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]
     Raises:
         InvalidTopicNameException, InvalidServiceNameException: the name is invalid.
     """
-    fault = topic_name_error(name)
-    if fault is not None:
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *fault)
-    return True
+    error = InvalidServiceNameException if is_service else InvalidTopicNameException
+    return require_valid("topic name", name, error)

@@ -2,8 +2,7 @@
 
 from typing import List, Tuple
 
-from rclpy.node import Node
-from rclpy.node_graph import _NamesAndTypes
+from rclpy.node import Node, _NamesAndTypes
 
 _TOPIC_SUFFIX = "/_action/feedback"
 _TYPE_SUFFIX = "_FeedbackMessage"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from typing import Literal
 
 from rosidl_py_gen.runtime._rclpy_support import (
     NameFault,
@@ -13,49 +15,72 @@ from rosidl_py_gen.runtime._rclpy_support import (
     find_node_name_fault,
 )
 
-_TOPIC_TEXTS: dict[NameRule, str] = {
-    NameRule.EMPTY: "topic name must not be empty string",
-    NameRule.TRAILING_SLASH: "topic name must not end with a forward slash",
-    NameRule.TOKEN_FIRST_DIGIT: "topic name token must not start with a number",
-    NameRule.CHARACTER: "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'",
-    NameRule.BRACES: "topic name must not have unmatched (unbalanced) curly braces '{}'",
-    NameRule.TILDE_PLACE: "topic name must not have tilde '~' unless it is the first character",
-    NameRule.TILDE_SLASH: "topic name must not have a tilde '~' that is not followed by a forward slash '/'",
-    NameRule.SUBSTITUTION: "substitution name must not contain characters other than alphanumerics or '_'",
+_RULES: dict[str, tuple[Callable[[str], NameFault | None], dict[NameRule, str]]] = {
+    "topic name": (
+        find_name_fault,
+        {
+            NameRule.EMPTY: "topic name must not be empty string",
+            NameRule.TRAILING_SLASH: "topic name must not end with a forward slash",
+            NameRule.TOKEN_FIRST_DIGIT: "topic name token must not start with a number",
+            NameRule.CHARACTER: "topic name must not contain characters other than alphanumerics,"
+            " '_', '~', '{', or '}'",
+            NameRule.BRACES: "topic name must not have unmatched (unbalanced) curly braces '{}'",
+            NameRule.TILDE_PLACE: "topic name must not have tilde '~' unless it is the first character",
+            NameRule.TILDE_SLASH: "topic name must not have a tilde '~' that is not followed by a forward slash '/'",
+            NameRule.SUBSTITUTION: "substitution name must not contain characters other than alphanumerics or '_'",
+        },
+    ),
+    "full topic name": (
+        find_full_name_fault,
+        {
+            NameRule.EMPTY: "topic name must not be empty",
+            NameRule.LEADING_SLASH: "topic name must be absolute, it must lead with a '/'",
+            NameRule.TRAILING_SLASH: "topic name must not end with a '/'",
+            NameRule.CHARACTER: "topic name must not contain characters other than alphanumerics, '_', or '/'",
+            NameRule.REPEATED_SLASH: "topic name must not contain repeated '/'",
+            NameRule.TOKEN_FIRST_DIGIT: "topic name must not have a token that starts with a number",
+            NameRule.LENGTH: "topic length should not exceed '255U - 8U'",
+        },
+    ),
+    "namespace": (
+        find_namespace_fault,
+        {
+            NameRule.EMPTY: "namespace must not be empty",
+            NameRule.LEADING_SLASH: "namespace must be absolute, it must lead with a '/'",
+            NameRule.TRAILING_SLASH: "namespace must not end with a '/', unless only a '/'",
+            NameRule.CHARACTER: "namespace must not contain characters other than alphanumerics, '_', or '/'",
+            NameRule.REPEATED_SLASH: "namespace must not contain repeated '/'",
+            NameRule.TOKEN_FIRST_DIGIT: "namespace must not have a token that starts with a number",
+            NameRule.LENGTH: "namespace should not exceed 'RMW_NAMESPACE_MAX_NAME_LENGTH'",
+        },
+    ),
+    "node name": (
+        find_node_name_fault,
+        {
+            NameRule.EMPTY: "node name must not be empty",
+            NameRule.CHARACTER: "node name must not contain characters other than alphanumerics or '_'",
+            NameRule.FIRST_DIGIT: "node name must not start with a number",
+            NameRule.LENGTH: "node name length should not exceed '255'",
+        },
+    ),
 }
-"""Rule of a name before expansion -> text of rcl. The tables below are analogous."""
-_FULL_TOPIC_TEXTS: dict[NameRule, str] = {
-    NameRule.LEADING_SLASH: "topic name must be absolute, it must lead with a '/'",
-    NameRule.TRAILING_SLASH: "topic name must not end with a '/'",
-    NameRule.CHARACTER: "topic name must not contain characters other than alphanumerics, '_', or '/'",
-    NameRule.REPEATED_SLASH: "topic name must not contain repeated '/'",
-    NameRule.TOKEN_FIRST_DIGIT: "topic name must not have a token that starts with a number",
-    NameRule.LENGTH: "topic length should not exceed '255U - 8U'",
-}
-_NAMESPACE_TEXTS: dict[NameRule, str] = {
-    NameRule.LEADING_SLASH: "namespace must be absolute, it must lead with a '/'",
-    NameRule.TRAILING_SLASH: "namespace must not end with a '/', unless only a '/'",
-    NameRule.CHARACTER: "namespace must not contain characters other than alphanumerics, '_', or '/'",
-    NameRule.REPEATED_SLASH: "namespace must not contain repeated '/'",
-    NameRule.TOKEN_FIRST_DIGIT: "namespace must not have a token that starts with a number",
-    NameRule.LENGTH: "namespace should not exceed 'RMW_NAMESPACE_MAX_NAME_LENGTH'",
-}
-_NODE_TEXTS: dict[NameRule, str] = {
-    NameRule.EMPTY: "node name must not be empty",
-    NameRule.CHARACTER: "node name must not contain characters other than alphanumerics or '_'",
-    NameRule.FIRST_DIGIT: "node name must not start with a number",
-    NameRule.LENGTH: "node name length should not exceed '255'",
-}
+"""Kind of name -> the runtime's check, and the text of rcl or rmw for each of its rules."""
 _VALID_IN_RCL_ONLY = re.compile(r"~[A-Za-z0-9_]|.*\{\}", re.DOTALL)
 """Names that rcl accepts: ``~x``, which it expands as ``~/x``, and ``{}``, which it refuses later."""
 
-Fault = tuple[str, int]
-"""Reason and index of an error in a name."""
 
+def name_error(kind: str, name: str) -> tuple[str, int] | None:
+    """Return reason and index of the error of a name, None if it is valid.
 
-def topic_name_error(name: str) -> Fault | None:
-    """Return the error of a topic or service name before expansion, None if it is valid."""
-    fault = find_name_fault(_require_str(name))
+    Args:
+        kind: ``topic name`` (also of services, before expansion), ``full topic name``, ``namespace`` or ``node name``.
+    """
+    if not isinstance(name, str):
+        raise TypeError(f"name must be a str, got {name!r:.100}")
+    find_fault, texts = _RULES[kind]
+    if not name:
+        return texts[NameRule.EMPTY], 0
+    fault = find_fault(name)
     if fault is None:
         return None
     index, rule, _ = fault
@@ -63,33 +88,12 @@ def topic_name_error(name: str) -> Fault | None:
         return "substitution name must not start with a number", index
     if rule in (NameRule.SUBSTITUTION, NameRule.TILDE_SLASH) and _VALID_IN_RCL_ONLY.match(name):
         return None
-    return _TOPIC_TEXTS[rule], index
+    return texts[rule], index
 
 
-def full_topic_name_error(name: str) -> Fault | None:
-    """Return the error of a fully qualified topic or service name, None if it is valid."""
-    if name == "":
-        return "topic name must not be empty", 0
-    return _with_text(find_full_name_fault(_require_str(name)), _FULL_TOPIC_TEXTS)
-
-
-def namespace_error(namespace: str) -> Fault | None:
-    """Return the error of a namespace that begins with ``/``, None if it is valid."""
-    if namespace == "":
-        return "namespace must not be empty", 0
-    return _with_text(find_namespace_fault(_require_str(namespace)), _NAMESPACE_TEXTS)
-
-
-def node_name_error(name: str) -> Fault | None:
-    """Return the error of a node name without namespace, None if it is valid."""
-    return _with_text(find_node_name_fault(_require_str(name)), _NODE_TEXTS)
-
-
-def _require_str(name: str) -> str:
-    if not isinstance(name, str):
-        raise TypeError(f"name must be a str, got {name!r:.100}")
-    return name
-
-
-def _with_text(fault: NameFault | None, texts: dict[NameRule, str]) -> Fault | None:
-    return None if fault is None else (texts[fault.rule], fault.position)
+def require_valid(kind: str, name: str, error: Callable[[str, str, int], Exception]) -> Literal[True]:
+    """Return True for a valid name; raise an exception with the name, the reason and the index for others."""
+    fault = name_error(kind, name)
+    if fault is not None:
+        raise error(name, *fault)
+    return True
