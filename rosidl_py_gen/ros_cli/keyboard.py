@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 _ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 _KEY = re.compile(rb"\x1b[\[O]([A-D])|( )")
 _INCOMPLETE_KEY = re.compile(rb"\x1b[\[O]?\Z")
-_FATAL_SIGNALS = "SIGHUP", "SIGQUIT"
-"""Signals that end this process immediately; SIGINT and SIGTERM end it in order."""
+_GIVING_UP = "SIGHUP", "SIGQUIT", "SIGTSTP"
+"""Signals that end or stop this process immediately; SIGINT and SIGTERM end it in order."""
 
 
 def keys_of(data: bytes) -> tuple[list[str], bytes]:
@@ -89,11 +89,11 @@ class _Terminal:
 
     def __enter__(self) -> None:
         if threading.current_thread() is threading.main_thread():
-            for name, handler in (
-                *((name, self._end) for name in _FATAL_SIGNALS),
-                ("SIGTSTP", self._stop),
-                ("SIGCONT", self._on_continue),
-            ):
+            handlers = {
+                **dict.fromkeys(_GIVING_UP, self._give_up),
+                "SIGCONT": lambda number, frame: self._set_raw_mode(),
+            }
+            for name, handler in handlers.items():
                 number = getattr(signal, name)
                 self._handlers[number] = signal.signal(number, handler)
         self._set_raw_mode()
@@ -104,30 +104,19 @@ class _Terminal:
         self._restore_mode()
 
     def _set_raw_mode(self) -> None:
-        if not _is_foreground(self._stream):
-            return
-        with suppress(self._termios.error):
-            raw = self._termios.tcgetattr(self._stream)
-            raw[3] &= ~(self._termios.ECHO | self._termios.ICANON)
-            raw[6] = [*raw[6]]
-            raw[6][self._termios.VMIN], raw[6][self._termios.VTIME] = 1, 0
-            self._termios.tcsetattr(self._stream, self._termios.TCSADRAIN, raw)
+        import tty
+
+        if _is_foreground(self._stream):
+            with suppress(self._termios.error):
+                tty.setcbreak(self._stream, self._termios.TCSADRAIN)
 
     def _restore_mode(self) -> None:
         if _is_foreground(self._stream):
             with suppress(self._termios.error):
                 self._termios.tcsetattr(self._stream, self._termios.TCSADRAIN, self._original_mode)
 
-    def _end(self, number: int, _: object) -> None:
+    def _give_up(self, number: int, _: object) -> None:
         self._restore_mode()
         signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)
-
-    def _stop(self, number: int, _: object) -> None:
-        self._restore_mode()
-        signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)  # returns after SIGCONT
-        signal.signal(number, self._stop)
-
-    def _on_continue(self, number: int, _: object) -> None:
-        self._set_raw_mode()
+        os.kill(os.getpid(), number)  # of SIGTSTP, returns after SIGCONT
+        signal.signal(number, self._give_up)

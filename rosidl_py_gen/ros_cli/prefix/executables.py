@@ -9,13 +9,12 @@ from __future__ import annotations
 import configparser
 import os
 import re
-import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
 from rosidl_py_gen.type_loading.share_folder import cmake_installs
 
@@ -30,50 +29,6 @@ BUNDLED: dict[str, dict[str, str]] = {
     "tf2_ros": {"static_transform_publisher": "rosidl_py_gen.robot.static_transform_publisher:main"},
 }
 """ROS packages whose executables are part of this package, each as ``module:function``."""
-
-
-_RUN_FUNCTION = """from {module} import {first}
-
-if __name__ == "__main__":
-    sys.exit({function}())
-"""
-_RUN_FILE = """__file__ = {file!a}
-sys.path.insert(0, {folder!a})
-with open(__file__, "rb") as _script:
-    _code = compile(_script.read(), __file__, "exec", dont_inherit=True)
-exec(_code)
-"""
-_MAX_SHEBANG = 120
-"""Maximum length of the first line of a program; Linux reads 127 bytes before 5.1."""
-
-
-@dataclass(frozen=True)
-class Executable:
-    """Script, or function of a module.
-
-    Attributes:
-        folder: first folder of `sys.path`.
-        function: name of the function, with dots for attributes, or None.
-    """
-
-    name: str
-    folder: Path
-    file: Path | None = None
-    module: str | None = None
-    function: str | None = None
-
-    def program(self) -> bytes:
-        """Return a program that runs the script in its folder, or ends with the function's result, with this Python."""
-        first = f"#!{sys.executable}"
-        if len(os.fsencode(first)) > _MAX_SHEBANG or any(map(str.isspace, first)) or not first.isascii():
-            quoted = sys.executable.replace("\\", "\\\\").replace('"', '\\"').replace("$", "\\$").replace("`", "\\`")
-            first = f"""#!/bin/sh\n'''exec' "{quoted}" "$0" "$@"\n' '''"""  # sh starts Python, for which it is a text
-        if self.file is not None:
-            text = _RUN_FILE.format(file=str(self.file), folder=str(self.file.parent))
-        else:
-            name = str(self.function)
-            text = _RUN_FUNCTION.format(module=self.module, first=name.partition(".")[0], function=name)
-        return os.fsencode(f"{first}\n# Written by rosidl-py prefix.\nimport sys\n\n{text}")
 
 
 def of_sources(folder: Path) -> dict[str, Executable]:

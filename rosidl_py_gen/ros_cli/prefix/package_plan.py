@@ -22,6 +22,7 @@ from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files
 from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.ros_cli.prefix import executables
+from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 from rosidl_py_gen.type_loading.setup_py import setup_calls
@@ -171,7 +172,7 @@ class PackagePlan:
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
         is_named = source.suffix == ".py" and (is_program or (is_below_lib and is_executable))
         if is_named or (is_below_lib and executables.is_python_program(source)):
-            file = PrefixFile(source, executables.Executable(source.name, source.parent, source).program(), PROGRAM)
+            file = PrefixFile(source, Executable(source.name, source.parent, source).program(), PROGRAM)
         elif is_program and not is_executable:
             if source.stat().st_size > _MAX_COPY_BYTES:
                 return self._problem(f"{display_path(source)} is too large for a copy, and is not executable: chmod +x")

@@ -26,7 +26,7 @@ from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.program_runner.program import Program
+from rosidl_py_gen.ros_cli.prefix.executable import Executable
 
 
 @dataclass
@@ -48,9 +48,9 @@ class _Import:
     alternatives: tuple[_Import, ...] = ()
 
 
-def check(program: Program, as_json: bool) -> int:
+def check(program: Executable, as_json: bool) -> int:
     """Print what the program lacks; returns 1 if anything is missing."""
-    sys.path[:1] = [program.folder]
+    sys.path[:1] = [str(program.folder)]
     start = program.file
     if start is None:
         assert program.module is not None

@@ -12,8 +12,8 @@ import linecache
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from operator import attrgetter
 from pathlib import Path
@@ -22,6 +22,7 @@ from typing import Any
 
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.ros_cli import CommandError, report
+from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.runtime import RosArgumentError
 from rosidl_py_gen.type_loading import import_hook
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR, found_packages
@@ -33,76 +34,54 @@ _KINDS = "|".join(KINDS)
 _MESSAGE_PACKAGE_NAME = re.compile(r"\w+_(msgs?|srvs|interfaces)")
 
 
-@dataclass(frozen=True)
-class Program:
-    """Script, module, or function of a console script, with its arguments.
-
-    Attributes:
-        name: `sys.argv[0]`; `arguments` are its other elements.
-        folder: first folder of `sys.path`.
-        module: the module that becomes `__main__` or has the function; None for a script that is not run as a module.
-        function: the function of a console script, with dots for attributes, or None.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    folder: str
-    file: Path | None = None
-    module: str | None = None
-    function: str | None = None
-
-    def start(self) -> None:
-        """Run the program; it ends with its exit code, an exception whose traceback was printed, or a signal."""
-        sys.path[:1] = [self.folder]
-        sys.argv[:] = [self.name, *self.arguments]
-        try:
-            self._body()()
-        except SystemExit:
-            raise
-        except CommandError as error:  # unknown module
-            report(str(error))
+def start(program: Executable, arguments: Sequence[str]) -> None:
+    """Run a program; it ends with its exit code, an exception whose traceback was printed, or a signal."""
+    sys.path[:1] = [str(program.folder)]
+    sys.argv[:] = [program.name, *arguments]
+    try:
+        _body(program)()
+    except SystemExit:
+        raise
+    except CommandError as error:  # unknown module
+        report(str(error))
+        sys.exit(1)
+    except BaseException as error:
+        if refused := refused_arguments(error):
+            report(refused)
             sys.exit(1)
-        except BaseException as error:
-            if refused := refused_arguments(error):
-                report(refused)
-                sys.exit(1)
-            # Print the traceback as the interpreter does, without our frames. The interpreter handles the rest, such as
-            # the end by SIGINT.
-            error.__traceback__ = _without_own_frames(error.__traceback__)
-            filter_traceback(error)
-            sys.excepthook(type(error), error, error.__traceback__)
-            sys.excepthook = lambda kind, error, traceback: None  # it was printed
-            raise
+        # Print the traceback as the interpreter does, without our frames. The interpreter handles the rest, such as
+        # the end by SIGINT.
+        error.__traceback__ = _without_own_frames(error.__traceback__)
+        filter_traceback(error)
+        sys.excepthook(type(error), error, error.__traceback__)
+        sys.excepthook = lambda kind, error, traceback: None  # it was printed
+        raise
 
-    @property
-    def place(self) -> Path:
-        """The script, or a folder, in the workspace of the program."""
-        return Path(self.folder) if self.file is None else self.file.resolve()
 
-    def _body(self) -> Callable[[], Any]:
-        if self.function is not None:
-            return self._console_script
-        if self.module is not None:
-            spec = _spec(self.module)
-            get_code = getattr(spec.loader, "get_code", None)
-            if get_code is None or (code := get_code(spec.name)) is None:
-                raise CommandError(f'the module "{spec.name}" has no code to run')
-            sys.argv[0] = spec.origin or self.name
-            main = _main_module(spec.loader, spec.origin, spec)
-        else:
-            assert self.file is not None
-            path = os.path.abspath(self.file)
-            loader = SourceFileLoader("__main__", path)
-            code = loader.source_to_code(loader.get_data(path), path)
-            main = _main_module(loader, path, None)
-        return lambda: exec(code, main.__dict__)
+def _body(program: Executable) -> Callable[[], Any]:
+    if program.function is not None:
+        return partial(_run_console_script, str(program.module), program.function)
+    if program.module is not None:
+        spec = _spec(program.module)
+        get_code = getattr(spec.loader, "get_code", None)
+        if get_code is None or (code := get_code(spec.name)) is None:
+            raise CommandError(f'the module "{spec.name}" has no code to run')
+        sys.argv[0] = spec.origin or program.name
+        main = _main_module(spec.loader, spec.origin, spec)
+    else:
+        assert program.file is not None
+        path = os.path.abspath(program.file)
+        loader = SourceFileLoader("__main__", path)
+        code = loader.source_to_code(loader.get_data(path), path)
+        main = _main_module(loader, path, None)
+    return lambda: exec(code, main.__dict__)
 
-    def _console_script(self) -> None:
-        assert self.module is not None and self.function is not None
-        main = _main_module(None, None, None)
-        function = attrgetter(self.function)(importlib.import_module(self.module))
-        main.__dict__[self.function.rpartition(".")[2]] = function
-        sys.exit(function())
+
+def _run_console_script(module: str, name: str) -> None:
+    main = _main_module(None, None, None)
+    function = attrgetter(name)(importlib.import_module(module))
+    main.__dict__[name.rpartition(".")[2]] = function
+    sys.exit(function())
 
 
 def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> ModuleType:

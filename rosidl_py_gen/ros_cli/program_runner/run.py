@@ -9,23 +9,21 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from importlib.machinery import PathFinder
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import CommandError, click_module, terminal_output
+from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.variables import RUN_PREFIX, variables
-from rosidl_py_gen.ros_cli.program_runner.program import Program
+from rosidl_py_gen.ros_cli.program_runner.program import start as start_program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 from rosidl_py_gen.type_loading.scan_cache import cached, workspace_packages
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.ros_cli.prefix.executables import Executable
 
 
 def start(
@@ -36,15 +34,15 @@ def start(
         return _list(words, paths, as_json)
     if as_json and not check:
         raise click_module().UsageError("--json requires --check or --list; options of the program follow the program")
-    program = _program(words, paths)
+    program, arguments = _program(words, paths)
     make_importable(program.place, paths)
     if check:
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
 
         return check_program(program, as_json)
     _set_environment(program.place, paths)
-    _note_misplaced_option(program)
-    return program.start
+    _note_misplaced_option(program, next(iter(arguments), ""))
+    return partial(start_program, program, arguments)
 
 
 def _set_environment(place: Path, paths: Sequence[str]) -> None:
@@ -77,9 +75,8 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
     return Path(cached(("prefix", sys.executable, sys.path, workspaces), build))
 
 
-def _note_misplaced_option(program: Program) -> None:
-    """Print a note if an option of ``run`` follows the program, unless the program mentions it."""
-    first = next(iter(program.arguments), "")
+def _note_misplaced_option(program: Executable, first: str) -> None:
+    """Print a note if the first argument is an option of ``run``, unless the program mentions it."""
     if first in ("--check", "--list") and (program.file is None or first.encode() not in program.file.read_bytes()):
         text = f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM"
         terminal_output.note(text)
@@ -112,33 +109,33 @@ def _workspace_folder(place: Path) -> Path:
     return here if around is not None and package in workspace_packages(around).values() else place
 
 
-def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
+def _program(words: Sequence[str], paths: Sequence[str]) -> tuple[Executable, Sequence[str]]:
+    """Return the program of a command line, and its arguments."""
     if not words:
         raise click_module().UsageError("expected a file, -m and a module, or a package and an executable")
     first, *rest = words
-    here = Path.cwd()
     if first == "-m":
         if not rest:
             raise click_module().UsageError("expected a module after -m")
-        return Program("-m", tuple(rest[1:]), str(here), module=rest[0])
+        return Executable("-m", Path.cwd(), module=rest[0]), rest[1:]
     path = Path(first)
     if path.is_file():
-        return _file_program(path, tuple(rest))
+        return _file_program(path), rest
     if first.endswith(".py") or "/" in first or os.sep in first:
         kind = "it is a folder" if path.is_dir() else "no such file"
         raise CommandError(f"{first}: expected a Python file, {kind}")
     return _executable_program(first, rest, paths)
 
 
-def _file_program(path: Path, arguments: tuple[str, ...]) -> Program:
+def _file_program(path: Path) -> Executable:
     """Return the program of a file; a file with relative imports is run as a module of its package."""
     real = path.resolve()
     inside = [*takewhile(lambda folder: (folder / "__init__.py").is_file(), real.parents)]
     if inside and _has_relative_imports(real):
         names = [*(folder.name for folder in reversed(inside)), real.stem]
         if all(name.isidentifier() for name in names):
-            return Program(str(path), arguments, str(inside[-1].parent), real, ".".join(names))
-    return Program(str(path), arguments, str(real.parent), path)
+            return Executable(str(path), inside[-1].parent, real, ".".join(names))
+    return Executable(str(path), real.parent, path)
 
 
 def _has_relative_imports(file: Path) -> bool:
@@ -176,7 +173,7 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
     return {}, places
 
 
-def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
+def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> tuple[Executable, Sequence[str]]:
     from rosidl_py_gen.ros_cli.prefix.executables import is_python_program
 
     by_name, places = _executables(package, paths)
@@ -195,11 +192,10 @@ def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]
         )
     one = by_name[name]
     if one.file is None:
-        argv0 = str(one.folder / name)
-        return Program(argv0, tuple(arguments), str(one.folder), None, one.module, one.function)
+        return replace(one, name=str(one.folder / name)), arguments
     if one.file.suffix != ".py" and not is_python_program(one.file):
         raise CommandError(f"{one.file} is not a Python program")
-    return Program(str(one.file), tuple(arguments), str(one.file.resolve().parent), one.file)
+    return replace(one, name=str(one.file), folder=one.place.parent), arguments
 
 
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
