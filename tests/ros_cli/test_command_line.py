@@ -11,11 +11,11 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 import pytest
-from click.shell_completion import get_completion_class
+from click.shell_completion import BashComplete, get_completion_class
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from support.interface_packages import write
@@ -25,12 +25,10 @@ from support.program_processes import PACKAGE_XML
 from rosidl_py_gen import get_action, get_message, ros_cli
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.generator_cli import shells
-from rosidl_py_gen.ros_cli.completion import complete_call, complete_fields, complete_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from conftest import Ended, Tool
     from support.node_fixtures import World
 
 
@@ -50,15 +48,8 @@ def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().err == "error: a peer says \ufffd[2J\\nerror: b\n"
 
 
-def said_by(code: str) -> str:
-    """The last line that a new process prints."""
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()[
-        -1
-    ]
-
-
-def test_help_and_completion_load_neither_the_runtime_nor_rich() -> None:
-    code = (
+LOADED = {
+    "help and completion load neither the runtime nor rich": (
         "import sys, click; from rosidl_py_gen import ros_cli\n"
         "def load(group):\n"
         "    for name in group.list_commands(None):\n"
@@ -66,40 +57,33 @@ def test_help_and_completion_load_neither_the_runtime_nor_rich() -> None:
         "        if isinstance(command, click.Group): load(command)\n"
         "ours = ['rosidl_py_gen.' + name for name in ('runtime', 'bags', 'compiler', 'tables')]\n"
         "load(ros_cli.root())\n"
-        "print([name for name in (*ours, 'rich', 'yaml', 'numpy', 'asyncio', 'matplotlib') if name in sys.modules])"
-    )
-    assert said_by(code) == "[]"
-
-
-def test_a_command_does_not_load_the_others_of_its_group() -> None:
-    code = (
+        "print([name for name in (*ours, 'rich', 'yaml', 'numpy', 'asyncio', 'matplotlib') if name in sys.modules])",
+        "[]",
+    ),
+    "a command does not load the others of its group": (
         "import sys; from rosidl_py_gen.ros_cli import main\n"
         "try: main(['bag', 'table', '--help'])\n"
         "except SystemExit: pass\n"
-        "print(sorted(name for name in sys.modules if name.startswith('rosidl_py_gen.ros_cli.bag.')))"
-    )
-    assert said_by(code) == "['rosidl_py_gen.ros_cli.bag.table']"
-
-
-def test_numpy_and_the_node_are_loaded_while_the_context_listens() -> None:
-    code = (
+        "print(sorted(name for name in sys.modules if name.startswith('rosidl_py_gen.ros_cli.bag.')))",
+        "['rosidl_py_gen.ros_cli.bag.table']",
+    ),
+    "numpy and the node are loaded while the context listens": (
         "import sys; from rosidl_py_gen.ros_cli import command_node\n"
         "import rosidl_py_gen.ros_cli.topic.info, rosidl_py_gen.ros_cli.graph.command\n"
-        "print([name for name in ('rosidl_py_gen.runtime.node.node', 'numpy') if name in sys.modules])"
-    )
-    assert said_by(code) == "[]"
+        "print([name for name in ('rosidl_py_gen.runtime.node.node', 'numpy') if name in sys.modules])",
+        "[]",
+    ),
+}
 
 
-def test_a_reader_that_has_enough_ends_a_command_quietly() -> None:
-    reading, writing = os.pipe()
-    os.close(reading)
-    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "interface", "list"]
-    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True)
-    os.close(writing)
-    assert (done.returncode, done.stderr) == (141, "")
+@pytest.mark.parametrize("what", LOADED)
+def test_modules_are_loaded_when_they_are_needed(what: str) -> None:
+    code, loaded = LOADED[what]
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == loaded
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
 def test_closed_streams_are_no_trouble(closed: str) -> None:
     command = f"{sys.executable} -m rosidl_py_gen.ros_cli topic list --discovery localhost {closed}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
@@ -185,23 +169,16 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
             main.close()
 
 
-async def complete(tool: Tool, line: str, **environment: str) -> list[str]:
-    words = line.split(" ")
-    done: Ended = await tool(
-        _ROSIDL_PY_COMPLETE="bash_complete", COMP_WORDS=line, COMP_CWORD=str(len(words) - 1), **environment
-    )
-    assert done.err == ""
-    return [offer.partition(",")[2] for offer in done.out.splitlines() if offer]
+def offered(line: str, *options: str) -> list[str]:
+    """Return what completes the last word of a command line, before a shell's quotes; options follow the command."""
+    *words, incomplete = line.split(" ")
+    place = 1 if words[:1] == ["graph"] else 2
+    words[place:place] = options
+    complete = BashComplete(ROOT, {}, "rosidl-py", "_ROSIDL_PY_COMPLETE")
+    return [item.value for item in complete.get_completions(words, incomplete)]
 
 
-async def offered(what: str, incomplete: str, **params: Any) -> list[str]:
-    context = click.Context(click.Command("x"))
-    context.params.update(params, network={"spin_time_s": 3})
-    items = await asyncio.to_thread(complete_names, what, context, incomplete)
-    return [item.value for item in items]
-
-
-async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
+async def test_names_types_and_fields_come_from_the_live_graph(dds: World) -> None:
     node, other = dds.node("base"), dds.node("pilot")
     node.create_publisher(String, "/speed")
     node.create_publisher(String, "/_secret")
@@ -210,97 +187,63 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     node.declare_parameter("max_speed", 1.0)
     await until(lambda: other.count_services("/drive/_action/get_result") == 1)
     other.create_publisher(get_message("nav_msgs/msg/Odometry"), "/odom")
-    topics, hidden, services, plotted, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
-        complete(tool, "rosidl-py topic echo --spin-time 3 /"),
-        complete(tool, "rosidl-py topic echo --spin-time 3 /_"),
-        complete(tool, "rosidl-py service call --spin-time 3 /st"),
-        complete(tool, "rosidl-py topic plot --spin-time 3 /odom twist.twist."),
-        complete(tool, "rosidl-py graph --spin-time 3 --node /"),
-        complete(tool, "rosidl-py bag record --spin-time 3 --topics /rosout /sp"),
-        complete(tool, "rosidl-py bag record --spin-time 3 --all --exclude-actions /other /"),
-        offered("actions", "/"),
-        offered("parameters", "max", node="base"),
-        offered("parameters", "max", node="/nobody"),
-    )
-    assert {"/speed", "/rosout"} <= set(topics) and "/_secret" not in topics
-    assert not any("_action" in name for name in topics)
-    assert hidden == ["/_secret"]
-    assert services == ["/stop"]
-    assert plotted == ["twist.twist.linear", "twist.twist.angular"]
-    assert nodes == ["/base", "/pilot"]
-    assert (recorded, excluded) == (["/speed"], ["/drive"])
-    assert (actions, parameters, nobody) == (["/drive"], ["max_speed"], [])
     position = "pose.pose.position"
     cases = {
-        ("topic", "/odom", ""): ["nav_msgs/msg/Odometry"],
-        ("topic", "/odom", "std_msgs/msg/Strin"): ["std_msgs/msg/String"],  # a type that no node announces
-        ("service", "/stop", "std"): ["std_srvs/srv/Trigger"],
-        ("action", "/drive", ""): ["example_interfaces/action/Fibonacci"],
-        ("field", "/odom", "pose.pose.pos"): [position, *(f"{position}.{axis}" for axis in "xyz")],
-        ("field", "/odom", "nothing."): [],
+        "topic echo /s": ["/speed"],
+        "topic echo /_": ["/_secret"],
+        "service call /st": ["/stop"],
+        "topic plot /odom twist.twist.": ["twist.twist.linear", "twist.twist.angular"],
+        "graph --node /": ["/base", "/pilot"],
+        "bag record --topics /rosout /sp": ["/speed"],
+        "bag record --all --exclude-actions /other /": ["/drive"],
+        "action info /": ["/drive"],
+        "param get base max": ["max_speed"],
+        "param get /nobody max": [],
+        "topic pub /odom ": ["nav_msgs/msg/Odometry"],
+        "topic pub /odom std_msgs/msg/Strin": ["std_msgs/msg/String"],  # a type that no node announces
+        "service call /stop std": ["std_srvs/srv/Trigger"],
+        "action send_goal /drive ": ["example_interfaces/action/Fibonacci"],
+        "topic echo /odom --field pose.pose.pos": [position, *(f"{position}.{axis}" for axis in "xyz")],
+        "topic echo /odom --field nothing.": [],
     }
-
-    def offers(kind: str, name: str, typed: str) -> list[str]:
-        context = click.Context(click.Command("x"))
-        context.params.update({"topic" if kind == "field" else kind: name}, network={"spin_time_s": 2})
-        found = complete_fields(context, typed) if kind == "field" else complete_call(kind, context, typed)
-        return [item.value for item in found]
-
-    found = await asyncio.gather(*(asyncio.to_thread(offers, *case) for case in cases))
+    found = await asyncio.gather(*(asyncio.to_thread(offered, line, "--spin-time", "3") for line in cases))
     assert dict(zip(cases, found, strict=True)) == cases
+    assert not any("_action" in name for name in await asyncio.to_thread(offered, "topic echo /", "--spin-time", "3"))
 
 
-async def test_groups_options_choices_and_types_need_no_network(tool: Tool) -> None:
-    groups, options, choices, types, packages = await asyncio.gather(
-        complete(tool, "rosidl-py "),
-        complete(tool, "rosidl-py graph --f"),
-        complete(tool, "rosidl-py graph --format "),
-        complete(tool, "rosidl-py interface show geometry_msgs/msg/PoseS"),
-        complete(tool, "rosidl-py interface package geo"),
-    )
-    assert groups == sorted(groups) and {"doctor", "graph", "interface", "topic"} <= set(groups)
-    assert (options, choices) == (["--format"], ["text", "mermaid", "svg", "json"])
-    assert (types, packages) == (["geometry_msgs/msg/PoseStamped"], ["geometry_msgs"])
-
-
-async def test_packages_and_launch_files_of_a_workspace_are_completed(tool: Tool, tmp_path: Path) -> None:
-    write(
-        tmp_path, {"robot/package.xml": PACKAGE_XML.format("robot"), "robot/launch/up.launch.py": "", "robot/x.py": ""}
-    )
-    offers = ["", "robo", "robot ", "robot up.launch.py ", "nobody "]
-    found = [await complete(tool, f"rosidl-py launch --path {tmp_path} {words}") for words in offers]
-    assert "robot" in found[0]
-    assert found[1:] == [["robot", ""], ["up.launch.py"], [], []]
-
-
-async def test_values_and_fields_of_known_types_need_no_network(tool: Tool) -> None:
-    values = {
-        "topic pub /a std_msgs/msg/ColorRGBA ": ['"{r: 0.0, g: 0.0, b: 0.0, a: 0.0}"'],
-        "topic pub /a std_msgs/msg/String ": ["\"{data: ''}\""],
-        "service call /a std_srvs/srv/SetBool ": ['"{data: false}"'],
-        "action send_goal /a example_interfaces/action/Fibonacci ": ['"{order: 0}"'],
+def test_what_is_on_this_machine_needs_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace, file = tmp_path / "ws", tmp_path / "a.mcap"
+    files = {"robot/package.xml": PACKAGE_XML.format("robot"), "robot/launch/up.launch.py": "", "robot/x.py": ""}
+    write(workspace, files)
+    with BagWriter(file) as bag:
+        for topic in ("/imu", "/odom"):
+            bag.write(topic, String(data="x"), log_time_ns=1)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "junk")
+    cases = {
+        "interf": ["interface"],
+        "graph --f": ["--format"],
+        "graph --format ": ["text", "mermaid", "svg", "json"],
+        "interface show geometry_msgs/msg/PoseS": ["geometry_msgs/msg/PoseStamped"],
+        "interface package geo": ["geometry_msgs"],
+        f"launch --path {workspace} robo": ["robot", ""],
+        f"launch --path {workspace} robot ": ["up.launch.py"],
+        f"launch --path {workspace} robot up.launch.py ": [],
+        f"launch --path {workspace} nobody ": [],
+        "topic pub /a std_msgs/msg/ColorRGBA ": ["{r: 0.0, g: 0.0, b: 0.0, a: 0.0}"],
+        "topic pub /a std_msgs/msg/String ": ["{data: ''}"],
+        "service call /a std_srvs/srv/SetBool ": ["{data: false}"],
+        "action send_goal /a example_interfaces/action/Fibonacci ": ["{order: 0}"],
         "topic pub /a std_msgs/msg/String {} ": [],
         "topic echo /a geometry_msgs/msg/PoseArray --field poses": [
-            *("poses", r"poses\[0\].position", r"poses\[0\].orientation")
+            *("poses", "poses[0].position", "poses[0].orientation")
         ],
         "topic echo /a geometry_msgs/msg/PoseArray --field poses[3].position.": [
-            *(rf"poses\[3\].position.{axis}" for axis in "xyz")
+            *(f"poses[3].position.{axis}" for axis in "xyz")
         ],
         "service find std_srvs/srv/T": ["std_srvs/srv/Trigger"],
         "action find example_interfaces/action/F": ["example_interfaces/action/Fibonacci"],
         "interface show std_srvs/srv/E": ["std_srvs/srv/Empty"],
         "topic echo /": [],  # nothing where nothing can be asked
-    }
-    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}", ROS_DOMAIN_ID="junk") for line in values))
-    assert dict(zip(values, offers, strict=True)) == values
-
-
-async def test_topics_of_a_bag_are_completed(tool: Tool, tmp_path: Path) -> None:
-    file = tmp_path / "a.mcap"
-    with BagWriter(file) as bag:
-        for topic in ("/imu", "/odom"):
-            bag.write(topic, String(data="x"), log_time_ns=1)
-    lines = {
         f"bag table {file} --out x --topics /": ["/imu", "/odom"],
         f"bag convert {file} out --topics /imu /o": ["/odom"],
         f"bag play {file} --topics /i": ["/imu"],
@@ -310,8 +253,9 @@ async def test_topics_of_a_bag_are_completed(tool: Tool, tmp_path: Path) -> None
         f"bag plot {file} /imu data /o": ["/odom"],
         f"bag plot {file}": [str(file)],
     }
-    offers = await asyncio.gather(*(complete(tool, f"rosidl-py {line}") for line in lines))
-    assert dict(zip(lines, offers, strict=True)) == lines
+    assert {line: offered(line) for line in cases} == cases
+    assert "robot" in offered(f"launch --path {workspace} ")
+    assert {"doctor", "graph", "topic"} <= {*offered("")} and offered("") == sorted(offered(""))
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
