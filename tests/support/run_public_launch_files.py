@@ -12,10 +12,8 @@ when a file does not run and the list has no reason for it.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
-import itertools
 import os
 import re
 import signal
@@ -24,12 +22,13 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
 
 from rosidl_py_gen.runtime import Context, Node
-from support.run_third_party_programs import DOMAINS, environment
+from support.run_third_party_programs import argument_parser, chosen, environment, run_all
 
 LIST = Path(__file__).parent / "public_launch_files.txt"
 LAUNCH = ("ros2/launch", "ros2/launch_ros")
@@ -124,7 +123,8 @@ def listed(text: str) -> list[LaunchFile]:
     return found
 
 
-async def _try(file: LaunchFile, checkouts: Path, domain: int) -> Result:
+async def _try(checkouts: Path, file: LaunchFile, domains: Iterator[int]) -> Result:
+    domain = next(domains)
     result, mark = Result(file), f"{os.getpid()}-{domain}-{time.monotonic_ns()}"
     with (
         tempfile.TemporaryDirectory(prefix="launch-") as logs,
@@ -207,21 +207,11 @@ def _marked(mark: str) -> Iterator[tuple[int, str]]:
                 yield int(folder.name), (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
 
 
-async def _all(files: list[LaunchFile], given: argparse.Namespace) -> list[Result]:
-    waiting, results = list(enumerate(files)), {}
-
-    async def work(first: int) -> None:
-        domains = itertools.cycle(range(first, first + DOMAINS))
-        while waiting:
-            number, file = waiting.pop(0)
-            results[number] = result = await _try(file, given.checkouts.resolve(), next(domains))
-            end = "" if result.end_s is None else f", {result.end_s:.1f} s to end"
-            print(f"{file.name}: {result.problem or 'runs'} ({len(result.processes)} processes{end})", flush=True)
-            if given.verbose:
-                print("".join(f"    {name}\n" for name in sorted(result.seen)), result.output, sep="")
-
-    await asyncio.gather(*(work(given.domain + number * DOMAINS) for number in range(given.jobs)))
-    return [results[number] for number in sorted(results)]
+def _report(verbose: bool, result: Result) -> None:
+    end = "" if result.end_s is None else f", {result.end_s:.1f} s to end"
+    print(f"{result.file.name}: {result.problem or 'runs'} ({len(result.processes)} processes{end})", flush=True)
+    if verbose:
+        print("".join(f"    {name}\n" for name in sorted(result.seen)), result.output, sep="")
 
 
 def _clone(files: list[LaunchFile]) -> None:
@@ -235,25 +225,16 @@ def _clone(files: list[LaunchFile]) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("checkouts", type=Path, help="a folder with a folder owner/name for each repository")
-    parser.add_argument("only", nargs="*", help="run those files that have one of these texts in their line")
-    parser.add_argument("--list", type=Path, default=LIST, help="another list of launch files")
+    parser = argument_parser(__doc__, "files", LIST)
     parser.add_argument("--clone", action="store_true", help="print the commands that create CHECKOUTS")
     parser.add_argument("--verbose", action="store_true", help="print all nodes, topics and output")
-    parser.add_argument("--jobs", type=int, default=1, help="so many files at once, each in a domain of its own")
-    parser.add_argument("--domain", type=int, default=1, help=f"the first of {DOMAINS} domains for each job")
     given = parser.parse_args()
     files = listed(given.list.read_text())
     if given.clone:
         _clone(files)
         return 0
-    if given.only:
-        files = [one for one in files if any(text in f"{one.group} {one.name}" for text in given.only)]
-    missing = {one.repository for one in files if not (given.checkouts / one.repository).is_dir()}
-    if missing:
-        print(f"not in {given.checkouts}: {', '.join(sorted(missing))}", file=sys.stderr)
-    results = asyncio.run(_all([one for one in files if one.repository not in missing], given))
+    files, is_missing = chosen(files, given)
+    results = run_all(files, given, partial(_try, given.checkouts.resolve()), partial(_report, given.verbose))
     print("\n| group | repositories | launch files | run |\n|---|---|---|---|")
     for group in [*dict.fromkeys(one.file.group for one in results), "all"]:
         those = [one for one in results if group in (one.file.group, "all")]
@@ -262,7 +243,7 @@ def main() -> int:
     for one in results:
         if one.problem:
             print(f"- {one.file.name}: {one.file.reason or one.problem[:200]}")
-    return int(any(one.problem and not one.file.reason for one in results) or bool(missing))
+    return int(any(one.problem and not one.file.reason for one in results) or is_missing)
 
 
 if __name__ == "__main__":

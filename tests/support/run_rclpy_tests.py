@@ -1,4 +1,4 @@
-"""Run rclpy's own tests against our rclpy, file by file.
+"""Run the tests of rclpy, or of its companions, against ours, file by file.
 
 Run it as ``python tests/support/run_rclpy_tests.py CHECKOUT [FILE ...]``.
 
@@ -9,17 +9,24 @@ names (github.com/ros2/rcl_interfaces, folder test_msgs). Each file has a proces
 Printed are passed of all for each file, and why a test is not; `--failed` also prints what such tests say, `--table`
 the table of docs/internals/parity.md. Ends with 1 when a test fails without an explanation. Nothing is fetched,
 nothing of theirs is kept.
+
+With `--companions` CHECKOUT is a folder of those of github.com/ros2/common_interfaces, ros2/geometry2 and
+ros2/message_filters (branch jazzy), ros-perception/vision_opencv and DLu/tf_transformations, by these names; missing
+ones are left out. cv_bridge and image_geometry need OpenCV; `tostring` of numpy has become `tobytes` in them, and the
+fields of CameraInfo are lower case, as in ROS 2.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
@@ -35,6 +42,35 @@ from rosidl_py_gen import install_import_hook
 sys.argv[1:] = []
 install_import_hook(message_api="rclpy", override_installed=True, path={paths!r})
 """
+_COMPANIONS_CONFTEST = """
+from contextlib import nullcontext
+from types import ModuleType
+
+import tf2_py
+
+# What loads libraries on Windows, and a tf2_py that was built for its own test.
+sys.modules["rpyutils"] = ModuleType("rpyutils")
+sys.modules["rpyutils"].add_dll_directories_from_env = lambda name: nullcontext()
+sys.modules["test_tf2_py"] = ModuleType("test_tf2_py")
+sys.modules["test_tf2_py._tf2_py"] = tf2_py
+"""
+_COMPANIONS = (
+    "common_interfaces/sensor_msgs_py/test/test_point_cloud2.py",
+    "geometry2/tf2_geometry_msgs/test/test_tf2_geometry_msgs.py",
+    "geometry2/tf2_py/test/test_buffer_core.py",
+    "geometry2/tf2_ros_py/test/test_buffer.py",
+    "geometry2/tf2_ros_py/test/test_buffer_client.py",
+    "geometry2/tf2_ros_py/test/test_listener_and_broadcaster.py",
+    "geometry2/tf2_sensor_msgs/test/test_tf2_sensor_msgs.py",
+    "message_filters/test/directed.py",
+    "message_filters/test/test_approxsync.py",
+    "message_filters/test/test_message_filters_cache.py",
+    "tf_transformations/test/test_transformations.py",
+    "vision_opencv/cv_bridge/test/conversions.py",
+    "vision_opencv/cv_bridge/test/enumerants.py",
+    "vision_opencv/cv_bridge/test/python_bindings.py",
+    "vision_opencv/image_geometry/test/directed.py",
+)
 _C = "a class of C that ours does not have"
 REASONS = {
     "test_client.py": {"test_service_timestamps": "it takes a request from the service's handle of C"},
@@ -67,24 +103,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("checkout", type=Path, help="of github.com/ros2/rclpy, branch jazzy")
     parser.add_argument("files", nargs="*", help="such as test_node.py; all without")
+    parser.add_argument(
+        "--companions", action="store_true", help="run the tests of companions; CHECKOUT has their folders"
+    )
     parser.add_argument("--test-msgs", type=Path, help="sources of test_msgs")
     parser.add_argument("--failed", action="store_true", help="print the tests that did not pass, and why")
     parser.add_argument("--table", action="store_true", help="print a table in Markdown")
     parser.add_argument("--timeout", type=float, default=300, help="seconds for one file")
     given = parser.parse_args()
-    source = given.checkout / "rclpy" / "test"
-    if not source.is_dir():
-        parser.error(f"{source} is no folder")
     all_passed = all_tests = unexplained = 0
     with tempfile.TemporaryDirectory(prefix="rclpy-tests-") as made:
-        tests = Path(made, "test")
-        shutil.copytree(source, tests)
-        (tests / "__init__.py").write_text("")
-        paths = _definitions(given.test_msgs, Path(made))
-        Path(made, "conftest.py").write_text(_CONFTEST.format(paths=paths))
-        form = "| `{}` | {} of {} | {} |" if given.table else "{:45} {:3} of {:3}  {}"
-        for name in given.files or sorted(path.name for path in tests.glob("test_*.py")):
-            count, wrong = _run(Path(made), f"test/{name}", given.timeout)
+        files = _companions(given.checkout, Path(made)) if given.companions else _own(parser, given, Path(made))
+        form = "| `{}` | {} of {} | {} |" if given.table else "{:65} {:3} of {:3}  {}"
+        for name, path in files:
+            count, wrong = _run(Path(made), path, given.timeout)
             known = REASONS.get(name, {})
             reasons = _grouped({test: known.get(test, "FAILED, AND NOBODY KNOWS WHY") for test in wrong})
             print(form.format(name, count - len(wrong), count, reasons).rstrip(), flush=True)
@@ -94,6 +126,32 @@ def main() -> int:
                 print("".join(f"    {test}: {text}\n" for test, text in wrong.items()), end="", flush=True)
     print(form.format("all", all_passed, all_tests, "").rstrip())
     return int(unexplained > 0)
+
+
+def _own(parser: argparse.ArgumentParser, given: argparse.Namespace, made: Path) -> Iterator[tuple[str, str]]:
+    """Copy rclpy's tests; yield their names and paths."""
+    source, tests = given.checkout / "rclpy" / "test", made / "test"
+    if not source.is_dir():
+        parser.error(f"{source} is no folder")
+    shutil.copytree(source, tests)
+    (tests / "__init__.py").write_text("")
+    (made / "conftest.py").write_text(_CONFTEST.format(paths=_definitions(given.test_msgs, made)))
+    for name in given.files or sorted(path.name for path in tests.glob("test_*.py")):
+        yield name, f"test/{name}"
+
+
+def _companions(checkouts: Path, made: Path) -> Iterator[tuple[str, str]]:
+    """Copy each test of the companions; yield its name and path."""
+    (made / "conftest.py").write_text(_CONFTEST.format(paths=[]) + _COMPANIONS_CONFTEST)
+    for name in _COMPANIONS:
+        source = checkouts / name
+        if source.is_file():
+            text = source.read_text(encoding="utf-8").replace("tostring()", "tobytes()")
+            text = re.sub(r"(?<=[lr]msg\.)[DKPR](?= = )", lambda found: found[0].lower(), text)
+            (made / source.name).write_text(text, encoding="utf-8")
+            yield name, source.name
+        else:
+            print(f"{name:65} not there")
 
 
 def _grouped(reasons: dict[str, str]) -> str:

@@ -22,9 +22,11 @@ import signal
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for a start by path
 
@@ -32,6 +34,8 @@ from rosidl_py_gen.ros_cli.prefix.executables import of_sources
 from rosidl_py_gen.runtime import Context, Node
 from support.program_observer import Seen, watch
 
+T = TypeVar("T")
+R = TypeVar("R")
 LIST = Path(__file__).parent / "third_party_programs.txt"
 DOMAINS = 6
 """Domains that a worker uses in turn, so that the graph forgets killed programs."""
@@ -126,7 +130,7 @@ class Result:
     """Difference in its end after SIGINT."""
 
 
-async def _try(program: Program, checkouts: Path, python: str | None, domains: Iterator[int]) -> Result:
+async def _try(checkouts: Path, python: str | None, program: Program, domains: Iterator[int]) -> Result:
     domain = next(domains)
     cwd, base = checkouts / program.repository, environment(domain)
     paths = _interfaces(checkouts, (program.repository, *program.paths))
@@ -235,49 +239,73 @@ def _ends(real: Seen, mine: Seen) -> list[str]:
     return found
 
 
-async def _all(programs: list[Program], given: argparse.Namespace) -> list[Result]:
-    waiting, results = list(enumerate(programs)), {}
+def _report(result: Result) -> None:
+    how = "differs" if result.differs else "the same but for its end" if result.ends else "the same"
+    same = "" if result.real is None else f" (real: {how})"
+    print(f"{result.program.name}: {result.problem or 'runs'}{same}", flush=True)
+    for line in result.differs + result.ends:
+        print(f"    {line[:300]}")
+    if bool(result.told) != ("No module" in result.mine.errors or "cannot import" in result.mine.errors):
+        print(f"    --check: {(result.told or 'nothing')[:600]}")
+
+
+# --- what `run_public_launch_files` needs, too ------------------------------------------------------------------------
+
+
+def run_all(
+    items: Sequence[T],
+    given: argparse.Namespace,
+    run: Callable[[T, Iterator[int]], Awaitable[R]],
+    report: Callable[[R], None],
+) -> list[R]:
+    """Run items, some at once, each in other domains than the ones before it."""
+    waiting, results = list(enumerate(items)), {}
 
     async def work(first: int) -> None:
         domains = itertools.cycle(range(first, first + DOMAINS))
         while waiting:
-            number, program = waiting.pop(0)
-            results[number] = result = await _try(program, given.checkouts.resolve(), given.real, domains)
-            how = "differs" if result.differs else "the same but for its end" if result.ends else "the same"
-            same = "" if result.real is None else f" (real: {how})"
-            print(f"{program.name}: {result.problem or 'runs'}{same}", flush=True)
-            for line in result.differs + result.ends:
-                print(f"    {line[:300]}")
-            if bool(result.told) != ("No module" in result.mine.errors or "cannot import" in result.mine.errors):
-                print(f"    --check: {(result.told or 'nothing')[:600]}")
+            number, item = waiting.pop(0)
+            results[number] = await run(item, domains)
+            report(results[number])
 
-    await asyncio.gather(*(work(given.domain + number * DOMAINS) for number in range(given.jobs)))
+    async def main() -> None:
+        await asyncio.gather(*(work(given.domain + number * DOMAINS) for number in range(given.jobs)))
+
+    asyncio.run(main())
     return [results[number] for number in sorted(results)]
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def argument_parser(description: str, things: str, default: Path) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("checkouts", type=Path, help="a folder with a folder owner/name for each repository")
-    parser.add_argument("only", nargs="*", help="run those programs that have one of these texts in their line")
-    parser.add_argument("--list", type=Path, default=LIST, help="another list of programs")
+    parser.add_argument("only", nargs="*", help=f"run those {things} that have one of these texts in their line")
+    parser.add_argument("--list", type=Path, default=default, help=f"another list of {things}")
+    parser.add_argument("--jobs", type=int, default=1, help=f"so many {things} at once, each in a domain of its own")
+    parser.add_argument("--domain", type=int, default=1, help=f"the first of {DOMAINS} domains for each job")
+    return parser
+
+
+def chosen(items: Iterable[Any], given: argparse.Namespace) -> tuple[list[Any], bool]:
+    """Return the items that are asked for and there, and whether the repository of one is missing, which is printed."""
+    items = [one for one in items if not given.only or any(text in f"{one.group} {one.name}" for text in given.only)]
+    missing = {one.repository for one in items if not (given.checkouts / one.repository).is_dir()}
+    if missing:
+        print(f"not in {given.checkouts}: {', '.join(sorted(missing))}", file=sys.stderr)
+    return [one for one in items if one.repository not in missing], bool(missing)
+
+
+def main() -> int:
+    parser = argument_parser(__doc__, "programs", LIST)
     parser.add_argument("--real", help="a Python that has a real rclpy")
     parser.add_argument("--json", type=Path, help="a file for all that was seen")
-    parser.add_argument("--jobs", type=int, default=1, help="so many programs at once, each in a domain of its own")
-    parser.add_argument("--domain", type=int, default=1, help="the first of 6 domains for each job")
     given = parser.parse_args()
     if given.domain + given.jobs * DOMAINS > 232:
         parser.error(f"{given.jobs} jobs need {given.jobs * DOMAINS} domains up to 232")
-    programs = listed(given.list.read_text())
-    if given.only:
-        programs = [one for one in programs if any(text in f"{one.group} {one.name}" for text in given.only)]
-    missing = {one.repository for one in programs if not (given.checkouts / one.repository).is_dir()}
-    if missing:
-        print(f"not in {given.checkouts}: {', '.join(sorted(missing))}", file=sys.stderr)
-    programs = [one for one in programs if one.repository not in missing]
+    programs, is_missing = chosen(listed(given.list.read_text()), given)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored signals stay so in processes that are started
     with tempfile.TemporaryDirectory(prefix="others-") as logs:
         os.environ["ROS_LOG_DIR"] = logs
-        results = asyncio.run(_all(programs, given))
+        results = run_all(programs, given, partial(_try, given.checkouts.resolve(), given.real), _report)
     if given.json:
         given.json.write_text(json.dumps([asdict(replace(one)) for one in results], indent=1, default=str))
     print("\n| group | programs | run | as under real rclpy | but for their end |\n|---|---|---|---|---|")
@@ -290,7 +318,7 @@ def main() -> int:
     for one in results:
         if one.problem:
             print(f"- {one.program.name}: {one.program.reason or one.problem[:200]}")
-    return int(any(one.problem and not one.program.reason for one in results) or bool(missing))
+    return int(any(one.problem and not one.program.reason for one in results) or is_missing)
 
 
 if __name__ == "__main__":
