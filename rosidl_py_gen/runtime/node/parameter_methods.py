@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.parameters.callbacks import require_plain
-from rosidl_py_gen.runtime.parameters.initial_values import overrides_for, sources_for
+from rosidl_py_gen.runtime.parameters.initial_values import overrides_for
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.validation import SEPARATOR, ListParametersResult
 from rosidl_py_gen.runtime.parameters.values import (
@@ -105,15 +105,20 @@ class ParameterMethods(NodeBase):
                 except Exception:
                     self._scope.report_failure("the callback of a parameter event")
 
+        own_name = self._names.fully_qualified_name
         self._store = ParameterStore(
-            overrides_for(arguments, self._names.fully_qualified_name) | own_overrides,
+            overrides_for(arguments, own_name) | own_overrides,
+            sources={
+                name: entry.source
+                for entry in arguments
+                if entry.matches(own_name)
+                for name in entry.values
+                if name not in own_overrides
+            },
             allow_undeclared=allow_undeclared,
             on_event=on_event,
             on_failure=self._scope.report_failure,
         )
-        self._store.sources.update(sources_for(arguments, self._names.fully_qualified_name))
-        for name in own_overrides:
-            self._store.sources.pop(name, None)
         if time_source:
             TimeSource(self._scope, self._names, self._store, self.clock)
         if declares_overrides:

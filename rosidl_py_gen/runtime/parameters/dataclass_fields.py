@@ -51,42 +51,33 @@ class ReadOnly:
     """Mark of a field that keeps the value of its declaration."""
 
 
-@dataclass(frozen=True, slots=True)
-class Width:
-    """Number of bits of an integer."""
-
-    bits: int
-    signed: bool = True
-
-    @property
-    def range(self) -> IntRange:
-        """Values that fit, within the int64 that is sent."""
-        if self.signed:
-            return IntRange(-(2 ** (self.bits - 1)), 2 ** (self.bits - 1) - 1)
-        return IntRange(0, min(2**self.bits - 1, INT64_MAX))
-
-
-Int8 = Annotated[int, Width(8)]
+Int8 = Annotated[int, IntRange(-(2**7), 2**7 - 1)]
 """Integer from -128 to 127, as the type of a field of a parameter class."""
-Int16 = Annotated[int, Width(16)]
+Int16 = Annotated[int, IntRange(-(2**15), 2**15 - 1)]
 """Integer from -32768 to 32767, as the type of a field of a parameter class."""
-Int32 = Annotated[int, Width(32)]
+Int32 = Annotated[int, IntRange(-(2**31), 2**31 - 1)]
 """Integer from -2147483648 to 2147483647, as the type of a field of a parameter class."""
-Int64 = Annotated[int, Width(64)]
+Int64 = Annotated[int, IntRange(INT64_MIN, INT64_MAX)]
 """Integer from -2^63 to 2^63 - 1, as the type of a field of a parameter class."""
-UInt8 = Annotated[int, Width(8, signed=False)]
+UInt8 = Annotated[int, IntRange(0, 2**8 - 1)]
 """Integer from 0 to 255, as the type of a field of a parameter class."""
-UInt16 = Annotated[int, Width(16, signed=False)]
+UInt16 = Annotated[int, IntRange(0, 2**16 - 1)]
 """Integer from 0 to 65535, as the type of a field of a parameter class."""
-UInt32 = Annotated[int, Width(32, signed=False)]
+UInt32 = Annotated[int, IntRange(0, 2**32 - 1)]
 """Integer from 0 to 4294967295, as the type of a field of a parameter class."""
-UInt64 = Annotated[int, Width(64, signed=False)]
-"""Integer from 0 to 2^64 - 1, as the type of a field of a parameter class."""
+UInt64 = Annotated[int, IntRange(0, INT64_MAX)]
+"""Integer from 0 to 2^64 - 1, of which 2^63 - 1 can be sent, as the type of a field of a parameter class."""
 
 
-@dataclass(slots=True)
-class _AnnotationInfo:
-    """Type and metadata of an annotation."""
+@dataclass(frozen=True, slots=True)
+class FieldType:
+    """Type and metadata of an annotation.
+
+    Attributes:
+        kind: None for a type that no parameter can have.
+        container: list or tuple for arrays.
+        choices: allowed parameter values; empty if all are allowed.
+    """
 
     kind: ParameterType | None = None
     container: type[list[Any]] | type[tuple[Any, ...]] | None = None
@@ -102,33 +93,30 @@ class ParameterField:
 
     Attributes:
         path: attribute names from the outermost object to the field.
-        name: dotted name of the parameter, with the prefix of the whole class.
-        choices: allowed parameter values; empty if all are allowed.
-        container: list or tuple for arrays.
     """
 
     path: tuple[str, ...]
-    name: str
-    kind: ParameterType
+    type: FieldType
     descriptor: ParameterDescriptor
-    optional: bool
-    enum: type[Enum] | None
-    choices: tuple[Any, ...]
-    container: type[list[Any]] | type[tuple[Any, ...]] | None
     validators: tuple[Validator, ...]
     element_range: FloatRange | IntRange | None
 
-    def with_prefix(self, prefix: str) -> ParameterField:
-        """Return the field with a prefix of its name, dot included."""
-        name = prefix + self.name
-        return dataclasses.replace(self, name=name, descriptor=dataclasses.replace(self.descriptor, name=name))
+    @property
+    def name(self) -> str:
+        """Dotted name of the parameter."""
+        return self.descriptor.name
+
+    @property
+    def kind(self) -> ParameterType:
+        """Type of the parameter."""
+        return self.descriptor.type
 
     def to_parameter(self, value: Any) -> ParameterValue:
         """Convert a value of the field; raises `InvalidParameterValueError` with the name of the parameter."""
-        if value is None and self.optional:
+        if value is None and self.type.optional:
             return ParameterValue()
-        if self.enum is not None and isinstance(value, self.enum):
-            value = _enum_plain(self.enum, value)
+        if self.type.enum is not None and isinstance(value, self.type.enum):
+            value = _enum_plain(self.type.enum, value)
         elif self.kind is ParameterType.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)  # as Python, accept an int for a float
         elif self.kind is ParameterType.DOUBLE_ARRAY and isinstance(value, (list, tuple)):
@@ -143,12 +131,12 @@ class ParameterField:
         plain = value.value
         if plain is None:
             return None
-        if self.choices and plain not in self.choices:
-            choices = ", ".join(repr(choice) for choice in self.choices)
+        if self.type.choices and plain not in self.type.choices:
+            choices = ", ".join(repr(choice) for choice in self.type.choices)
             raise InvalidParameterValueError(f"Parameter {self.name} must be one of {choices}, got {plain!r}")
-        if self.enum is not None:
-            return self.enum(plain) if _enum_by_value(self.enum) else self.enum[plain]  # type: ignore[index]
-        return self.container(plain) if self.container is not None else plain  # type: ignore[arg-type]
+        if self.type.enum is not None:
+            return self.type.enum(plain) if _enum_by_value(self.type.enum) else self.type.enum[plain]  # type: ignore[index]
+        return self.type.container(plain) if self.type.container is not None else plain  # type: ignore[arg-type]
 
     def check(self, value: Any) -> None:
         """Check the ranges of items, and call the validators; the store checks all else. Raises as `validate`."""
@@ -174,8 +162,13 @@ def _enum_plain(enum: type[Enum], member: Enum) -> Any:
     return member.value if _enum_by_value(enum) else member.name
 
 
-def parameter_fields_of(cls: type, prefix: tuple[str, ...] = ()) -> tuple[ParameterField, ...]:
-    """Return the parameters of a dataclass in the order of its fields; raises `ParameterClassError`."""
+def parameter_fields_of(cls: type, prefix: str = "", path: tuple[str, ...] = ()) -> list[ParameterField]:
+    """Return the parameters of a dataclass in the order of its fields; raises `ParameterClassError`.
+
+    Args:
+        prefix: prepended to the names of parameters.
+        path: attributes that lead to the dataclass, if it is nested.
+    """
     if not isinstance(cls, type) or not dataclasses.is_dataclass(cls):
         raise ParameterClassError(
             f"{cls!r} is an object; pass its class" if dataclasses.is_dataclass(cls) else f"{cls!r} is not a dataclass"
@@ -194,10 +187,10 @@ def parameter_fields_of(cls: type, prefix: tuple[str, ...] = ()) -> tuple[Parame
             raise ParameterClassError(f"{cls.__name__}.{item.name}: this name cannot be a parameter")
         nested = nested_class(cls, item.name)
         if nested is not None:
-            parameters += parameter_fields_of(nested, (*prefix, item.name))
+            parameters += parameter_fields_of(nested, prefix, (*path, item.name))
         else:
-            parameters.append(_plan_field(cls, item.name, hints[item.name], (*prefix, item.name)))
-    return tuple(parameters)
+            parameters.append(_plan_field(cls, hints[item.name], prefix, (*path, item.name)))
+    return parameters
 
 
 def nested_class(cls: type, name: str) -> type | None:
@@ -209,44 +202,33 @@ def nested_class(cls: type, name: str) -> type | None:
 _hints_without_metadata = functools.cache(get_type_hints)
 
 
-def _plan_field(cls: type, name: str, annotation: Any, path: tuple[str, ...]) -> ParameterField:
-    location = f"{cls.__name__}.{name}"
+def _plan_field(cls: type, annotation: Any, prefix: str, path: tuple[str, ...]) -> ParameterField:
+    location = f"{cls.__name__}.{path[-1]}"
     info = _unwrap_annotation(location, annotation)
     if info.kind is None:
         raise ParameterClassError(
             f"{location}: {annotation!r} cannot be a parameter; expected bool, int, float, str, bytes, a list of one "
             "of these, Literal, an Enum, a dataclass, or one of these with None"
         )
-    dotted = ".".join(path)
     number_range = _range(location, info)
-    choices_text = f"one of: {', '.join(str(choice) for choice in info.choices)}" if info.choices else ""
-    is_array = info.kind.is_array
-    if is_array and number_range is not None:
-        choices_text = f"each from {number_range.from_value} to {number_range.to_value}"
+    constraints = f"one of: {', '.join(str(choice) for choice in info.choices)}" if info.choices else ""
+    element_range = None
+    if info.kind.is_array and number_range is not None:
+        element_range, number_range = number_range, None
+        constraints = f"each from {element_range.from_value} to {element_range.to_value}"
     descriptor = ParameterDescriptor(
-        dotted,
+        prefix + ".".join(path),
         info.kind,
         next((item for item in info.metadata if isinstance(item, str)), ""),
-        choices_text,
+        constraints,
         any(item is ReadOnly or isinstance(item, ReadOnly) for item in info.metadata),
-        floating_point_range=number_range if isinstance(number_range, FloatRange) and not is_array else None,
-        integer_range=number_range if isinstance(number_range, IntRange) and not is_array else None,
+        floating_point_range=number_range if isinstance(number_range, FloatRange) else None,
+        integer_range=number_range if isinstance(number_range, IntRange) else None,
     )
-    return ParameterField(
-        path,
-        dotted,
-        info.kind,
-        descriptor,
-        info.optional,
-        info.enum,
-        info.choices,
-        info.container,
-        _validators(location, info),
-        number_range if is_array else None,
-    )
+    return ParameterField(path, info, descriptor, _validators(location, info), element_range)
 
 
-def _validators(location: str, info: _AnnotationInfo) -> tuple[Validator, ...]:
+def _validators(location: str, info: FieldType) -> tuple[Validator, ...]:
     validators = tuple(item for item in info.metadata if callable(item) and not isinstance(item, type))
     for validator in validators:
         try:
@@ -256,31 +238,29 @@ def _validators(location: str, info: _AnnotationInfo) -> tuple[Validator, ...]:
     return validators
 
 
-def _unwrap_annotation(location: str, annotation: Any) -> _AnnotationInfo:
+def _unwrap_annotation(location: str, annotation: Any) -> FieldType:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         info = _unwrap_annotation(location, arguments[0])
-        info.metadata = (*info.metadata, *arguments[1:])
-        return info
+        return dataclasses.replace(info, metadata=(*info.metadata, *arguments[1:]))
     if origin in (Union, types.UnionType) and len(arguments) == 2 and type(None) in arguments:
-        info = _unwrap_annotation(location, next(item for item in arguments if item is not type(None)))
-        info.optional = True
-        return info
+        other = next(item for item in arguments if item is not type(None))
+        return dataclasses.replace(_unwrap_annotation(location, other), optional=True)
     if origin is Literal:
-        return _AnnotationInfo(kind=_common_kind(location, arguments), choices=arguments)
+        return FieldType(kind=_common_kind(location, arguments), choices=arguments)
     if origin is list or (origin is tuple and len(arguments) == 2 and arguments[1] is Ellipsis):
         return _array_info(location, origin, arguments[0])
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         choices = tuple(_enum_plain(annotation, member) for member in annotation)
-        return _AnnotationInfo(kind=_common_kind(location, choices), enum=annotation, choices=choices)
-    return _AnnotationInfo(kind=TYPE_OF.get(annotation))
+        return FieldType(kind=_common_kind(location, choices), enum=annotation, choices=choices)
+    return FieldType(kind=TYPE_OF.get(annotation))
 
 
-def _array_info(location: str, container: Any, item: Any) -> _AnnotationInfo:
+def _array_info(location: str, container: Any, item: Any) -> FieldType:
     inner = _unwrap_annotation(location, item)
     if inner.enum is not None or inner.choices or inner.optional or inner.container is not None:
-        return _AnnotationInfo()
-    return _AnnotationInfo(kind=ARRAY_OF.get(inner.kind), container=container, metadata=inner.metadata)
+        return FieldType()
+    return FieldType(kind=ARRAY_OF.get(inner.kind), container=container, metadata=inner.metadata)
 
 
 def _common_kind(location: str, values: tuple[Any, ...]) -> ParameterType:
@@ -291,23 +271,20 @@ def _common_kind(location: str, values: tuple[Any, ...]) -> ParameterType:
     return kind
 
 
-def _range(location: str, info: _AnnotationInfo) -> FloatRange | IntRange | None:
+def _range(location: str, info: FieldType) -> FloatRange | IntRange | None:
     requested = next((item for item in info.metadata if isinstance(item, Range)), None)
-    width = next((item for item in info.metadata if isinstance(item, Width)), None)
+    width = next((item for item in info.metadata if isinstance(item, IntRange)), None)  # of Int8 and the like
     integral = info.kind in (ParameterType.INTEGER, ParameterType.INTEGER_ARRAY)
     real = info.kind in (ParameterType.DOUBLE, ParameterType.DOUBLE_ARRAY)
     if (requested is not None and not (integral or real)) or (width is not None and not integral):
         raise ParameterClassError(f"{location}: a range is for numbers only")
     if requested is None:
-        return None if width is None or width.range == IntRange(INT64_MIN, INT64_MAX) else width.range
+        return None if width == IntRange(INT64_MIN, INT64_MAX) else width
     result = _real_range(requested) if real else _integer_range(location, requested)
-    reason = range_reason(result)
-    if reason:
+    if reason := range_reason(result):
         raise ParameterClassError(f"{location}: {reason}")
-    if width is not None and not (
-        width.range.from_value <= min(result.from_value, result.to_value)
-        and max(result.from_value, result.to_value) <= width.range.to_value
-    ):
+    ends = result.from_value, result.to_value
+    if width is not None and not width.from_value <= min(ends) <= max(ends) <= width.to_value:
         raise ParameterClassError(f"{location}: {requested!r} does not fit {width!r}")
     return result
 

@@ -12,17 +12,15 @@ Source: docs/internals/protocol.md 10.5.
 from __future__ import annotations
 
 import re
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, WrongParameterTypeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.parameters.store import ParameterStore
@@ -47,34 +45,6 @@ class ParameterOverrides:
         regex = re.escape(self.pattern).replace(r"/\*", r"(/\w+)")
         # The second star of "/**" is left, and repeats the group.
         return re.fullmatch(regex.replace(r"\*", "*"), fully_qualified_name) is not None
-
-
-class InitialSources(dict[str, str]):
-    """File or argument of the initial value of each parameter of a node.
-
-    Attributes:
-        was_refused: one of these values was refused, which ends most programs before they declare other parameters.
-    """
-
-    was_refused = False
-
-    @contextmanager
-    def declaring(self, name: str, ignored: bool) -> Iterator[None]:
-        """Add the source to the error of a declaration that refuses an initial value."""
-        try:
-            yield
-        except (InvalidParameterValueError, WrongParameterTypeError) as error:
-            if not ignored and name in self:
-                self.was_refused, error.source = True, self[name]
-                error.args = (f"{error}; the value is from {error.source}",)
-            raise
-
-
-def sources_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> InitialSources:
-    """Return the source of each value of `overrides_for`."""
-    return InitialSources(
-        {name: entry.source for entry in entries if entry.matches(fully_qualified_name) for name in entry.values}
-    )
 
 
 def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> dict[str, ParameterValue]:
@@ -166,7 +136,7 @@ class InitialValues:
     def _on_node_close(self, closed: _OpenNode) -> None:
         for source in list(self._sources):
             nodes = self._update(source)
-            if nodes and closed.store.sources.was_refused:
+            if nodes and closed.store.was_refused:
                 source.unused.clear()
             elif nodes == [closed]:
                 self._warn_unused(source, nodes)

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, SetCallbacks
-from rosidl_py_gen.runtime.parameters.initial_values import InitialSources
 from rosidl_py_gen.runtime.parameters.validation import (
     ListParametersResult,
     apply_descriptor,
@@ -44,78 +43,11 @@ from rosidl_py_gen.runtime.parameters.values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from rosidl_py_gen.runtime.parameters.callbacks import Commit
 NOT_SET = ParameterValue()
 _NESTED_REASON = "parameters cannot be set or declared by a validator"
-
-
-@dataclass(slots=True)
-class ChangeBatch:
-    """Events and post-set calls of one thread that are held back."""
-
-    events: list[ParameterEvent] = field(default_factory=list)
-    sets: list[list[Parameter]] = field(default_factory=list)
-
-    def discard(self, names: Collection[str]) -> None:
-        """Drop all that concerns these parameters."""
-        if names:
-            self.events = [rest for event in self.events if (rest := event.without(names))]
-            sets = ([item for item in parameters if item.name not in names] for parameters in self.sets)
-            self.sets = [parameters for parameters in sets if parameters]
-
-
-class Notifier:
-    """Passes events to `on_event`, and the parameters of sets to `after_set`, which calls the post-set callbacks."""
-
-    def __init__(
-        self,
-        on_event: Callable[[ParameterEvent], None],
-        after_set: Callable[[Sequence[Parameter]], None],
-        on_failure: Callable[[str], None],
-    ) -> None:
-        self._on_event = on_event
-        self._after_set = after_set
-        self._on_failure = on_failure
-        self._thread = threading.local()
-
-    def event(self, event: ParameterEvent) -> None:
-        """Deliver an event, or add it to the batch. Lock: the store's must be held."""
-        batch = getattr(self._thread, "batch", None)
-        if batch is not None:
-            batch.events.append(event)
-            return
-        try:
-            self._on_event(event)
-        except Exception:
-            self._on_failure("publishing a parameter event")
-
-    def after_set(self, parameters: Sequence[Parameter]) -> None:
-        """Call the post-set callbacks, or add the call to the batch. Lock: only with a batch."""
-        batch = getattr(self._thread, "batch", None)
-        if batch is not None:
-            batch.sets.append(list(parameters))
-        else:
-            self._after_set(parameters)
-
-    @contextlib.contextmanager
-    def batch(self, lock: contextlib.AbstractContextManager[object]) -> Iterator[ChangeBatch]:
-        """Run a block under `lock`, and hold back events and calls until it ends."""
-        batch, outer = ChangeBatch(), getattr(self._thread, "batch", None)
-        try:
-            with lock:
-                self._thread.batch = batch
-                try:
-                    yield batch
-                finally:
-                    self._thread.batch = outer
-                    for event in batch.events:
-                        self.event(event)
-        finally:
-            with contextlib.ExitStack() as calls:  # makes all calls even if one raises
-                for parameters in reversed(batch.sets):
-                    calls.callback(self.after_set, parameters)
 
 
 class ParameterStore:
@@ -123,12 +55,14 @@ class ParameterStore:
 
     Args:
         overrides: values from arguments, files and the constructor, which replace the defaults of declarations.
+        sources: file or argument of each override that is named if the value is refused.
         allow_undeclared: setting an unknown name declares it, reading one returns NOT_SET.
         on_event: called for each atomic set and each declaration, after the values are stored.
         on_failure: called with a description while the exception of a callback is handled; logs by default.
 
     Attributes:
         used_overrides: names of the overrides that a declaration has used.
+        was_refused: an override was refused, which ends most programs before they declare other parameters.
         lock: held during sets and declarations; hold it to combine several of them.
     """
 
@@ -136,18 +70,22 @@ class ParameterStore:
         self,
         overrides: Mapping[str, ParameterValue] | None = None,
         *,
+        sources: Mapping[str, str] | None = None,
         allow_undeclared: bool = False,
         on_event: Callable[[ParameterEvent], None] = lambda event: None,
         on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.overrides = dict(overrides or {})
-        self.sources = InitialSources()
+        self._sources = sources or {}
         self.used_overrides: set[str] = set()
+        self.was_refused = False
         self.allow_undeclared = allow_undeclared
         self.lock = threading.RLock()
+        self._on_event = on_event
         self._on_failure = on_failure
         self.callbacks = SetCallbacks(on_failure)
-        self._notifier = Notifier(on_event, self.callbacks.run_post_set, on_failure)
+        self._batch: list[tuple[ParameterEvent, Sequence[Parameter]]] | None = None
+        """Changes whose event and post-set callbacks wait for the end of `declare_batch`. Lock: lock."""
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
         self._optional: set[str] = set()
@@ -169,7 +107,7 @@ class ParameterStore:
         `dynamic_typing`. An `optional` parameter keeps its type, may be unset, and remains declared then. Raises as
         `Node.declare_parameter`.
         """
-        with self.lock, self.sources.declaring(name, ignore_override):
+        with self.lock, self._naming_source("" if ignore_override else self._sources.get(name, "")):
             if reason := name_reason(name):
                 raise InvalidParameterNameError(reason)
             if name in self._values:
@@ -193,9 +131,22 @@ class ParameterStore:
             if is_overridden:
                 self.used_overrides.add(name)
             self._values = {**self._values, name: value}
-            self._publish(ParameterEvent(new=(parameter,) if value.is_set else ()), commits)
-        self._notifier.after_set([parameter])
+            event = ParameterEvent(new=(parameter,) if value.is_set else ())
+            is_published = self._publish(event, [parameter], commits)
+        if is_published:
+            self.callbacks.run_post_set([parameter])
         return value
+
+    @contextlib.contextmanager
+    def _naming_source(self, source: str) -> Iterator[None]:
+        """Add the source of an initial value, if there is one, to the error of a declaration that refuses it."""
+        try:
+            yield
+        except (InvalidParameterValueError, WrongParameterTypeError) as error:
+            if source:
+                self.was_refused, error.source = True, source
+                error.args = (f"{error}; the value is from {source}",)
+            raise
 
     @contextlib.contextmanager
     def declare_batch(self) -> Iterator[list[str]]:
@@ -204,14 +155,25 @@ class ParameterStore:
         Events and post-set calls follow at the end. If the block raises, the declarations are undone without any.
         """
         declared: list[str] = []
-        with self._notifier.batch(self.lock) as batch:
-            try:
-                yield declared
-            except BaseException:
-                batch.discard(declared)
-                for name in declared:
-                    self.forget(name)
-                raise
+        batch: list[tuple[ParameterEvent, Sequence[Parameter]]] = []
+        try:
+            with self.lock:
+                outer, self._batch = self._batch, batch
+                try:
+                    yield declared
+                except BaseException:
+                    kept = [(event, [one for one in items if one.name not in declared]) for event, items in batch]
+                    batch[:] = [(event.without(declared), items) for event, items in kept if items]
+                    for name in declared:
+                        self.forget(name)
+                    raise
+                finally:
+                    self._batch = outer
+                    batch = [change for change in batch if self._publish(*change)]
+        finally:
+            with contextlib.ExitStack() as calls:  # makes all calls even if one raises
+                for _, parameters in reversed(batch):
+                    calls.callback(self.callbacks.run_post_set, parameters)
 
     def _run_validation(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
         """Run bound-object and on-set callbacks; raises `RefusedError` for their reasons, or for `reason`."""
@@ -221,10 +183,22 @@ class ParameterStore:
             raise RefusedError(_NESTED_REASON)
         return self.callbacks.run_on_set(parameters)
 
-    def _publish(self, event: ParameterEvent, commits: Iterable[Commit]) -> None:
+    def _publish(self, event: ParameterEvent, parameters: Sequence[Parameter], commits: Iterable[Commit] = ()) -> bool:
+        """Publish a change, or add it to the batch. Lock: lock must be held.
+
+        Returns:
+            True if the caller must call the post-set callbacks, without the lock.
+        """
         for commit in commits:
             commit()
-        self._notifier.event(event)
+        if self._batch is not None:
+            self._batch.append((event, parameters))
+            return False
+        try:
+            self._on_event(event)
+        except Exception:
+            self._on_failure("publishing a parameter event")
+        return True
 
     def declare_overrides(self) -> None:
         """Declare every override that is not declared yet, with the type of its value."""
@@ -321,11 +295,12 @@ class ParameterStore:
                 if require_declared and (missing := self._missing([item.name for item in requested])):
                     raise ParameterNotDeclaredError(missing)
                 result, commits = self._run_validation(requested, self._reason(requested))
-                self._publish(self._apply(requested), commits)
+                is_published = self._publish(self._apply(requested), requested, commits)
         except RefusedError as refused:
             refusal = refused
         else:
-            self._notifier.after_set(requested)
+            if is_published:
+                self.callbacks.run_post_set(requested)
             return result
         if refusal.failed:
             self._report(refusal)
@@ -344,7 +319,7 @@ class ParameterStore:
             described, parameter, reason = apply_descriptor(
                 self._descriptors[name], self._values[name], descriptor, alternative
             )
-            is_changed = parameter.value != self._values[name]
+            is_changed, is_published = parameter.value != self._values[name], False
             try:
                 if reason:
                     raise RefusedError(reason)
@@ -355,9 +330,9 @@ class ParameterStore:
                 raise InvalidParameterValueError(text) from refusal.__cause__
             self._descriptors[name] = described
             if is_changed:
-                self._publish(self._apply([parameter]), commits)
-        if is_changed:
-            self._notifier.after_set([parameter])
+                is_published = self._publish(self._apply([parameter]), [parameter], commits)
+        if is_published:
+            self.callbacks.run_post_set([parameter])
         return parameter.value
 
     def _report(self, refusal: RefusedError) -> None:

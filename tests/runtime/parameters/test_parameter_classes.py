@@ -378,7 +378,7 @@ def test_arguments_of_the_wrong_type(arguments: dict[str, Any], reason: str) -> 
         (Literal["a", 1], "choices must be all str, all int or all bool"),
         (Annotated[str, Range(0, 1)], "a range is for numbers only"),
         (Annotated[int, Range(0, 1.5)], "must have integer ends"),
-        (Annotated[Int8, Range(0, 200)], "does not fit Width"),
+        (Annotated[Int8, Range(0, 200)], r"does not fit IntRange\(from_value=-128"),
         (Annotated[int, Range(float("-inf"), 10)], "must have integer ends"),
         (Annotated[int, Range(float("nan"), 10)], "must have integer ends"),
         (Annotated[int, Range(0, 10, -1)], "a step >= 0"),
