@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         "bool | BaseException | tuple[type[BaseException], BaseException, TracebackType | None]"
         " | tuple[None, None, None] | None"
     )
+    Publish: TypeAlias = Callable[[logging.LogRecord], None]
 
 UNSET, DEBUG, INFO, WARN, ERROR, FATAL = 0, 10, 20, 30, 40, 50
 LEVEL_NAMES = {UNSET: "UNSET", DEBUG: "DEBUG", INFO: "INFO", WARN: "WARN", ERROR: "ERROR", FATAL: "FATAL"}
@@ -275,13 +276,6 @@ def set_logger_level(name: str, level: int | str) -> None:
 def get_logger_level(name: str) -> int:
     """Return the level that was set, 0 if the logger inherits its level; raises `TypeError` as `get_logger`."""
     return get_logger(name).level
-
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import TypeAlias
-
-    Publish: TypeAlias = "Callable[[logging.LogRecord], None]"
 
 
 def message_text(record: logging.LogRecord) -> str:

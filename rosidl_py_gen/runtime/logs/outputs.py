@@ -162,32 +162,22 @@ def program_prefix(program: str) -> str:
     return re.sub(r"[^\w.-]", "_", path.name.removesuffix(".py")) or "python"
 
 
-class LogFile(logging.Handler):
+class LogFile(logging.FileHandler):
     """Handler that appends records to a file, in the format of the console without colours; raises `LogFileError`."""
 
     def __init__(self, path: Path, format_text: str = DEFAULT_FORMAT) -> None:
-        super().__init__()
-        self.path = path
         self._format = format_text
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            # Line buffered, so that no line is lost in a crash.
-            self._stream = path.open("a", buffering=1, encoding="utf-8", errors="backslashreplace")
+            super().__init__(path, encoding="utf-8", errors="backslashreplace")
         except OSError as error:
             raise LogFileError(
                 f"the log file {path} cannot be written: {error.strerror or error}; "
                 "set ROS_LOG_DIR to another folder, or use --ros-args --disable-external-lib-logs"
             ) from error
 
-    def emit(self, record: logging.LogRecord) -> None:
-        try:
-            self._stream.write(format_record(record, self._format) + "\n")
-        except Exception:
-            self.handleError(record)
-
-    def close(self) -> None:
-        self._stream.close()
-        super().close()
+    def format(self, record: logging.LogRecord) -> str:
+        return format_record(record, self._format)
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,7 @@ from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Awaitable, Callable, Sequence
+    from collections.abc import Sequence
 
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.names.remapping import NodeNames
@@ -75,57 +75,6 @@ _MAX_BATCH = 1000
 _SMALL = 1 << 18
 """Size of the values of a response, in characters and elements, up to which the next batch is twice as large."""
 T = TypeVar("T")
-
-
-async def read_all(
-    names: Sequence[str], get: Client[Any, Any], types: Client[Any, Any], deadline: Deadline
-) -> dict[str, ParameterValue]:
-    """Return the values of the parameters that have one, in the order of the names; raises `CallTimeoutError`."""
-
-    async def values_of(batch: list[str]) -> list[Any]:
-        return list((await get.call(GetParameters_Request(names=batch), deadline.remaining_s())).values)
-
-    async def types_of(batch: list[str]) -> list[int]:
-        return list((await types.call(GetParameterTypes_Request(names=batch), deadline.remaining_s())).types)
-
-    result: dict[str, ParameterValue] = {}
-    size, at = _FIRST_BATCH, 0
-    while at < len(names):
-        batch = list(names[at : at + size])
-        at += len(batch)
-        try:
-            items = await _read_batch(batch, values_of, types_of)
-        except CallTimeoutError:
-            raise CallTimeoutError(f"{at - len(batch)} of {len(names)} parameters were read in time") from None
-        values = {name: value_from_message(item) for name, item in items}
-        result.update(values)
-        contents = [value.value for value in values.values()]
-        length = sum(len(content) for content in contents if isinstance(content, str | bytes | tuple))
-        size = min(2 * size, _MAX_BATCH) if length <= _SMALL else max(1, size // 2)
-    return {name: result[name] for name in names if name in result}
-
-
-async def _read_batch(
-    batch: list[str],
-    values_of: Callable[[list[str]], Awaitable[list[Any]]],
-    types_of: Callable[[list[str]], Awaitable[list[int]]],
-) -> list[tuple[str, Any]]:
-    items: list[tuple[str, Any]] = []
-    pending = [batch]
-    while pending:
-        names = pending.pop()
-        values = await values_of(names)
-        if len(values) == len(names):
-            items += zip(names, values, strict=True)
-            continue
-        kinds = await types_of(names)
-        typed = [name for name, kind in zip(names, kinds, strict=False) if kind] if len(kinds) == len(names) else names
-        middle = len(names) // 2
-        if len(typed) < len(names):
-            pending += [typed] if typed else []
-        elif middle:
-            pending += [names[:middle], names[middle:]]
-    return items
 
 
 class MalformedAnswerError(RosidlError):
@@ -243,8 +192,7 @@ class ParameterClient(CompositeEntity):
             ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
         query = _NameQuery(self.node, names)
-        response = await self._get.call(GetParameters_Request(names=query.names), timeout_s)
-        return query.result([value_from_message(item).value for item in response.values])
+        return query.result([item.value for item in await self._get_values(query.names, Deadline(timeout_s))])
 
     get_sync = blocking(get)
 
@@ -259,8 +207,7 @@ class ParameterClient(CompositeEntity):
     ) -> ParameterType | list[ParameterType]:
         """Return one type for one name, a list for several; raises as `get`."""
         query = _NameQuery(self.node, names)
-        response = await self._types.call(GetParameterTypes_Request(names=query.names), timeout_s)
-        return query.result([parameter_type(int(item)) for item in response.types])
+        return query.result(await self._get_types(query.names, Deadline(timeout_s)))
 
     get_types_sync = blocking(get_types)
 
@@ -275,10 +222,21 @@ class ParameterClient(CompositeEntity):
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
         """Return one descriptor for one name, a list for several; raises `ParameterNotDeclaredError`."""
         query = _NameQuery(self.node, names)
-        response = await self._describe.call(DescribeParameters_Request(names=query.names), timeout_s)
-        return query.result([descriptor_from_message(item) for item in response.descriptors])
+        return query.result(await self._get_descriptors(query.names, Deadline(timeout_s)))
 
     describe_sync = blocking(describe)
+
+    async def _get_values(self, names: list[str], deadline: Deadline) -> list[ParameterValue]:
+        response = await self._get.call(GetParameters_Request(names=names), deadline.remaining_s())
+        return [value_from_message(item) for item in response.values]
+
+    async def _get_types(self, names: list[str], deadline: Deadline) -> list[ParameterType]:
+        response = await self._types.call(GetParameterTypes_Request(names=names), deadline.remaining_s())
+        return [parameter_type(int(item)) for item in response.types]
+
+    async def _get_descriptors(self, names: list[str], deadline: Deadline) -> list[ParameterDescriptor]:
+        response = await self._describe.call(DescribeParameters_Request(names=names), deadline.remaining_s())
+        return [descriptor_from_message(item) for item in response.descriptors]
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
         """Set each parameter separately; return a result with a reason for each.
@@ -305,10 +263,37 @@ class ParameterClient(CompositeEntity):
     set_sync = blocking(set)
 
     async def _read_all(self, timeout_s: float | None) -> dict[str, ParameterValue]:
+        """Return the values of all parameters that have one; raises `CallTimeoutError`."""
         deadline = Deadline(timeout_s)
-        return await read_all(
-            (await self.list(timeout_s=deadline.remaining_s())).names, self._get, self._types, deadline
-        )
+        names = (await self.list(timeout_s=deadline.remaining_s())).names
+        result: dict[str, ParameterValue] = {}
+        size, at = _FIRST_BATCH, 0
+        while at < len(names):
+            batch = list(names[at : at + size])
+            try:
+                values = await self._read_batch(batch, deadline)
+            except CallTimeoutError:
+                raise CallTimeoutError(f"{at} of {len(names)} parameters were read in time") from None
+            at += len(batch)
+            result |= values
+            contents = [value.value for value in values.values()]
+            length = sum(len(content) for content in contents if isinstance(content, str | bytes | tuple))
+            size = min(2 * size, _MAX_BATCH) if length <= _SMALL else max(1, size // 2)
+        return result
+
+    async def _read_batch(self, names: list[str], deadline: Deadline) -> dict[str, ParameterValue]:
+        """Return the values of the parameters that have one, for which a node returns none if one of them has none."""
+        values = await self._get_values(names, deadline)
+        if len(values) == len(names):
+            return dict(zip(names, values, strict=True))
+        kinds, middle = await self._get_types(names, deadline), len(names) // 2
+        typed = [name for name, kind in zip(names, kinds, strict=False) if kind] if len(kinds) == len(names) else names
+        if len(typed) < len(names):
+            return await self._read_batch(typed, deadline) if typed else {}
+        if not middle:
+            return {}
+        first = await self._read_batch(names[:middle], deadline)
+        return first | await self._read_batch(names[middle:], deadline)
 
     async def _set_once(self, parameters: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
         request = SetParameters_Request(parameters=[to_message(item) for item in parameters])
@@ -349,13 +334,10 @@ class ParameterClient(CompositeEntity):
 
     async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
         """Return the type of a remote parameter; NOT_SET if it is not declared."""
-        typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.remaining_s())
-        kind = parameter_type(int(typed.types[0])) if len(typed.types) == 1 else ParameterType.NOT_SET
-        if kind is ParameterType.NOT_SET and len(typed.types) == 1:
-            # Declared but unset: its descriptor may have a type.
-            described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.remaining_s())
-            kind = parameter_type(described.descriptors[0].type) if len(described.descriptors) == 1 else kind
-        return kind
+        kinds = await self._get_types([name], deadline)
+        if kinds == [ParameterType.NOT_SET]:  # declared but unset: its descriptor may have a type
+            kinds = [item.type for item in await self._get_descriptors([name], deadline)]
+        return kinds[0] if len(kinds) == 1 else ParameterType.NOT_SET
 
     async def list(
         self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None
@@ -397,13 +379,12 @@ class ParameterClient(CompositeEntity):
         self, name: str, value: ParameterValue, refused: SetResult, deadline: Deadline
     ) -> SetResult:
         """Return success if a read-only parameter already has the value of the file, else the refusal."""
-        described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.remaining_s())
-        if len(described.descriptors) != 1 or not described.descriptors[0].read_only:
+        if not any(item.read_only for item in await self._get_descriptors([name], deadline)):
             return refused
-        response = await self._get.call(GetParameters_Request(names=[name]), deadline.remaining_s())
-        if len(response.values) != 1:
+        values = await self._get_values([name], deadline)
+        if len(values) != 1:
             return refused
-        actual = value_from_message(response.values[0])
+        actual = values[0]
         if value.value == b"" and actual.type.is_array:
             expected = parameter_value((), actual.type)
         else:
