@@ -54,49 +54,65 @@ def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: s
 
 
 @dataclass(slots=True, eq=False)
-class _OverrideSource:
-    """Values of one `-p`, the values of a file for one pattern, or the overrides of one node's constructor.
-
-    Attributes:
-        store: the only node that the values are for; None: all nodes that the pattern matches.
-        unused: values that were neither used nor reported.
-    """
-
-    parameters: ParameterOverrides
-    store: ParameterStore | None = None
-    unused: dict[str, ParameterValue] = field(default_factory=dict)
-    has_matched: bool = False
-
-    def matches(self, node: _OpenNode) -> bool:
-        is_for_node = node.takes_global if self.store is None else self.store is node.store
-        return is_for_node and self.parameters.matches(node.scope.node_name)
-
-
-@dataclass(slots=True, eq=False)
 class _OpenNode:
-    """Open node, registered with its scope, which closes it.
-
-    Attributes:
-        takes_global: the values of the context are for this node, too.
-    """
+    """Open node, registered with its scope, which closes it."""
 
     scope: EntityScope
     store: ParameterStore
     may_declare_more: Callable[[], bool]
     on_close: Callable[[_OpenNode], None]
-    takes_global: bool
 
     def close(self) -> None:
         self.on_close(self)
+
+
+@dataclass(slots=True, eq=False)
+class _OverrideSource:
+    """Values of one `-p`, the values of a file for one pattern, or the overrides of one node's constructor.
+
+    Attributes:
+        nodes: open nodes that the values are for.
+        has_matched: the values were for a node, which may be closed.
+        unused: values that were neither used nor reported.
+    """
+
+    parameters: ParameterOverrides
+    nodes: list[_OpenNode] = field(default_factory=list)
+    has_matched: bool = False
+    unused: dict[str, ParameterValue] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.unused = dict(self.parameters.values)
+
+    def discard_used(self) -> None:
+        """Forget the values that nodes have used."""
+        for node in self.nodes:
+            for name in node.store.used_overrides & self.unused.keys():
+                del self.unused[name]
+
+    def warn_unused(self) -> None:
+        """Report the unused values once."""
+        node_names = ", ".join(node.scope.node_name for node in self.nodes)
+        declared = [name for node in self.nodes for name in node.store.values()]
+        for name, value in self.unused.items():
+            if name in declared:
+                reason = "which ignores initial values for it"
+            else:
+                reason = f"which {'declares' if len(self.nodes) == 1 else 'declare'} no parameter of that name"
+            self.nodes[0].scope.logger.warning(
+                f"{self.parameters.source} sets the parameter {name} = {value.value!r:.100} of {node_names}, {reason}"
+                f"{did_you_mean(name, [other for other in declared if other != name])}"
+            )
+        self.unused.clear()
 
 
 class InitialValues:
     """Initial values that files and arguments set for the nodes of one context."""
 
     def __init__(self, parameters: Sequence[ParameterOverrides]) -> None:
-        self._sources = [_OverrideSource(item, unused=dict(item.values)) for item in parameters]
-        self._nodes: list[_OpenNode] = []
-        self._all_names: list[str] = []
+        self._global_sources = [_OverrideSource(item) for item in parameters]
+        self._sources = list(self._global_sources)
+        self._node_names: list[str] = []
         """Names of all nodes, including closed ones."""
 
     def register_node(
@@ -110,66 +126,24 @@ class InitialValues:
         takes_global: bool,
     ) -> None:
         """Register a node before it declares parameters; `own` and `arguments` are from its constructor."""
-        if not self._sources and not own and not arguments:
-            return
-        node = _OpenNode(scope, store, may_declare_more, self._on_node_close, takes_global)
-        self._sources += [_OverrideSource(item, store, dict(item.values)) for item in arguments]
+        own_sources = [_OverrideSource(item) for item in arguments]
         if own:
-            constructor = ParameterOverrides(scope.node_name, own, "parameter_overrides=")
-            self._sources.append(_OverrideSource(constructor, store, dict(own)))
-        self._nodes.append(node)
-        self._all_names.append(scope.node_name)
+            own_sources.append(_OverrideSource(ParameterOverrides(scope.node_name, own, "parameter_overrides=")))
+        self._sources += own_sources
+        if not self._sources:
+            return
+        node = _OpenNode(scope, store, may_declare_more, self._on_node_close)
+        for source in (*(self._global_sources if takes_global else ()), *own_sources):
+            if source.parameters.matches(scope.node_name):
+                source.nodes.append(node)
+                source.has_matched = True
+        self._node_names.append(scope.node_name)
         scope.register(node)
 
     def close(self) -> None:
-        """Report values for nodes that never existed; called after all nodes are closed."""
-        if self._all_names:
-            self._warn_unmatched_nodes()
-
-    def on_listed(self, store: ParameterStore) -> None:
-        """Report unused values after a peer has requested the list of a node's parameters."""
-        for source in list(self._sources):
-            nodes = self._update(source)
-            if any(node.store is store for node in nodes) and not any(node.may_declare_more() for node in nodes):
-                self._warn_unused(source, nodes)
-
-    def _on_node_close(self, closed: _OpenNode) -> None:
-        for source in list(self._sources):
-            nodes = self._update(source)
-            if nodes and closed.store.was_refused:
-                source.unused.clear()
-            elif nodes == [closed]:
-                self._warn_unused(source, nodes)
-        self._nodes.remove(closed)
-
-    def _update(self, source: _OverrideSource) -> list[_OpenNode]:
-        """Discard the used values of a source, and return the open nodes that it matches."""
-        nodes = [node for node in self._nodes if source.matches(node)]
-        source.has_matched |= bool(nodes)
-        for node in nodes:
-            for name in node.store.used_overrides & source.unused.keys():
-                del source.unused[name]
-        return nodes
-
-    def _warn_unused(self, source: _OverrideSource, nodes: list[_OpenNode]) -> None:
-        node_names = ", ".join(node.scope.node_name for node in nodes)
-        declared = [name for node in nodes for name in node.store.values()]
-        for name, value in source.unused.items():
-            if name in declared:
-                reason = "which ignores initial values for it"
-            else:
-                reason = f"which {'declares' if len(nodes) == 1 else 'declare'} no parameter of that name"
-            nodes[0].scope.logger.warning(
-                f"{source.parameters.source} sets the parameter {name} = {value.value!r:.100} of {node_names}, {reason}"
-                f"{did_you_mean(name, [other for other in declared if other != name])}"
-            )
-        source.unused.clear()
-
-    def _warn_unmatched_nodes(self) -> None:
-        """Warn about files and arguments whose node patterns have matched no node."""
+        """Report files and arguments for nodes that never existed; called after all nodes are closed."""
         by_text: dict[str, list[_OverrideSource]] = {}
-        for source in self._sources:
-            source.has_matched |= any(source.matches(node) for node in self._nodes)
+        for source in self._sources if self._node_names else ():
             by_text.setdefault(source.parameters.source, []).append(source)
         for text, sources in by_text.items():
             if any(source.has_matched or not source.unused for source in sources):
@@ -177,7 +151,25 @@ class InitialValues:
             patterns = ", ".join(dict.fromkeys(source.parameters.pattern for source in sources))
             get_root_logger().warning(
                 f"{text} has parameters for {patterns}, but this process has no such node"
-                f"{did_you_mean(patterns, self._all_names)}"
+                f"{did_you_mean(patterns, self._node_names)}"
             )
             for source in sources:
                 source.unused.clear()
+
+    def on_listed(self, store: ParameterStore) -> None:
+        """Report unused values after a peer has requested the list of a node's parameters."""
+        for source in self._sources:
+            source.discard_used()
+            listed = any(node.store is store for node in source.nodes)
+            if listed and not any(node.may_declare_more() for node in source.nodes):
+                source.warn_unused()
+
+    def _on_node_close(self, closed: _OpenNode) -> None:
+        for source in self._sources:
+            source.discard_used()
+            if source.nodes and closed.store.was_refused:
+                source.unused.clear()
+            if closed in source.nodes:
+                if len(source.nodes) == 1:
+                    source.warn_unused()
+                source.nodes.remove(closed)
