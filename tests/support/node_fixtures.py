@@ -79,7 +79,6 @@ ON_ZENOH = {
     "test_lost_servers.py",
     "test_adaptive.py",
     "test_node.py",
-    "test_node_services.py",
     "test_parameter_client.py",
     "test_peer_definitions.py",
     "test_parameter_services.py",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import threading
 from typing import TYPE_CHECKING, Any
 
 from support.node_fixtures import until
@@ -11,6 +13,8 @@ from rosidl_py_gen import get_action
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from support.node_fixtures import World
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
@@ -58,6 +62,28 @@ async def statuses_of(world: World, server: Any) -> list[list[int]]:
     )
     await until(lambda: server._goals._status.subscription_count == 2)
     return seen
+
+
+@contextlib.contextmanager
+def served_in_thread(world: World, execute: Any) -> Iterator[None]:
+    """Serve the action on an event loop of another thread."""
+    ready, stop = threading.Event(), threading.Event()
+
+    async def serve() -> None:
+        async with world.node("server") as node:
+            node.create_action_server(Fibonacci, "fib", execute)
+            ready.set()
+            while not stop.is_set():
+                await asyncio.sleep(0.005)
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    try:
+        assert ready.wait(5)
+        yield
+    finally:
+        stop.set()
+        thread.join()
 
 
 def is_awaited(handle: Any) -> bool:

@@ -47,16 +47,6 @@ async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
     assert not client._result._pending and client._result.client.in_flight_count == 0
 
 
-async def test_it_is_asked_for_until_it_comes(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.01)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.005)
-    lost = lose(monkeypatch, 6)
-    _, client = await pair(memory)
-    handle = await client.send_goal(goal(2), timeout_s=5)
-    assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED
-    assert lost == [handle.goal_id] * 6
-
-
 async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:

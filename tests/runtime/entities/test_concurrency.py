@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int64
-from std_srvs.srv import SetBool
 from support.node_fixtures import World, until
 
 if TYPE_CHECKING:
@@ -89,29 +88,13 @@ async def test_a_depth_of_one_wants_only_the_newest_and_what_keeps_up_says_nothi
     assert "dropped" not in caplog.text
 
 
-async def test_handlers_of_a_service_run_all_at_once_and_no_request_is_dropped(world: World) -> None:
-    go_on, under_way = asyncio.Event(), []
-
-    async def handler(request: SetBool.Request) -> SetBool.Response:
-        under_way.append(request)
-        await go_on.wait()
-        return SetBool.Response(success=True)
-
-    node = world.node()
-    node.create_service(SetBool, "s", handler)
-    client = node.create_client(SetBool, "s")
-    calls = [asyncio.create_task(client.call(SetBool.Request(), timeout_s=10)) for _ in range(30)]
-    await until(lambda: len(under_way) >= 10)
-    go_on.set()
-    assert all(response.success for response in await asyncio.gather(*calls))
-
-
 @pytest.mark.parametrize(("value", "error"), [(0, ValueError), (-1, ValueError), (2.0, TypeError), (True, TypeError)])
 async def test_what_is_no_number_of_calls_is_refused(memory: World, value: Any, error: type[Exception]) -> None:
     with pytest.raises(error, match="concurrency must be"):
         memory.node().create_subscription(Int64, "t", print, concurrency=value)
 
 
+@pytest.mark.every_transport
 async def test_latest_is_the_newest_message_whoever_took_it(world: World) -> None:
     node = world.node()
     publisher, subscription = node.create_publisher(Int64, "t"), node.create_subscription(Int64, "t")

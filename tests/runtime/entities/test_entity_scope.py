@@ -91,27 +91,6 @@ def test_what_is_being_made_while_its_node_closes_leaves_nothing_behind(
     assert other.count_subscribers("/fib/_action/feedback") == other.count_clients("/fib/_action/get_result") == 0
 
 
-async def test_callbacks_of_an_action_server_that_wait_end_with_it(world: World) -> None:
-    began, ended = asyncio.Event(), asyncio.Event()
-
-    async def decide(goal: Any) -> bool:
-        began.set()
-        try:
-            await asyncio.sleep(60)
-        finally:
-            ended.set()
-        return True
-
-    server = world.node("server").create_action_server(Fibonacci, "fib", lambda goal: None, goal_callback=decide)
-    client = world.node("client").create_action_client(Fibonacci, "fib")
-    asked = asyncio.ensure_future(client.send_goal(Fibonacci.Goal()))
-    await asyncio.wait_for(began.wait(), 5)
-    server.close()
-    await asyncio.wait_for(ended.wait(), 5)
-    with pytest.raises(ActionServerLostError):
-        await asyncio.wait_for(asked, 30)
-
-
 async def test_a_handler_that_closes_its_own_server_goes_on(world: World, caplog: pytest.LogCaptureFixture) -> None:
     went_on = asyncio.Event()
 

@@ -16,7 +16,6 @@ from rosidl_py_gen.runtime import (
     ClosedError,
     CountStatus,
     IncompatibleStatus,
-    LifecycleNode,
     Liveliness,
     LivelinessStatus,
     MatchedStatus,
@@ -158,15 +157,6 @@ async def test_dds_knows_of_those_that_came_and_went_between_two_looks(dds: Worl
     await until(lambda: len(heard) == 2)
     assert heard == [MatchedStatus(1, 1, 1, 1), MatchedStatus(2, 1, 1, 0)]
     assert told == [MatchedStatus(1, 1, 1, 1)] and publisher.subscription_count == 1
-
-
-async def test_a_lifecycle_publisher_tells_what_others_tell(memory: World) -> None:
-    node = LifecycleNode("managed", context=memory.context())
-    told: list[MatchedStatus] = []
-    node.create_lifecycle_publisher(String, "t", event_callbacks=PublisherEventCallbacks(matched=told.append))
-    memory.node("other").create_subscription(String, "t")
-    await until(lambda: bool(told))
-    assert told == [MatchedStatus(1, 1, 1, 1)]
 
 
 async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(dds: World) -> None:

@@ -158,19 +158,23 @@ async def test_a_killed_server_is_missed_after_its_lease(network: World, mortal:
 async def test_a_goal_whose_server_leaves_before_it_accepts_ends_at_once(world: World) -> None:
     async def on_goal(goal: Any) -> bool:
         entered.set()
-        await asyncio.Event().wait()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.set()
         return True
 
     async def execute(goal: Any) -> Any:
         return Fibonacci.Result()
 
-    entered = asyncio.Event()
+    entered, ended = asyncio.Event(), asyncio.Event()
     node = world.node("server")
     server = node.create_action_server(Fibonacci, "fib", execute, goal_callback=on_goal)
     client = world.node("caller").create_action_client(Fibonacci, "fib")
     sending = asyncio.ensure_future(client.send_goal(Fibonacci.Goal(order=1)))
     await asyncio.wait_for(entered.wait(), 5)
     server.close()
+    await asyncio.wait_for(ended.wait(), 5)
     with pytest.raises(ActionServerLostError, match="action /fib: no reply to the goal: the server of /fib/_action"):
         await asyncio.wait_for(sending, 5)
     assert client._goals == {}

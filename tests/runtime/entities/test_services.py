@@ -14,7 +14,7 @@ from std_srvs.srv import Empty, SetBool
 from support.node_fixtures import until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError, WouldDeadlockError
+from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
 from rosidl_py_gen.runtime.entities.server import AlreadyRespondedError, ServiceRequest
 from rosidl_py_gen.runtime.transport.dds.correlation import add_request_header
 
@@ -51,17 +51,6 @@ async def test_a_response_waits_for_the_reader_of_its_client(
     with pytest.raises(CallTimeoutError):
         await call
     assert "dropped a response of /add: its client's reader never appeared" in caplog.text
-
-
-@pytest.mark.every_transport
-async def test_a_plain_and_an_async_handler_answer(world: World) -> None:
-    alice, bob = world.pair()
-    alice.create_service(AddTwoInts, "add", add)
-    alice.create_service(AddTwoInts, "add_slowly", add_slowly)
-    for name in ("add", "/add_slowly"):
-        client = bob.create_client(AddTwoInts, name)
-        assert await client.wait_for_service(timeout_s=5)
-        assert await client.call(Request(a=2, b=40), timeout_s=5) == Response(sum=42)
 
 
 @pytest.mark.every_transport
@@ -256,12 +245,6 @@ async def test_a_service_can_be_called_inside_callbacks(world: World) -> None:
     assert (await chain.call(SetBool.Request(data=True), timeout_s=5)).success
     assert await results.get() == 42
     assert (await asyncio.to_thread(client.call_sync, Request(a=1, b=1), 5)).sum == 2
-
-
-async def test_call_sync_on_the_loop_says_what_to_do(world: World) -> None:
-    client = world.node("bob").create_client(AddTwoInts, "add")
-    with pytest.raises(WouldDeadlockError, match=r"call_sync of Client.*await .*call"):
-        client.call_sync(Request())
 
 
 @pytest.mark.every_transport

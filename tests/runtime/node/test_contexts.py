@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from support.node_fixtures import ROOT
+from support.node_fixtures import ROOT, until
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, Node, ParameterDescriptor, TransportError
@@ -317,17 +317,9 @@ async def test_a_node_whose_methods_are_callbacks_works_unheld_until_its_context
         publisher = other.create_publisher(Int32, "n")
         assert await publisher.wait_for_subscribers(timeout_s=5)
         publisher.publish(Int32(data=5))
-        for _ in range(500):
-            if seen:
-                break
-            await asyncio.sleep(0.01)
-        assert seen == [5]
+        await until(lambda: seen == [5])
         context.close()
-        for _ in range(500):
-            if "/own" not in other.get_node_names():
-                break
-            await asyncio.sleep(0.01)
-        assert other.get_node_names() == ["/other"]
+        await until(lambda: other.get_node_names() == ["/other"])
 
 
 async def test_nothing_grows_with_the_publishers_that_came_and_went(memory: World) -> None:

@@ -18,18 +18,15 @@ from support.node_fixtures import ROOT, domain_id, second_domain_id, until
 from rosidl_py_gen import get_message, get_service, runtime
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.msgs.hashes import HASHES
-from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
+from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, LoggerLevel
+from rosidl_py_gen.msgs.rcl_interfaces.srv import GetLoggerLevels, SetLoggerLevels
 from rosidl_py_gen.runtime import (
     Context,
     EndpointType,
-    IntrospectionState,
-    LifecycleNode,
     MemoryTransport,
     Node,
     QoSProfile,
-    State,
     TopicEndpointInfo,
-    TransitionCallbackReturn,
     WaitTimeoutError,
 )
 from rosidl_py_gen.runtime.entities.message_types import (
@@ -38,6 +35,7 @@ from rosidl_py_gen.runtime.entities.message_types import (
     message_type,
     service_type,
 )
+from rosidl_py_gen.runtime.logs.loggers import get_logger
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
 from rosidl_py_gen.runtime.parameters.values import ParameterError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
@@ -243,22 +241,6 @@ def test_every_exported_name_exists() -> None:
     assert len(stub) == len(runtime.__all__) > 100
 
 
-async def test_a_lifecycle_node_is_a_node_with_all_options(world: World) -> None:
-    async with LifecycleNode("n", "/ns", context=world.context(), parameter_overrides={"a": 2}) as node:
-        assert (node.fully_qualified_name, node.declare_parameter("a", 1)) == ("/ns/n", 2)
-        assert await node.configure() is TransitionCallbackReturn.SUCCESS
-        assert node.state is State.INACTIVE
-    assert node.is_closed
-
-
-async def test_introspection_of_closed_endpoints_is_refused(memory: World) -> None:
-    node = memory.node("n")
-    for endpoint in (node.create_client(AddTwoInts, "a"), node.create_service(AddTwoInts, "a")):
-        endpoint.close()
-        with pytest.raises(ClosedError):
-            endpoint.configure_introspection(node.clock, 10, IntrospectionState.METADATA)
-
-
 async def test_options_of_a_node(memory: World) -> None:
     node = Node(
         "n",
@@ -457,3 +439,16 @@ async def test_names_that_ros_refuses_are_found_where_there_are_some(world: Worl
     assert (asker.count_publishers("/2d_scan"), asker.incompatible_endpoints_of_topic("/2d_scan")) == (1, [])
     with pytest.raises(InvalidNameError):
         asker.get_publishers_info_by_topic("/3d_scan")
+
+
+async def test_logger_levels(world: World) -> None:
+    world.node("n", logger_services=True)
+    other = world.node("other")
+    change = other.create_client(SetLoggerLevels, "/n/set_logger_levels")
+    request = SetLoggerLevels.Request(levels=[LoggerLevel(name="svc.a", level=40), LoggerLevel(name="svc.b", level=25)])
+    results = (await change.call(request, 5)).results
+    assert [(r.successful, bool(r.reason)) for r in results] == [(True, False), (False, True)]
+    assert get_logger("svc.a.child").getEffectiveLevel() == 40
+    ask = other.create_client(GetLoggerLevels, "/n/get_logger_levels")
+    levels = (await ask.call(GetLoggerLevels.Request(names=["svc.a", "svc.a.child"]), 5)).levels
+    assert [(level.name, level.level) for level in levels] == [("svc.a", 40), ("svc.a.child", 0)]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from std_msgs.msg import String
 
-from rosidl_py_gen.runtime import LifecycleNode, Node, RosArgumentError
+from rosidl_py_gen.runtime import Node, RosArgumentError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -85,8 +85,3 @@ def test_a_parameter_that_nobody_takes_is_named_for_its_own_node(
     assert "globl" not in caplog.text
     other.close()
     assert "-p globl:=1 sets the parameter globl = 1 of /other" in caplog.text
-
-
-def test_a_lifecycle_node_has_them_too(memory: World) -> None:
-    with LifecycleNode("n", context=memory.context(), cli_args=["--ros-args", "-r", "__node:=m"]) as node:
-        assert node.name == "m"

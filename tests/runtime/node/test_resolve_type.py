@@ -42,19 +42,6 @@ async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -
     assert compile_definition(told.name, told.text) is cls
 
 
-@pytest.mark.every_transport
-async def test_messages_arrive_with_the_class(world: World) -> None:
-    told = fresh()
-    told_by(world, told)
-    asker = world.node("asker")
-    cls: Any = await asker.resolve_type("t", timeout_s=10)
-    subscription = asker.create_subscription(cls, "t")
-    publisher = world.node("other").create_publisher(cls, "t")
-    assert await publisher.wait_for_subscribers(5)
-    publisher.publish(cls(x=9))
-    assert (await subscription.receive(5)).x == 9
-
-
 async def test_the_description_is_enough_when_there_is_no_source(world: World) -> None:
     told = fresh(
         'int32 x 5\nstring<=9 word "a\'b"\nfloat64[2] pair [1.5, -2.0]\nstring[<=3] words ["p", "q"]\nbool on true'

@@ -12,12 +12,12 @@ import pytest
 from support import raw_endpoints
 from support.node_fixtures import World, until
 
-from rosidl_py_gen import compile_definition, get_message, type_hash
+from rosidl_py_gen import compile_definition, get_message, type_description, type_hash
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.message import TypeInfo
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
-from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
+from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, SetLoggerLevels
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import CallTimeoutError
@@ -52,6 +52,16 @@ async def test_a_type_compiled_from_text_is_described_and_hides_no_other(world: 
         await asker.get_type_description("/n", "", "RIHS01_" + "0" * 64, timeout_s=5)
 
 
+async def test_a_type_is_described_with_those_it_refers_to(world: World) -> None:
+    pose = get_message("geometry_msgs/msg/PoseStamped")
+    world.node("n").create_publisher(pose, "pose")
+    got = await world.node("asker").get_type_description("/n", "x/msg/Ignored", type_hash(pose), timeout_s=5)
+    names = [item["type_name"] for item in type_description(pose)["referenced_type_descriptions"]]
+    assert [item.type_name for item in got.type_description.referenced_type_descriptions] == names
+    assert [source.type_name for source in got.type_sources] == ["geometry_msgs/msg/PoseStamped", *sorted(names)]
+    assert all(source.encoding == "msg" and source.raw_file_contents for source in got.type_sources)
+
+
 async def test_services_and_actions_compiled_from_text_are_described(world: World) -> None:
     node, asker = world.node("n"), world.node("asker")
     node.create_client(Ask, "ask")
@@ -66,11 +76,15 @@ async def test_services_and_actions_compiled_from_text_are_described(world: Worl
         await asker.get_type_description("/n", "", type_hash(Walk.Goal), timeout_s=5)
 
 
+@pytest.mark.every_transport
 async def test_what_every_node_has_is_in_use_too(world: World) -> None:
-    world.node("n", args="--ros-args -p use_sim_time:=true")
+    world.node("n", args="--ros-args -p use_sim_time:=true", logger_services=True)
     asker = world.node("asker")
     for cls in (Log, ParameterEvent, Clock, GetParameters, GetParameters.Response):
         assert (await names_and_encodings(asker, cls))[0][0] == cls._TYPE.name
+    encodings = {name: encoding for name, encoding, _ in await names_and_encodings(asker, SetLoggerLevels)}
+    assert encodings["rcl_interfaces/srv/SetLoggerLevels"] == "srv"
+    assert encodings["rcl_interfaces/srv/SetLoggerLevels_Request"] == "implicit"
 
 
 async def test_two_types_of_one_name_are_told_apart(world: World) -> None:

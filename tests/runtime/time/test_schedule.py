@@ -22,14 +22,6 @@ def test_due_times_stay_on_the_grid_although_calls_are_late() -> None:
     assert schedule.mark_called(121).since_last_ns == 8
 
 
-@pytest.mark.parametrize(
-    ("now", "missed", "next_ns"), [(110, 0, 120), (119, 0, 120), (120, 1, 130), (129, 1, 130), (155, 4, 160)]
-)
-def test_missed_periods_are_skipped_and_counted(now: int, missed: int, next_ns: int) -> None:
-    schedule = TimerSchedule(10, 100)
-    assert (schedule.mark_called(now).missed, schedule.next_ns) == (missed, next_ns)
-
-
 @given(st.integers(1, 50), st.lists(st.integers(0, 300), max_size=30))
 def test_the_next_call_is_always_the_first_grid_point_after_now(period: int, steps: list[int]) -> None:
     start = now = 1000

@@ -71,14 +71,6 @@ async def test_a_rate_stays_on_its_grid_and_begins_anew_when_time_goes_back() ->
     simulation.task.cancel()
 
 
-async def test_a_rate_goes_on_after_a_recording_starts_over() -> None:
-    simulation = Simulation(100)
-    rounds = await simulation.rounds(10)
-    await simulation.at(100.1, 100.2, 10, 10.05, 10.1, 10.2, 10.3)
-    assert rounds == [100.1, 100.2, 10.1, 10.2, 10.3]
-    simulation.task.cancel()
-
-
 async def test_a_rate_notices_that_time_went_back_between_two_rounds() -> None:
     simulation = Simulation(100)
     rate = Rate(simulation.clock, 10)
@@ -213,6 +205,19 @@ async def test_a_sleep_for_a_duration_begins_anew_when_time_goes_back() -> None:
     assert until_task.result() is True
 
 
+async def test_no_sleep_ends_before_simulated_time_starts() -> None:
+    simulation = Simulation(0)
+    clock = simulation.clock
+    sleeps = clock.sleep_until(ros(110)), clock.sleep_for(5), clock.sleep_until(ros(0))
+    tasks = [await simulation.start(sleep) for sleep in sleeps]
+    for now, done in ((0, []), (100, [2]), (106, [1, 2]), (50, [1, 2])):
+        await simulation.at(now)
+        assert [number for number, task in enumerate(tasks) if task.done()] == done
+    clock.disable_ros_time_override()
+    assert await asyncio.wait_for(tasks[0], 5) is False
+    assert list(clock._jump_callbacks) == []
+
+
 async def test_a_time_that_was_reached_counts_even_if_it_is_gone_when_the_task_wakes() -> None:
     simulation = Simulation(10)
     tasks = [await simulation.start(sleep) for sleep in (simulation.clock.sleep_for(1), simulation.clock.sleep_for(9))]
@@ -224,13 +229,6 @@ async def test_a_time_that_was_reached_counts_even_if_it_is_gone_when_the_task_w
     tasks[1].cancel()
     await simulation.settle()
     assert list(simulation.clock._jump_callbacks) == []
-
-
-async def test_a_sleep_may_end_before_simulated_time_began() -> None:
-    simulation = Simulation(0)
-    task = await simulation.start(simulation.clock.sleep_for(1))
-    simulation.clock.disable_ros_time_override()
-    assert await asyncio.wait_for(task, 5) is False
 
 
 async def test_wrong_arguments_of_sleeps_are_named() -> None:
