@@ -52,7 +52,8 @@ def declared(option: Callable[[str], Callable[[F], F]]) -> Any:
 
 
 def option(*names: str, **settings: Any) -> Any:
-    """Declare an option as the field of a dataclass, with names and settings of click."""
+    """Declare an option as the field of a dataclass, with names and settings of click; help has its default."""
+    settings.setdefault("show_default", bool(settings.get("default")))
     return declared(partial(click.option, *names, **settings))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -86,19 +86,21 @@ def convert(
     return DAMAGED if reader.damaged else 0
 
 
+def create_bag(output: str, storage: str, compression: str, **options: Any) -> BagWriter | SqliteWriter:
+    """Create a bag with the options of its writer; `compression` is that of chunks of MCAP files."""
+    from rosidl_py_gen.bags import BagWriter, SqliteWriter
+
+    if storage == "sqlite3":
+        return SqliteWriter(output, **options)
+    return BagWriter(output, compression="" if compression == "none" else compression, **options)
+
+
 @contextmanager
 def new_bag(
     output: str, storage: str, compression: str, split_bytes: int | None, split_s: float | None
 ) -> Iterator[BagWriter | SqliteWriter]:
     """Create a bag; remove it on failure, as an incomplete bag would look complete."""
-    from rosidl_py_gen.bags import BagWriter, SqliteWriter
-
-    writer: BagWriter | SqliteWriter
-    if storage == "mcap":
-        inside = "" if compression == "none" else compression
-        writer = BagWriter(output, compression=inside, split_bytes=split_bytes, split_s=split_s)
-    else:
-        writer = SqliteWriter(output, split_bytes=split_bytes, split_s=split_s)
+    writer = create_bag(output, storage, compression, split_bytes=split_bytes, split_s=split_s)
     try:
         with writer:
             yield writer

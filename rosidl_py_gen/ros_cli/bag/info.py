@@ -33,11 +33,12 @@ def info(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> No
     from rosidl_py_gen.ros_cli.bag.display import opened_bag
 
     with opened_bag(path, search_path=paths) as reader:
-        channels = _with_counts(reader)
+        document = _document(reader, is_verbose)
         if as_json:
-            terminal_output.document(_document(reader, channels, is_verbose))
+            terminal_output.document(document)
         else:
-            _show(reader, channels, is_verbose)
+            _show(document, is_verbose)
+            _show_double(reader)
 
 
 def _with_counts(reader: BagReader) -> list[BagTopic]:
@@ -54,30 +55,24 @@ def _with_counts(reader: BagReader) -> list[BagTopic]:
     return [replace(one, count=counts[one.key]) for one in reader.channels]
 
 
-def _messages(channels: Sequence[BagTopic]) -> int:
-    return sum(one.count or 0 for one in channels)
-
-
-def _size(reader: BagReader) -> int:
-    return sum(file.stat().st_size for file in reader.files)
-
-
-def _document(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> dict[str, Any]:
+def _document(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
     from rosidl_py_gen.bags.metadata import qos_profiles
     from rosidl_py_gen.ros_cli.bag.display import damaged_rows
 
+    channels = _with_counts(reader)
+    names = [file.name for file in reader.files]
     return {
         "path": str(reader.path),
-        "files": [file.name for file in reader.files],
-        "size": _size(reader),
-        "storage": _storage(reader),
+        "files": names,
+        "size": sum(file.stat().st_size for file in reader.files),
+        "storage": "sqlite3" if names and names[0].removesuffix(".zstd").endswith(".db3") else "mcap",
         "has_index": reader.has_index,
         "unread_bytes": reader.unread_bytes,
         "damaged": damaged_rows(reader.damaged),
         "start_ns": reader.start_ns,
         "end_ns": reader.end_ns,
         "duration_ns": reader.end_ns - reader.start_ns,
-        "messages": _messages(channels),
+        "messages": sum(one.count or 0 for one in channels),
         "topics": [
             {
                 "name": topic.name,
@@ -106,56 +101,49 @@ def _definition(reader: BagReader, topic: BagTopic) -> dict[str, Any]:
     }
 
 
-def _definition_text(reader: BagReader, topic: BagTopic) -> str:
-    row = _definition(reader, topic)
-    if row["definition"] is None:
-        return str(row["problem"])
-    return str(row["definition"]) + ("" if row["is_recorded"] else " (guessed by name)")
-
-
-def _storage(reader: BagReader) -> str:
-    names = (file.name.removesuffix(".zstd") for file in reader.files)
-    return "sqlite3" if next(names, "").endswith(".db3") else "mcap"
-
-
 def _qos(profile: QoSProfile) -> dict[str, Any]:
     policies = (profile.history, profile.reliability, profile.durability, profile.liveliness)
     names = ("history", "reliability", "durability", "liveliness")
     return {name: policy.name.lower() for name, policy in zip(names, policies, strict=True)} | {"depth": profile.depth}
 
 
-def _show(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> None:
+def _show(document: dict[str, Any], is_verbose: bool) -> None:
     from rosidl_py_gen.ros_cli.bag.display import duration_text, size_text, time_text
 
     rows = [
-        ("Files", ", ".join(file.name for file in reader.files)),
-        ("Bag size", size_text(_size(reader))),
-        ("Storage id", _storage(reader)),
-        ("Duration", duration_text(reader.end_ns - reader.start_ns)),
-        ("Start", time_text(reader.start_ns)),
-        ("End", time_text(reader.end_ns)),
-        ("Messages", str(_messages(channels))),
+        ("Files", ", ".join(document["files"])),
+        ("Bag size", size_text(document["size"])),
+        ("Storage id", document["storage"]),
+        ("Duration", duration_text(document["duration_ns"])),
+        ("Start", time_text(document["start_ns"])),
+        ("End", time_text(document["end_ns"])),
+        ("Messages", str(document["messages"])),
     ]
-    if not reader.has_index:
-        advice = "`rosidl-py bag convert` creates a complete bag" if _messages(channels) else "it contains no message"
+    if not document["has_index"]:
+        advice = "`rosidl-py bag convert` creates a complete bag" if document["messages"] else "it contains no message"
         rows.append(("Index", f"missing: the recorder was killed; {advice}"))
-    if reader.unread_bytes:
-        rows.append(("Lost", f"{size_text(reader.unread_bytes)} of an unfinished record at the end"))
-    if reader.damaged:
-        rows.append(("Damaged", f"{len(reader.damaged)} parts; `rosidl-py bag convert` copies the others"))
-    missing = sum(not topic.definition for topic in reader.channels)
+    if document["unread_bytes"]:
+        rows.append(("Lost", f"{size_text(document['unread_bytes'])} of an unfinished record at the end"))
+    if document["damaged"]:
+        rows.append(("Damaged", f"{len(document['damaged'])} parts; `rosidl-py bag convert` copies the others"))
+    missing = sum(not topic["has_definition"] for topic in document["topics"])
     if missing and not is_verbose:
         rows.append(("Types", f"{missing} have no definition in the bag; --verbose prints the local ones"))
     for name, text in rows:
         terminal_output.line(f"{name + ':':<12}{text}")
     terminal_output.line()
-    table_rows = [[one.name, one.type_name, str(one.count), _qos_text(one)] for one in channels]
-    columns = ["topic", "type", "count", "QoS"]
-    if is_verbose:
-        table_rows = [[*row, _definition_text(reader, one)] for row, one in zip(table_rows, channels, strict=True)]
-        columns.append("definition")
-    terminal_output.table(table_rows, *columns)
-    _show_double(reader)
+    columns = ["topic", "type", "count", "QoS", *["definition"] * is_verbose]
+    terminal_output.table([_topic_row(topic, is_verbose) for topic in document["topics"]], *columns)
+
+
+def _topic_row(topic: dict[str, Any], is_verbose: bool) -> list[str]:
+    profiles = {f"{one['reliability']}, {one['durability']}".replace("_", " ") for one in topic["offered_qos"]}
+    row = [topic["name"], topic["type"], str(topic["count"]), " / ".join(sorted(profiles))]
+    if is_verbose and topic["definition"] is None:
+        row.append(topic["problem"])
+    elif is_verbose:
+        row.append(topic["definition"] + ("" if topic["is_recorded"] else " (guessed by name)"))
+    return row
 
 
 def _show_double(reader: BagReader) -> None:
@@ -164,13 +152,3 @@ def _show_double(reader: BagReader) -> None:
         if len(definitions) > 1:
             types = ", ".join(sorted({f"{one.type_name} {one.type_hash}".strip() for one in definitions}))
             terminal_output.line(f"{known.name}: recorded with {len(definitions)} definitions: {types}")
-
-
-def _qos_text(topic: BagTopic) -> str:
-    from rosidl_py_gen.bags.metadata import qos_profiles
-
-    table_rows = {
-        f"{profile.reliability.name}, {profile.durability.name}".lower().replace("_", " ")
-        for profile in qos_profiles(topic.offered_qos)
-    }
-    return " / ".join(sorted(table_rows))

@@ -22,12 +22,9 @@ def read_rules(path: str) -> MigrationRules:
 
 def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
     """Return the rules of a text; `name` is that of errors, which are those of `read_rules`."""
-    root = parse(source, name, "rules")
-    if root is None:
-        return MigrationRules()
     types: dict[str, RenameRule] = {}
     fields: dict[str, dict[str, RenameRule]] = {}
-    for key, value in entries(root, name, "expected types: and fields:"):
+    for key, value in entries(parse(source, name), name, "expected types: and fields:"):
         if key.value == "types":
             for old, new in entries(value, name, "types: expected the old name: the new name"):
                 types[_type_name(old, name)] = RenameRule(_type_name(new, name), place(new, name))

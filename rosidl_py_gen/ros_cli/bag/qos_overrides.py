@@ -25,9 +25,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.bag.yaml_tree import YamlNode, YamlScalar
 
 _PERIOD_FIELDS = {key: name for name, key in PERIODS.items()}
-_CONVENTIONS = "avoid_ros_namespace_conventions"
-_KEYS = (*POLICIES, "depth", *_PERIOD_FIELDS, _CONVENTIONS)
-_BOOLS = {"true": True, "false": False}
+_CHOICES: dict[str, dict[str, Any]] = {
+    **{key: {one.name.lower(): one for one in kind if one.name != "UNKNOWN"} for key, kind in POLICIES.items()},
+    "avoid_ros_namespace_conventions": {"true": True, "false": False},
+}
+_KEYS = (*POLICIES, "depth", *_PERIOD_FIELDS, "avoid_ros_namespace_conventions")
+_EXPECTED = f"expected policies, of {', '.join(_KEYS)}"
 
 
 def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
@@ -37,16 +40,13 @@ def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
 
 def parse_qos_overrides(source: str, name: str = "<profiles>") -> dict[str, QoSProfile]:
     """Return the profiles of a text; `name` is that of errors, which are those of `read_qos_overrides`."""
-    root = parse(source, name, "profiles")
-    if root is None:
-        return {}
     profiles = {}
-    for topic, policies in entries(root, name, "expected topics, and the policies of each below it"):
+    for topic, policies in entries(parse(source, name), name, "expected topics, and the policies of each below it"):
         try:
             validate_full_name(topic.value)
         except InvalidNameError as error:
             wrong(topic, name, f"expected the full name of a topic: {error}")
-        values = dict(_policy(key, value, name) for key, value in entries(policies, name, _expected()))
+        values = dict(_policy(key, value, name) for key, value in entries(policies, name, _EXPECTED))
         try:
             profiles[topic.value] = QoSProfile(**values)
         except InvalidQoSError as error:
@@ -54,29 +54,19 @@ def parse_qos_overrides(source: str, name: str = "<profiles>") -> dict[str, QoSP
     return profiles
 
 
-def _expected() -> str:
-    return f"expected policies, of {', '.join(_KEYS)}"
-
-
 def _policy(key: YamlScalar, value: YamlNode, name: str) -> tuple[str, Any]:
     policy: str = key.value
-    if policy in POLICIES:
-        members = {one.name.lower(): one for one in POLICIES[policy] if one.name != "UNKNOWN"}
-        expected = f"{policy}: expected one of {', '.join(members)}"
+    if choices := _CHOICES.get(policy):
+        expected = f"{policy}: expected one of {', '.join(choices)}"
         word = text(value, name, expected).lower()
-        if word not in members:
-            wrong(value, name, f'{expected}; found "{word[:80]}"{did_you_mean(word, members)}')
-        return policy, members[word]
+        if word not in choices:
+            wrong(value, name, f'{expected}; found "{word[:80]}"{did_you_mean(word, choices)}')
+        return policy, choices[word]
     if policy in _PERIOD_FIELDS:
         return _PERIOD_FIELDS[policy], _period(policy, value, name)
     if policy == "depth":
         return policy, _number(value, name, "depth")
-    if policy == _CONVENTIONS:
-        word = text(value, name, f"{policy}: expected true or false").lower()
-        if word not in _BOOLS:
-            wrong(value, name, f'{policy}: expected true or false, found "{word[:80]}"')
-        return policy, _BOOLS[word]
-    wrong(key, name, f'{_expected()}; found "{policy[:80]}"{did_you_mean(policy, _KEYS)}')
+    wrong(key, name, f'{_EXPECTED}; found "{policy[:80]}"{did_you_mean(policy, _KEYS)}')
 
 
 def _period(policy: str, node: YamlNode, name: str) -> int:

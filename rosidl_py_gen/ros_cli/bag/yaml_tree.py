@@ -35,7 +35,7 @@ def read_text(path: str, what: str) -> str:
         raise CommandError(f"{path}: expected UTF-8, found the byte {data[error.start]:#04x}") from None
 
 
-def parse(text: str, name: str, what: str) -> yaml.Node | None:
+def parse(text: str, name: str) -> yaml.Node | None:
     """Return the tree of a text, None if it is empty; `name` is that of errors. Raises `CommandError`."""
     try:
         return compose_yaml(text, max_bytes=_MAX_BYTES)
@@ -43,9 +43,9 @@ def parse(text: str, name: str, what: str) -> yaml.Node | None:
         raise CommandError(error.at(name)) from None
 
 
-def entries(node: yaml.Node, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
-    """Yield keys and values of a mapping; none for null. Raises `CommandError`."""
-    if is_null(node):
+def entries(node: yaml.Node | None, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
+    """Yield keys and values of a mapping; none for null, and for an empty file. Raises `CommandError`."""
+    if node is None or is_null(node):
         return
     if not isinstance(node, yaml.MappingNode):
         wrong(node, name, expected)

@@ -19,17 +19,13 @@ class FoxgloveOptions:
     """Options of ``foxglove``."""
 
     host: str = options.option(
-        "--host",
-        default="127.0.0.1",
-        show_default=True,
-        help="Address to listen on; 0.0.0.0 permits other machines to connect.",
+        "--host", default="127.0.0.1", help="Address to listen on; 0.0.0.0 permits other machines to connect."
     )
     port: int = options.option(
         "--port",
         type=click.IntRange(0, 65535),
         metavar="PORT",
         default=8765,
-        show_default=True,
         help="Port to listen on; 0 selects a free one.",
     )
     is_read_only: bool = options.flag(
@@ -52,7 +48,6 @@ class FoxgloveOptions:
         "--max-message",
         type=click.IntRange(1, 64),
         default=16,
-        show_default=True,
         metavar="MIB",
         help="Maximum size of a message of a viewer.",
     )
@@ -60,7 +55,6 @@ class FoxgloveOptions:
         "--max-rate",
         type=click.IntRange(1, 1_000_000),
         default=1000,
-        show_default=True,
         metavar="PER_SECOND",
         help="Maximum rate of messages of a viewer; a faster viewer is read more slowly.",
     )
@@ -71,7 +65,6 @@ class FoxgloveOptions:
         "--queue",
         type=click.IntRange(16, 1 << 16),
         default=256,
-        show_default=True,
         metavar="MESSAGES",
         help="Maximum number of messages that wait for a slow viewer; the oldest are dropped.",
     )

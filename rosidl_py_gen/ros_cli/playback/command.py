@@ -45,7 +45,6 @@ class PlayOptions:
         "--rate",
         type=_Finite(0, min_open=True),
         default=1.0,
-        show_default=True,
         metavar="FACTOR",
         help="Speed relative to the recording; 2 is twice as fast.",
     )
@@ -115,21 +114,18 @@ class PlayOptions:
         "--service-requests-source",
         type=click.Choice(["service_introspection", "client_introspection"]),
         default="service_introspection",
-        show_default=True,
         help="Side whose events are sent as requests.",
     )
     order: str = options.option(
         "--message-order",
         type=click.Choice(["received", "sent"]),
         default="received",
-        show_default=True,
         help="Order by log time, or by publish time.",
     )
     read_ahead: int = options.option(
         "--read-ahead-queue-size",
         type=click.IntRange(1),
         default=1000,
-        show_default=True,
         metavar="MESSAGES",
         help="Number of messages to sort with --message-order sent.",
     )
@@ -137,7 +133,6 @@ class PlayOptions:
         "--progress-bar-update-rate",
         type=_Finite(),
         default=3.0,
-        show_default=True,
         metavar="HZ",
         help="Update rate of the status line on a terminal; 0 disables it, below 0 updates it for each message.",
     )
@@ -166,26 +161,13 @@ class PlayOptions:
         return self.clock_hz is not None or bool(self.clock_topics) or self.clock_topics_all
 
 
-class _Play(options.MultiValueCommand):
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        rest = super().parse_args(ctx, args)
-        if not ctx.resilient_parsing:
-            if bool(ctx.params["path"]) == bool(ctx.params["inputs"]):
-                raise click.UsageError("expected BAG, or --input BAG for each of several", ctx)
-            for names in _ALTERNATIVES:
-                used = [text for name, text in names.items() if ctx.params[name] not in (None, (), False)]
-                if len(used) > 1:
-                    raise click.UsageError(f"expected only one of {', '.join(used)}", ctx)
-        return rest
-
-
 _ALTERNATIVES = (
     {"clock_hz": "--clock", "clock_topics": "--clock-topics", "clock_topics_all": "--clock-topics-all"},
     {"until_s": "--playback-until-sec", "until_nanoseconds": "--playback-until-nsec"},
 )
 
 
-@click.command("play", cls=_Play)
+@click.command("play", cls=options.MultiValueCommand)
 @click.argument("path", type=click.Path(), required=False, metavar="BAG")
 @options.options_of(PlayOptions)
 @options.paths
@@ -202,6 +184,12 @@ def play(network: NetworkOptions, **arguments: Any) -> AsyncCommand:
     rosidl-py bag play my_bag --topics /scan /odom --remap /scan:=/old_scan --loop
     rosidl-py bag play my_bag --publish-service-requests --start-paused
     """
+    if bool(arguments["path"]) == bool(arguments["inputs"]):
+        raise click.UsageError("expected BAG, or --input BAG for each of several")
+    for names in _ALTERNATIVES:
+        used = [text for name, text in names.items() if arguments[name] not in (None, (), False)]
+        if len(used) > 1:
+            raise click.UsageError(f"expected only one of {', '.join(used)}")
     from rosidl_py_gen.ros_cli.playback.player import play_bag
 
     return play_bag(network, PlayOptions(**arguments))

@@ -25,10 +25,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
     from rosidl_py_gen.ros_cli.bag.selection import BagSelection
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.playback.command import PlayOptions
-    from rosidl_py_gen.ros_cli.playback.recording import Recording
-    from rosidl_py_gen.runtime import Node, QoSProfile
+    from rosidl_py_gen.runtime import Node
 
 
 class Player:
@@ -51,7 +49,8 @@ class Player:
         self.requests = Requests(command_node.node, options.requests_source, options.paths, note)
         self._names = _remapped_names(command_node, recording, part.topics, options.remaps)
         self._clock_topics = {full_name(command_node.node, one) for one in options.clock_topics}
-        _check_clock_topics(self._clock_topics, part.topics)
+        for name in sorted(self._clock_topics.difference(part.topics)):
+            raise CommandError(f"--clock-topics {name}: topic is not played; topics are {', '.join(part.topics)[:300]}")
         self._clock: Callable[[int], None] = self._clock_sender() if options.has_clock else lambda now: None
         self._send: dict[tuple[str, ...], Callable[[bytes], bool]] = {}
         for reader, channel in recording.channels:
@@ -113,23 +112,21 @@ class Player:
             await rate.sleep()
 
     async def play(self) -> None:
-        """Publish all messages once, or until `stop`; at the end, wait while paused."""
+        """Publish all messages, repeatedly with ``--loop``, until `stop`; at the end, wait while paused."""
         self._begin(self._part.start_ns)
         self._has_begun.set()
         while not self._is_stopped:
             if self._next is None:
-                if not self.timeline.is_paused:
+                if self.timeline.is_paused:
+                    await self.timeline.until(None)
+                elif self._options.loop:
+                    self._begin(self._part.start_ns)
+                else:
                     return
-                await self.timeline.until(None)
             elif await self.timeline.until(self._due(self._next)):
                 item = self._next
                 self._advance()
                 self._publish(item)
-
-    @property
-    def is_stopped(self) -> bool:
-        """True after `stop`."""
-        return self._is_stopped
 
     def _due(self, item: RawMessage) -> int:
         return item.publish_time if self._options.order == "sent" else item.log_time
@@ -208,11 +205,6 @@ class Player:
         return f"{at} of {length}, {self.count} messages{rate}{paused}"
 
 
-def _check_clock_topics(clock_topics: set[str], topics: Sequence[str]) -> None:
-    for name in sorted(clock_topics.difference(topics)):
-        raise CommandError(f"--clock-topics {name}: topic is not played; topics are {', '.join(topics)[:300]}")
-
-
 def _remapped_names(
     command_node: CommandNode, recording: Recording, topics: Sequence[str], remaps: Sequence[str]
 ) -> dict[str, str]:
@@ -239,15 +231,7 @@ _NEED_START = ("Burst", "PlayNext", "Seek")
 def play_bag(network: NetworkOptions, options: PlayOptions) -> AsyncCommand:
     """Return the command for the options. Raises as `read_qos_overrides`."""
     overrides = read_qos_overrides(options.qos_file)
-    return AsyncCommand(_open(network, options, overrides), endless=options.loop)
-
-
-async def _open(network: NetworkOptions, options: PlayOptions, overrides: Mapping[str, QoSProfile]) -> int:
-    with Recording(options.bags, options.paths, options.storage) as recording:
-        topics = _playable_topics(recording, selected_topics(recording, options))
-        part = select_messages(recording, topics, options)
-        await _play(network, recording, part, options, overrides)
-        return DAMAGED if recording.is_damaged else 0
+    return AsyncCommand(_play(network, options, overrides), endless=options.loop)
 
 
 def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
@@ -265,31 +249,29 @@ def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
     return [name for name in topics if name in left]
 
 
-async def _play(
-    network: NetworkOptions,
-    recording: Recording,
-    part: BagSelection,
-    options: PlayOptions,
-    overrides: Mapping[str, QoSProfile],
-) -> None:
+async def _play(network: NetworkOptions, options: PlayOptions, overrides: Mapping[str, QoSProfile]) -> int:
     node_options = {"start_type_description_service": True}  # peers may not have the types
-    async with CommandNode(network, parameter_overrides=node_options) as command_node:
-        player = Player(command_node, recording, part, options, overrides)
-        _serve(command_node.node, player)
-        await command_node.wait_for_discovery()
-        if network.get("spin_time_s") is None:
+    with Recording(options.bags, options.paths, options.storage) as recording:
+        topics = _playable_topics(recording, selected_topics(recording, options))
+        part = select_messages(recording, topics, options)
+        async with CommandNode(network, parameter_overrides=node_options) as command_node:
+            player = Player(command_node, recording, part, options, overrides)
+            _serve(command_node.node, player)
+            await command_node.wait_for_discovery()
+            if network.get("spin_time_s") is None:
+                await asyncio.gather(
+                    player.publishers.wait_for_subscribers(_SUBSCRIBER_DISCOVERY_S),
+                    player.requests.wait_for_servers(_SUBSCRIBER_DISCOVERY_S),
+                )
+            await asyncio.sleep(options.delay_s)
+            await _play_with_keys(player, options)
             await asyncio.gather(
-                player.publishers.wait_for_subscribers(_SUBSCRIBER_DISCOVERY_S),
-                player.requests.wait_for_servers(_SUBSCRIBER_DISCOVERY_S),
+                player.publishers.wait_acknowledged(options.acked_ms), player.requests.wait_for_responses()
             )
-        await asyncio.sleep(options.delay_s)
-        await _play_with_keys(player, options)
-        await asyncio.gather(
-            player.publishers.wait_acknowledged(options.acked_ms), player.requests.wait_for_responses()
-        )
         sent = player.requests.count
-        requests_text = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
-        terminal_output.note(f"published {player.count - sent} messages of {len(part.topics)} topics{requests_text}")
+        requests = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
+        terminal_output.note(f"published {player.count - sent} messages of {len(topics)} topics{requests}")
+        return DAMAGED if recording.is_damaged else 0
 
 
 async def _play_with_keys(player: Player, options: PlayOptions) -> None:
@@ -315,13 +297,7 @@ async def _play_with_keys(player: Player, options: PlayOptions) -> None:
             player.on_change = show_state
         if options.progress_hz > 0:
             helpers.append(_repeat(show_state, 1 / options.progress_hz))
-        await first_of(_play_repeatedly(player, options.loop), *helpers)
-
-
-async def _play_repeatedly(player: Player, is_loop: bool) -> None:
-    await player.play()
-    while is_loop and not player.is_stopped:
-        await player.play()
+        await first_of(player.play(), *helpers)
 
 
 async def _repeat(show: Callable[[], None], every_s: float) -> None:

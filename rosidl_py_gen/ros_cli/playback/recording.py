@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from rosidl_py_gen.bags import BagReader, BagTopic, RawMessage
-    from rosidl_py_gen.ros_cli.name_lookup import TopicOwner
     from rosidl_py_gen.ros_cli.playback.command import PlayOptions
 
 
@@ -98,10 +97,8 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
     owners = recording.owners
     included = {"topic": options.topics, "service": options.services, "action": options.actions}
     excluded = {"topic": options.exclude_topics, "service": options.exclude_services, "action": options.exclude_actions}
-    named = {kind: _existing_names(recording, owners.values(), kind, names, "") for kind, names in included.items()}
-    excluded_names = {
-        kind: _existing_names(recording, owners.values(), kind, names, "exclude-") for kind, names in excluded.items()
-    }
+    named = {kind: _existing_names(recording, kind, names, "") for kind, names in included.items()}
+    skipped = {kind: _existing_names(recording, kind, names, "exclude-") for kind, names in excluded.items()}
     regex = compile_pattern(options.regex, "--regex") if options.regex else None
     exclude = compile_pattern(options.exclude_regex, "--exclude-regex") if options.exclude_regex else None
     is_choice = any(included.values()) or regex is not None
@@ -109,7 +106,7 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
     for topic in recording.topics:
         kind, name, _ = owners[topic]
         is_included = not is_choice or name in named[kind] or topic in named["topic"] or _matches(regex, topic, name)
-        is_excluded = name in excluded_names[kind] or topic in excluded_names["topic"] or _matches(exclude, topic, name)
+        is_excluded = name in skipped[kind] or topic in skipped["topic"] or _matches(exclude, topic, name)
         if is_included and not is_excluded:
             selected.append(topic)
     if options.has_clock and "/clock" in selected:
@@ -123,11 +120,9 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
     return selected
 
 
-def _existing_names(
-    recording: Recording, owners: Iterable[TopicOwner], kind: str, names: Sequence[str], prefix: str
-) -> set[str]:
+def _existing_names(recording: Recording, kind: str, names: Sequence[str], prefix: str) -> set[str]:
     """Return full names that exist. A missing name raises `CommandError`; a missing excluded name is noted."""
-    owners = list(owners)
+    owners = recording.owners.values()
     existing = {one.name for one in owners if one.kind == kind} | (set(recording.topics) if kind == "topic" else set())
     full = {name if name.startswith("/") else f"/{name}" for name in names}
     for name in sorted(full - existing):

@@ -103,7 +103,6 @@ class RecordOptions:
         "--compression-mode",
         type=click.Choice(["none", "file", "message"]),
         default="none",
-        show_default=True,
         help="Compress whole files, or each message.",
     )
     compression_format: str | None = options.option(

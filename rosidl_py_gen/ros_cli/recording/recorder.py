@@ -12,12 +12,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import compile_definition, get_message, type_hash, type_name
-from rosidl_py_gen.bags import BagTopic, BagWriter, SqliteWriter
+from rosidl_py_gen.bags import BagTopic
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, terminal_output, type_resolution
+from rosidl_py_gen.ros_cli.bag.convert import create_bag
 from rosidl_py_gen.ros_cli.bag.display import size_text
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
@@ -32,11 +33,9 @@ from rosidl_py_gen.type_loading.from_description import definition_text
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from rosidl_py_gen.bags import BagWriter, SqliteWriter
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.ros_cli.command_node import CommandNode
     from rosidl_py_gen.ros_cli.recording.command import RecordOptions
-    from rosidl_py_gen.ros_cli.recording.selection import Selection
-    from rosidl_py_gen.ros_cli.recording.writer import WriterThread
     from rosidl_py_gen.runtime import Node, QoSProfile
 
 
@@ -158,13 +157,8 @@ class Recorder:
             return
         self._has_searched = True
         for name, kinds in self._node.get_topic_names_and_types():
-            if (
-                name in self.recorded
-                or not self._selection.takes(name, kinds[0])
-                or not self._has_required_endpoints(name)
-            ):
-                continue
-            if not self._is_valid(name, kinds[0]):
+            is_wanted = name not in self.recorded and self._selection.takes(name, kinds[0])
+            if not (is_wanted and self._has_required_endpoints(name) and self._is_valid(name, kinds[0])):
                 continue
             self.recorded.add(name)
             self._owners |= {TopicOwner("topic", name), owner_of(name, kinds[0])}
@@ -262,31 +256,25 @@ class Recorder:
 def record_bag(network: NetworkOptions, options: RecordOptions) -> AsyncCommand:
     """Return the command for the options. Raises as `Selection` and `read_qos_overrides`."""
     selection, qos = Selection(options), read_qos_overrides(options.qos_file)
-    return AsyncCommand(_record(network, partial(_writer, options), options, selection, qos), endless=True)
+    return AsyncCommand(_record(network, options, selection, qos), endless=True)
 
 
-def _writer(options: RecordOptions) -> BagWriter | SqliteWriter:
-    path = options.output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
-    packs_files = options.compression_mode == "file"
-    common: dict[str, Any] = {
-        "split_bytes": options.split_bytes,
-        "split_s": options.split_s,
-        "compression_mode": options.compression_mode,
-        "compression_threads": options.threads or (-1 if packs_files else 0),  # one message is too small for several
-        "custom_data": options.custom_data,
-    }
-    if options.storage == "sqlite3":
-        return SqliteWriter(path, **common)
-    inside = options.compression or ("zstd" if options.compression_mode == "none" else "none")
-    return BagWriter(path, compression="" if inside == "none" else inside, **common)
+def _create_bag(options: RecordOptions) -> BagWriter | SqliteWriter:
+    return create_bag(
+        options.output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}",
+        options.storage,
+        options.compression or ("zstd" if options.compression_mode == "none" else "none"),
+        split_bytes=options.split_bytes,
+        split_s=options.split_s,
+        compression_mode=options.compression_mode,
+        # One message is too small for several threads.
+        compression_threads=options.threads or (-1 if options.compression_mode == "file" else 0),
+        custom_data=options.custom_data,
+    )
 
 
 async def _record(
-    network: NetworkOptions,
-    create: Callable[[], BagWriter | SqliteWriter],
-    options: RecordOptions,
-    selection: Selection,
-    qos: Mapping[str, QoSProfile],
+    network: NetworkOptions, options: RecordOptions, selection: Selection, qos: Mapping[str, QoSProfile]
 ) -> None:
     loop = asyncio.get_running_loop()
     failed = asyncio.Event()
@@ -298,7 +286,7 @@ async def _record(
         # The network first, so that no bag is created if it fails.
         async with CommandNode(network, name=options.node_name, parameter_overrides=overrides) as command_node:
             writer = WriterThread(
-                create(),
+                _create_bag(options),
                 partial(loop.call_soon_threadsafe, failed.set),
                 max_bytes=options.cache_bytes,
                 snapshots=options.snapshots,
@@ -333,8 +321,7 @@ def _serve(node: Node, recorder: Recorder, *, snapshots: bool) -> None:
 
 
 def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -> None:
-    topics = 0 if recorder is None else len(recorder.recorded)
-    received, early = (0, 0) if recorder is None else (recorder.dropped, recorder.early)
+    topics, received, early = (len(recorder.recorded), recorder.dropped, recorder.early) if recorder else (0, 0, 0)
     dropped = writer.dropped + received
     if as_json:
         terminal_output.document(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections import deque
+from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -38,10 +39,6 @@ def _memory(message: _Message) -> int:
     return len(message.data) + _OVERHEAD_BYTES
 
 
-class _Split:
-    pass
-
-
 class WriterThread:
     """Writes enqueued messages until `end`.
 
@@ -67,7 +64,7 @@ class WriterThread:
         self._flush_s = 0.0 if max_bytes == 0 else _FLUSH_INTERVAL_S
         self._retained: deque[_Message] | None = deque() if snapshots else None
         self._retained_bytes = 0
-        self._items: queue.SimpleQueue[BagTopic | _Message | _Split | None] = queue.SimpleQueue()
+        self._items: queue.SimpleQueue[_Message | Callable[[], object] | None] = queue.SimpleQueue()
         self._enqueued_bytes = 0  # memory of all enqueued messages
         self._written_bytes = 0  # memory of all written messages; changed by the thread
         self.bytes = self.messages = 0
@@ -90,7 +87,7 @@ class WriterThread:
 
     def add_topic(self, topic: BagTopic) -> None:
         """Register a topic before its first message."""
-        self._items.put(topic)
+        self._items.put(partial(self._bag.add_topic, topic.name, topic))
 
     def enqueue(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Write a message soon, or retain it for a snapshot."""
@@ -131,7 +128,7 @@ class WriterThread:
         """Continue in a new file, unless the current one is empty; returns False for a bag of one file."""
         if self.path.suffix == ".mcap":
             return False
-        self._items.put(_Split())
+        self._items.put(self._bag.split)
         return True
 
     def _run(self) -> None:
@@ -154,10 +151,8 @@ class WriterThread:
                 if isinstance(item, _Message):
                     self._bag.write(*item)
                     self._written_bytes += _memory(item)
-                elif isinstance(item, _Split):
-                    self._bag.split()
                 else:
-                    self._bag.add_topic(item.name, item)
+                    item()
             if monotonic() >= flushed + self._flush_s:
                 self._bag.flush()
                 flushed = monotonic()

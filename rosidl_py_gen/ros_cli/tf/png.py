@@ -76,19 +76,15 @@ def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
 
 def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any) -> list[_FrameBox]:
     """Return the boxes of all frames below a root, parents first."""
-    children = frames.children()
-    order: list[_FrameBox] = []
-    todo: list[tuple[str, FrameArrivals | None, _FrameBox | None]]
-    todo = [(root, None, None) for root in frames.roots()[::-1]]
-    while todo:
-        name, frame, parent = todo.pop()
+    boxes: dict[str, _FrameBox] = {}
+    for name, frame, _ in frames.walk():
+        parent = None if frame is None else boxes[frame.parent]
         text = "" if frame is None else frame.summary(names)
         width = max(_text_width(name, big) + 2 * _PAD, _text_width(text, small) + 8)
-        one = _FrameBox(name, frame, 0 if parent is None else parent.level + 1, width)
-        order.append(one)
+        boxes[name] = one = _FrameBox(name, frame, 0 if parent is None else parent.level + 1, width)
         if parent is not None:
             parent.children.append(one)
-        todo += [(below.name, below, one) for below in reversed(children.get(name, []))]
+    order = [*boxes.values()]
     for one in reversed(order):
         one.total = max(one.width, _row_width(one.children))
     left = float(_MARGIN)
