@@ -11,7 +11,7 @@ import pytest
 from support.node_fixtures import World
 
 from rosidl_py_gen import get_message, get_service, runtime
-from rosidl_py_gen.runtime import ClosedError, Context, MemoryTransport, Node, WaitTimeoutError, WouldDeadlockError
+from rosidl_py_gen.runtime import WaitTimeoutError, WouldDeadlockError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -121,11 +121,3 @@ async def test_another_thread_waits_while_the_loop_goes_on(memory: World) -> Non
     waiting = asyncio.ensure_future(asyncio.to_thread(subscription.receive_sync, 5))
     publisher.publish(String(data="across"))
     assert (await waiting).data == "across"
-
-
-def test_a_closed_endpoint_says_so() -> None:
-    with Context(transport=MemoryTransport()) as context, Node("n", context=context) as node:
-        subscription = node.create_subscription(String, "t")
-        subscription.close()
-        with pytest.raises(ClosedError):
-            subscription.receive_sync(1)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
-from support.node_fixtures import rests, until, while_the_loop_sleeps
+from support.node_fixtures import until, while_the_loop_sleeps
 
 from rosidl_py_gen.runtime import new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
@@ -208,13 +208,6 @@ def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
 
     loop.run_until_complete(rounds())
     assert len(calls) == 1
-
-
-def test_waiting_takes_the_time_of_the_next_timer_and_no_cpu(loop: EventLoop) -> None:
-    start = time.monotonic()
-    loop.run_until_complete(asyncio.sleep(0.2))  # a timer, which this is about
-    assert time.monotonic() - start > 0.19
-    assert loop.run_until_complete(rests(0.2, cpu_s=0.05))
 
 
 def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(pipes: list[Pipe]) -> None:

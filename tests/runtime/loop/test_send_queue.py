@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime import Context, MemoryTransport
 from rosidl_py_gen.runtime.loop.send_queue import DeferredSender, SendQueue
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.api import TransportError
@@ -85,28 +85,6 @@ def test_what_one_loop_left_behind_another_one_sends_with_the_next() -> None:
     VirtualTimeLoop().run(send(1, is_full=True))
     VirtualTimeLoop().run(send(2, is_full=False))
     assert line.sent == [1, 2]
-
-
-def test_it_is_sent_when_the_loop_comes_round_and_at_once_elsewhere() -> None:
-    sent: list[str] = []
-
-    async def main() -> None:
-        with Context(transport=MemoryTransport(), args=["p"]) as context:
-            Node("n", context=context)
-            context._core.loop_binding.running_loop()
-            later = DeferredSender(context._core.loop_binding, sent.append)
-            later.add("first")
-            assert sent == []
-            await asyncio.sleep(0)
-            assert sent == ["first"]
-            later.add("second")
-            await asyncio.to_thread(later.add, "third")  # takes along what waits
-            assert sent == ["first", "second", "third"]
-            later.add("fourth")
-            later.flush()
-            assert sent[-1] == "fourth"
-
-    asyncio.run(main())
 
 
 def test_threads_send_one_after_the_other_each_in_its_order() -> None:

@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime import Node, WaitTimeoutError
+from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeDeadlockError, VirtualTimeLoop
-from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 
 def test_a_day_of_waiting_takes_no_time(ros_loop: VirtualTimeLoop) -> None:
@@ -45,23 +44,6 @@ def test_ticks_and_clocks_are_exact(ros_node: Callable[..., Node], ros_loop: Vir
 
     ros_loop.run(main())
     assert stamps == [50_000_000, 100_000_000, 150_000_000, 200_000_000, 250_000_000]
-
-
-def test_a_steady_clock_of_the_node_goes_with_it(ros_node: Callable[..., Node], ros_loop: VirtualTimeLoop) -> None:
-    async def main() -> list[float]:
-        timer = ros_node("n").create_wall_timer(7.0)
-        return [(await timer.tick()).seconds for _ in range(2)]
-
-    assert ros_loop.run(main()) == [7.0, 7.0]
-
-
-def test_time_limits_end_at_their_time(ros_node: Callable[..., Node], ros_loop: VirtualTimeLoop) -> None:
-    async def main() -> float:
-        with pytest.raises(WaitTimeoutError):
-            await ros_node("n").wait_for_node("nobody", timeout_s=3600)
-        return asyncio.get_running_loop().time()
-
-    assert ros_loop.run(main()) == pytest.approx(3600)
 
 
 def test_what_can_never_happen_fails_at_once_and_is_named(ros_loop: VirtualTimeLoop) -> None:
@@ -104,7 +86,3 @@ def test_while_a_thread_works_time_passes_as_on_the_wall(ros_loop: VirtualTimeLo
         return float(ended)
 
     assert 0.1 < ros_loop.run(main()) < 10
-
-
-def test_the_world_has_the_clocks_of_the_loop(ros_domain: MemoryTransport, ros_loop: VirtualTimeLoop) -> None:
-    assert ros_domain.clocks is ros_loop.clocks

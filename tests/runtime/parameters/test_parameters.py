@@ -16,7 +16,6 @@ from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
-    ParameterImmutableError,
     ParameterNotDeclaredError,
     ParameterType,
     ParameterUninitializedError,
@@ -27,14 +26,6 @@ from rosidl_py_gen.runtime.parameters.values import (
 
 DYNAMIC = ParameterDescriptor(dynamic_typing=True)
 OK = SetResult(True)
-
-
-def test_declaring_stores_describes_and_announces() -> None:
-    world = StoreWorld()
-    assert world.declare("a", 3, ParameterDescriptor(description="an int")) == 3
-    assert world.get("a") == 3
-    assert world.store.describe("a") == ParameterDescriptor("a", ParameterType.INTEGER, "an int")
-    assert world.events == [ParameterEvent(new=(p("a", 3),))]
 
 
 def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
@@ -101,14 +92,6 @@ def test_names_that_cannot_be_sent_are_refused() -> None:
     assert not world.set(p("\ud800", 1)).successful and world.declare("ä", 1) == 1
 
 
-def test_overrides_can_be_declared_automatically() -> None:
-    world = StoreWorld(a=5, b="text")
-    world.declare("a", 1)
-    world.store.declare_overrides()
-    assert (world.get("a"), world.get("b")) == (5, "text")
-    assert world.set(p("b", 1)).reason == "Wrong parameter type, expected 'Type.STRING' got 'Type.INTEGER'"
-
-
 def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_nothing() -> None:
     world = StoreWorld()
     with pytest.raises(InvalidParameterValueError, match=r"out of range. Min: 0, Max: 2, value: 3"):
@@ -117,22 +100,6 @@ def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_not
     with pytest.raises(InvalidParameterValueError, match="cannot be declared as 3: no"):
         world.declare("a", 3)
     assert not world.store.has("a") and world.events == []
-
-
-def test_read_only_may_be_declared_but_not_set_nor_undeclared() -> None:
-    world = StoreWorld(a=2)
-    assert world.declare("a", 1, ParameterDescriptor(read_only=True)) == 2
-    assert world.set(p("a", 3)).reason == "Trying to set a read-only parameter: a."
-    with pytest.raises(ParameterImmutableError):
-        world.store.undeclare("a")
-
-
-def test_setting_tells_new_from_changed_and_an_equal_value_counts() -> None:
-    world = StoreWorld()
-    world.declare("a", 1)
-    world.declare("b", None, DYNAMIC)
-    assert world.set(p("a", 1), p("b", 2)) == OK
-    assert world.events[-1] == ParameterEvent(new=(p("b", 2),), changed=(p("a", 1),))
 
 
 def test_all_undeclared_names_are_in_the_reason() -> None:
