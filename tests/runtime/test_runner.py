@@ -91,7 +91,7 @@ def test_a_second_signal_ends_a_callback_that_never_returns(first: signal.Signal
         process.send_signal(first)
         lines_until(process, "asked")
         with pytest.raises(subprocess.TimeoutExpired):  # the first one asks politely
-            process.wait(0.2)
+            process.wait(0.5)
         process.send_signal(second)
         output, errors = process.communicate(timeout=20)
         assert (process.returncode, output) == (-second, "")  # the callback is not called again
