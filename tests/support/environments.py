@@ -4,14 +4,12 @@ programs that tests compile.
 An environment is made once and kept between runs in ``$ROSIDL_TEST_CACHE`` (by default a folder in the user's cache),
 below a name made of what is in it: another list of requirements or another Python is another environment, so checkouts
 with different lists get along. It is built beside its place and moved there when whole. Of two processes that want the
-same one the second waits for the first; where it cannot, the second to finish throws its own away. Because it is moved,
-only its Python may be run (``python -m tool``): the programs in its bin folder remember where they were built. The
-whole cache may be deleted at any time.
+same one the second waits for the first. Because it is moved, only its Python may be run (``python -m tool``): the
+programs in its bin folder remember where they were built. The whole cache may be deleted at any time.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import re
@@ -20,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
@@ -45,7 +44,6 @@ _RCLPY = {
 """Distribution -> packages of an environment with rclpy."""
 
 _PYTHON = Path("Scripts", "python.exe") if os.name == "nt" else Path("bin", "python")
-_MARKER = "requirements.txt"  # written last: who has it is whole
 
 
 def missing_peer(reason: str) -> NoReturn:
@@ -71,16 +69,11 @@ def environment(name: str, requirements: Sequence[str]) -> Path:
         requirements: as pip takes them; pin them, because an environment is never updated.
     """
     wanted = "\n".join([sys.implementation.cache_tag, *requirements]) + "\n"
-    folder = cache_folder() / f"{name}-{hashlib.sha256(wanted.encode()).hexdigest()[:12]}"
-    if not _whole(folder, wanted):
-        held = lock(folder.name, wait=True)
-        try:
-            if not _whole(folder, wanted):
-                _make(folder, name, requirements, wanted)
-        finally:
-            if held is not None:
-                os.close(held)
-    return folder / _PYTHON
+
+    def is_whole(folder: Path) -> bool:  # false also if the Python it was made with was removed: its own is a link
+        return (folder / _PYTHON).exists()
+
+    return _folder(name, wanted.encode(), is_whole, partial(_build, requirements)) / _PYTHON
 
 
 def rclpy_python(distro: str = "jazzy") -> Path:
@@ -95,29 +88,27 @@ def kept(name: str, sources: Sequence[Path], make: Callable[[Path], None]) -> Pa
     headers = [Path("/usr/include", one) for one in ("dds", "fastcdr", "fastrtps")]
     stamps = [(one.name, one.stat().st_mtime_ns if one.exists() else 0) for one in headers]
     content = b"".join(one.read_bytes() for one in sources) + compiler + repr(stamps).encode()
+    return _folder(name, content, Path.exists, make)
+
+
+def _folder(name: str, content: bytes, is_whole: Callable[[Path], bool], make: Callable[[Path], None]) -> Path:
+    """Return the folder of some content, made beside its place and moved there unless it is whole."""
     folder = cache_folder() / f"{name}-{hashlib.sha256(content).hexdigest()[:12]}"
     held = lock(folder.name, wait=True)
     try:
-        if not folder.exists():
+        if not is_whole(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=folder.parent) as beside:
-                made = Path(beside) / "new"
-                made.mkdir()
-                make(made)
-                made.rename(folder)
+            with tempfile.TemporaryDirectory(
+                prefix=f".{name}-", dir=folder.parent, ignore_cleanup_errors=True
+            ) as beside:
+                make(made := Path(beside) / "new")
+                if not is_whole(folder):  # where there are no locks, another process may have made it
+                    shutil.rmtree(folder, ignore_errors=True)
+                    made.rename(folder)
     finally:
         if held is not None:
             os.close(held)
     return folder
-
-
-def _make(folder: Path, name: str, requirements: Sequence[str], wanted: str) -> None:
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=folder.parent, ignore_cleanup_errors=True) as beside:
-        built = Path(beside) / "new"
-        _build(built, requirements)
-        (built / _MARKER).write_text(wanted, encoding="utf-8")
-        _move(built, folder, wanted, Path(beside) / "old")
 
 
 def cache_folder() -> Path:
@@ -126,13 +117,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rosidl-py-gen-tests"
 
 
-def _whole(folder: Path, wanted: str) -> bool:
-    """Also false when the Python it was made with was removed: its own is a link to that."""
-    marker = folder / _MARKER
-    return marker.is_file() and marker.read_text(encoding="utf-8") == wanted and (folder / _PYTHON).exists()
-
-
-def _build(folder: Path, requirements: Sequence[str]) -> None:
+def _build(requirements: Sequence[str], folder: Path) -> None:
     _run(requirements, sys.executable, "-m", "venv", "--without-pip", str(folder))
     pip = [sys.executable, "-m", "pip", "--python", str(folder / _PYTHON), "install"]
     _run(requirements, *pip, "--no-input", "--disable-pip-version-check", "--retries", "2", *requirements)
@@ -147,17 +132,3 @@ def _run(requirements: Sequence[str], *command: str) -> None:
     if done.returncode:
         print(" ".join(command), done.stdout, sep="\n")  # all of it, for pytest's captured output
         missing_peer(f"no environment with {', '.join(requirements)}: {done.stdout.strip()[-2000:]}")
-
-
-def _move(built: Path, folder: Path, wanted: str, old: Path) -> None:
-    try:
-        built.rename(folder)
-    except OSError:  # there is one already
-        if _whole(folder, wanted):
-            return
-        with contextlib.suppress(FileNotFoundError):  # a broken one; another process may be replacing it, too
-            folder.rename(old)
-        with contextlib.suppress(OSError):
-            built.rename(folder)
-        assert _whole(folder, wanted), f"cannot replace the broken {folder}; delete it"
-        shutil.rmtree(old, ignore_errors=True)
