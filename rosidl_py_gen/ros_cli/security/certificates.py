@@ -116,11 +116,6 @@ def has_common_name(certificate: x509.Certificate, name: str) -> bool:
     return certificate.subject == _name(name)
 
 
-def validity(certificate: x509.Certificate) -> tuple[datetime, datetime]:
-    """Return begin and end of the validity, in UTC."""
-    return certificate.not_valid_before_utc, certificate.not_valid_after_utc
-
-
 def is_expired(certificate: x509.Certificate) -> bool:
     return certificate.not_valid_after_utc < datetime.now(timezone.utc)
 

@@ -46,7 +46,7 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
     if not added:
         domain_id = command_node.context.domain_id
         raise CommandError(f"no nodes were found in domain {domain_id}; {policy_file} was not written")
-    key_files.write_public_file(Path(path), policy_text(root).encode())
+    key_files.write_file(Path(path), policy_text(root).encode())
     rows = [{"name": one.fully_qualified_name, "enclave": one.enclave} for one in added]
     enclaves = ", ".join(sorted({one.enclave for one in added}))
     text = f"wrote {policy_file}: {len(added)} nodes, enclaves {enclaves}"

@@ -18,19 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def write_private_file(path: Path, data: bytes) -> None:
-    """Write a file that only its owner can read."""
-    _write(path, data, 0o600)
-
-
-def write_public_file(path: Path, data: bytes) -> None:
-    """Write a file with the default permissions of the user."""
-    umask = os.umask(0)
-    os.umask(umask)
-    _write(path, data, 0o666 & ~umask)
-
-
-def _write(path: Path, data: bytes, mode: int) -> None:
+def write_file(path: Path, data: bytes, *, is_private: bool = False) -> None:
+    """Write a file with the default permissions of the user, or one that only its owner can read."""
     temporary = ""
     try:
         descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=path.parent)  # with mode 0600
@@ -38,8 +27,10 @@ def _write(path: Path, data: bytes, mode: int) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        if mode != 0o600:
-            os.chmod(temporary, mode)
+        if not is_private:
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(temporary, 0o666 & ~umask)
         os.replace(temporary, path)
         temporary = ""
     except OSError as error:

@@ -105,7 +105,7 @@ class Keystore:
             self.private.mkdir(mode=0o700, exist_ok=True)
             self._create_authority()
             self._create_governance(domain_id)
-        return self._authority(_PERMISSIONS)[2]
+        return self._authority(_PERMISSIONS).not_valid_after_utc
 
     def _certificate(self, role: str) -> Path:
         return self.public / f"{role}.cert.pem"
@@ -142,8 +142,8 @@ class Keystore:
             raise self._incomplete(key_path, certificate_path)
         else:
             key = certificates.new_key()
-            key_files.write_private_file(key_path, certificates.key_pem(key))
-        key_files.write_public_file(certificate_path, certificates.certificate_pem(certificates.ca_certificate(key)))
+            key_files.write_file(key_path, certificates.key_pem(key), is_private=True)
+        key_files.write_file(certificate_path, certificates.certificate_pem(certificates.ca_certificate(key)))
 
     def _incomplete(self, missing: Path, other: Path) -> CommandError:
         return CommandError(
@@ -160,7 +160,7 @@ class Keystore:
     def _create_governance(self, domain_id: int) -> None:
         document, signature = self.enclaves / "governance.xml", self.enclaves / "governance.p7s"
         if not document.is_file():
-            key_files.write_public_file(document, governance_xml(domain_id).encode())
+            key_files.write_file(document, governance_xml(domain_id).encode())
         if not signature.is_file():
             read_xml(str(document))  # an edited file may be damaged
             self._sign(document.read_text(encoding="utf-8"), signature)
@@ -168,11 +168,11 @@ class Keystore:
     def _sign(self, text: str, path: Path) -> None:
         from rosidl_py_gen.ros_cli.security import certificates
 
-        certificate, key_path, _ = self._authority(_PERMISSIONS)
-        key_files.write_public_file(path, certificates.signed(text, certificate, certificates.load_key(key_path)))
+        certificate, key = self._authority(_PERMISSIONS), certificates.load_key(self._key(_PERMISSIONS))
+        key_files.write_file(path, certificates.signed(text, certificate, key))
 
-    def _authority(self, role: str) -> tuple[Certificate, Path, datetime]:
-        """Return certificate, file of the key and end of the validity. Raises `CommandError` if they cannot sign."""
+    def _authority(self, role: str) -> Certificate:
+        """Return the certificate of an authority. Raises `CommandError` if it or its key cannot sign."""
         from rosidl_py_gen.ros_cli.security import certificates
 
         path, key_path = self._certificate(role), self._key(role)
@@ -181,7 +181,7 @@ class Keystore:
         if certificates.is_expired(certificate):
             raise CommandError(f"{path}: the certificate has expired; create a keystore with new keys")
         self._note_if_readable(key_path)
-        return certificate, key_path, certificates.validity(certificate)[1]
+        return certificate
 
     def _note_if_readable(self, path: Path) -> None:
         path = path.resolve()
@@ -205,12 +205,12 @@ class Keystore:
         if certificate_path.is_file() and key_path.is_file():
             self._require_own_files(folder)
             return self.enclave_certificate(name)
-        authority, authority_key, _ = self._authority(_IDENTITY)
-        key = certificates.new_key()
-        certificate = certificates.enclave_certificate(name, key, authority, certificates.load_key(authority_key))
+        authority, key = self._authority(_IDENTITY), certificates.new_key()
+        authority_key = certificates.load_key(self._key(_IDENTITY))
+        certificate = certificates.enclave_certificate(name, key, authority, authority_key)
         certificate_path.unlink(missing_ok=True)  # an interrupted command must not leave one of another key
-        key_files.write_private_file(key_path, certificates.key_pem(key))
-        key_files.write_public_file(certificate_path, certificates.certificate_pem(certificate))
+        key_files.write_file(key_path, certificates.key_pem(key), is_private=True)
+        key_files.write_file(certificate_path, certificates.certificate_pem(certificate))
         return certificate
 
     def _require_own_files(self, folder: Path) -> None:
@@ -240,14 +240,12 @@ class Keystore:
 
     def write_permissions(self, enclave: PolicyEnclave, certificate: Certificate, domain_id: int) -> Path:
         """Write and sign the permissions of an enclave, and return their file."""
-        from rosidl_py_gen.ros_cli.security import certificates
-
         folder = self.enclave_folder(enclave.name)
-        text = permissions_xml(enclave, domain_id, *certificates.validity(certificate))
+        text = permissions_xml(enclave, domain_id, certificate.not_valid_before_utc, certificate.not_valid_after_utc)
         if enclave.allows_everything and self._have_changed(folder / "permissions.xml", text):
             self.note(f"{folder / 'permissions.xml'}: replaced; enclave {enclave.name} may use all topics")
         # In this order an interrupted command leaves the former permissions valid.
-        key_files.write_public_file(folder / "permissions.xml", text.encode())
+        key_files.write_file(folder / "permissions.xml", text.encode())
         self._sign(text, folder / "permissions.p7s")
         return folder / "permissions.xml"
 
