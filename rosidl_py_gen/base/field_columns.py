@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from itertools import groupby, islice
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosidl_py_gen.base.fieldtype import PRIMITIVES, Arity
@@ -136,23 +136,13 @@ def _slice(field: Any, match: re.Match[str], ops: list[Op]) -> int:
     else:
         is_fixed = stop is not None and 0 <= (start or 0) <= stop
         length = (stop or 0) - (start or 0) if is_fixed else VARIABLE_LENGTH
-    ops.append(_SliceMarker(slice(start, stop)))
+    ops.append(itemgetter(slice(start, stop)))
     return length
 
 
-class _SliceMarker:
-    """Slice of a sequence; operations after it apply to each element."""
-
-    def __init__(self, part: slice) -> None:
-        self.part = part
-
-    def __call__(self, values: Any) -> Any:
-        return values[self.part]
-
-
 def _combined(ops: list[Op]) -> Get:
-    """Combine operations; those after a slice apply to each of its elements."""
-    at = next((number for number, op in enumerate(ops, 1) if isinstance(op, _SliceMarker)), len(ops))
+    """Combine operations; those after a slice, the only `itemgetter`, apply to each of its elements."""
+    at = next((number for number, op in enumerate(ops, 1) if isinstance(op, itemgetter)), len(ops))
     before, behind = _chain(ops[:at]), ops[at:]
     if not behind:
         return before

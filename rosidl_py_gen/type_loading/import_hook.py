@@ -126,7 +126,7 @@ def install_import_hook(
         if _installed is None:
             _installed = _Finder(*settings)
             sys.meta_path.insert(0, _installed)
-            sys.meta_path.extend(_installed.last)
+            sys.meta_path.append(_installed.fallback)
         elif _installed.settings != settings:
             raise RuntimeError("an import hook with other settings is installed; close that one first")
         finder = _installed
@@ -158,7 +158,7 @@ def _remove(finder: _Finder) -> None:
             return
         _installed = None
         # In place, because other code may hold the list; other finders may be gone already.
-        sys.meta_path[:] = [one for one in sys.meta_path if one is not finder and one not in finder.last]
+        sys.meta_path[:] = [one for one in sys.meta_path if one is not finder and one is not finder.fallback]
     for name, module in list(sys.modules.items()):
         spec = getattr(module, "__spec__", None)
         if spec is not None and (spec.loader is finder or _is_compat_package(spec)):
@@ -235,8 +235,7 @@ class _Finder(Loader):
         packages: dict[str, Path] = {}
         for one in reversed(workspaces):
             packages |= workspace_packages(one)
-        self._fallback = _FallbackFinder(packages, choice.name)
-        self.last = [self._fallback]
+        self.fallback = _FallbackFinder(packages, choice.name)
         self._compat = {entry.name for entry in os.scandir(RCLPY_COMPAT_DIR)} if self._is_rclpy else set()
         folders, found = search(path, workspace, choice)
         self._interfaces: Interfaces = Interfaces(found, folders, choice.name if choice.is_explicit else None)
@@ -251,8 +250,8 @@ class _Finder(Loader):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         package, _, rest = fullname.partition(".")
-        if not rest and fullname in self._fallback.packages and self._is_plain_folder(fullname):
-            return self._fallback.find_spec(fullname)
+        if not rest and fullname in self.fallback.packages and self._is_plain_folder(fullname):
+            return self.fallback.find_spec(fullname)
         if fullname in _PARSER and self._is_rclpy:
             return None if self._other_spec(fullname, path) else self._parser(fullname)
         if fullname in self._compat:
@@ -271,7 +270,7 @@ class _Finder(Loader):
         return ModuleSpec(fullname, self) if is_ours and module in self._interfaces.modules(package, kind) else None
 
     def found(self) -> dict[str, FoundPackage]:
-        found = {name: FoundPackage(name, folder, ()) for name, folder in self._fallback.packages.items()}
+        found = {name: FoundPackage(name, folder, ()) for name, folder in self.fallback.packages.items()}
         for name, package in self._interfaces.search.packages.items():
             folder = package.folder
             if package.known_files is not None:  # of a distribution, in several folders

@@ -124,15 +124,6 @@ def test_idl_text_gives_the_class_of_the_same_msg_text() -> None:
     assert decode(idl, encode(twin)) == one
 
 
-def test_an_empty_idl_struct_is_the_empty_message() -> None:
-    cls = compile_definition(
-        "text8/msg/Nothing",
-        "module text8 { module msg { struct Nothing { uint8 structure_needs_at_least_one_member; }; }; };",
-    )
-    assert type_hash(cls) == type_hash(compile_definition("text8/msg/Nothing", "# nothing\n"))
-    assert encode(cls()).hex() == "0001000000"
-
-
 @pytest.mark.parametrize(
     ("text", "where"),
     [

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from each_case import each_case
 
-from rosidl_py_gen import Message, compile_definition, decode, encode, from_dict, get_message, get_service, to_dict
+from rosidl_py_gen import Message, compile_definition, decode, encode, get_message, get_service
 
 TEXT = """# How warm it is. [degC]
 float64[] values [1.5, 2.5]   # [degC]
@@ -168,36 +167,6 @@ def test_repr_names_every_field_and_elides_long_arrays() -> None:
     unset = Sample()
     del unset.name
     assert "name=" in repr(unset)
-
-
-NAMES = ["encode", "decode", "data", "self", "cls", "copy", "field", "list", "np", "int", "bytes", "bool"]
-KEYWORDS = ["classmethod", "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"]
-
-
-@each_case("name", [*NAMES, *KEYWORDS])
-@each_case("kind", ["int32", "string", "float64[]", "Inner", "Inner[]", "bool[2]", "string[]"])
-def test_any_legal_field_name_works(name: str, kind: str) -> None:
-    cls = compile_definition(
-        f"plain/msg/N{name.title()}{kind.encode().hex()}",
-        f"{kind} {name}\nuint8 after 3\n"
-        + TEXT[TEXT.index("=") : 0]
-        + "=" * 80
-        + TEXT[TEXT.rindex("\nMSG: plain/Inner") :],
-    )
-    spelling = name + "_" if name in ("from", "class", "lambda") else name
-    value = {"int32": 5, "string": "s", "float64[]": [1.0], "bool[2]": [True, False], "string[]": ["x"]}.get(kind)
-    given = value if value is not None else Inner(4) if kind == "Inner" else [Inner(4)]
-    message = cls(**{spelling: given})
-    again = decode(cls, encode(message))
-    assert again == message
-    assert again.after == 3
-    assert list(to_dict(again)) == [name, "after"]
-    assert from_dict(cls, to_dict(again)) == message
-    assert copy.deepcopy(message) == pickle.loads(pickle.dumps(message)) == message
-    if name != "encode":
-        assert message.encode() == encode(message)
-    if name != "decode":
-        assert cls.decode(encode(message)) == message
 
 
 def test_methods_give_way_to_fields_of_their_name() -> None:

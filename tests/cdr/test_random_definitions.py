@@ -15,14 +15,12 @@ from support.reference_cdr import Reference, ReferenceError, same
 from rosidl_py_gen import (
     DecodeError,
     Message,
-    compile_definition,
     decode,
     encode,
     from_dict,
     from_json,
     to_dict,
     to_json,
-    type_hash,
     type_name,
     validate,
 )
@@ -156,61 +154,3 @@ def test_damaged_bytes_are_read_as_the_reference_reads_them(
         assert "cannot be decoded" not in str(error)
         found = None
     assert same(found, wanted)
-
-
-@settings(max_examples=examples(150))
-@given(worlds(nasty=False), st.data())
-def test_the_same_definitions_as_idl_have_the_same_bytes_and_hash_form(world: World, data: st.DataObject) -> None:
-    reference = world.reference()
-    value = data.draw(values(reference, world.top))
-    cls = compile_definition(world.top.replace("/msg/", "_idl/msg/"), _as_idl(world, reference))
-    assert encode(reference_build(reference, world, cls, value)) == reference.encode(world.top, value)
-    assert type_hash(cls).startswith("RIHS01_")
-    assert same(to_dict(cls()), to_dict(world.compile()()))
-
-
-def reference_build(reference: Reference, world: World, cls: type[Message], value: dict[str, Any]) -> Message:
-    """Build an instance of the IDL twin, whose packages end in ``_idl``."""
-    twin = Reference(lambda name: reference.lookup(name.replace("_idl/", "/")))
-    return twin.build(cls, value)
-
-
-_IDL = {"bool": "boolean", "byte": "octet", "char": "uint8", "float32": "float", "float64": "double"}
-
-
-def _as_idl(world: World, reference: Reference) -> str:
-    parts = []
-    for name, _ in (world.texts[-1], *world.texts[:-1]):
-        package, _, short = name.split("/")
-        lines = [f"module {package}_idl {{ module msg {{ struct {short} {{"]
-        fields = reference.definition(name).fields
-        for item in fields:
-            kind = item.type
-            base = kind.base.replace("/", "_idl::", 1).replace("/", "::") if kind.is_message else kind.base
-            base = _IDL.get(base, base) + (f"<{kind.string_bound}>" if kind.string_bound else "")
-            default = "" if item.default is None or isinstance(item.default, tuple) else _idl_default(item.default)
-            if isinstance(item.default, tuple):
-                spelled = ", ".join(repr(one) for one in item.default)
-                default = f'@default(value="({spelled}{"," if len(item.default) == 1 else ""})")\n'
-            count = ""
-            if kind.arity is Arity.ARRAY:
-                count = f"[{kind.capacity}]"
-            elif kind.arity is Arity.BOUNDED:
-                base = f"sequence<{base}, {kind.capacity}>"
-            elif kind.arity is Arity.UNBOUNDED:
-                base = f"sequence<{base}>"
-            lines.append(f"{default}{base} {item.name}{count};")
-        if not fields:
-            lines.append("uint8 structure_needs_at_least_one_member;")
-        lines.append("}; }; };")
-        parts.append((name, "\n".join(lines)))
-    twin = [f"IDL: {name.replace('/msg/', '_idl/msg/')}\n{text}" for name, text in parts[1:]]
-    return ("\n" + "=" * 80 + "\n").join([parts[0][1], *twin])
-
-
-def _idl_default(value: Any) -> str:
-    if isinstance(value, bool):
-        return f"@default(value={str(value).upper()})\n"
-    if isinstance(value, str):
-        return '@default(value="' + value.replace("\\", "\\\\").replace('"', '\\"') + '")\n'
-    return f"@default(value={value!r})\n"

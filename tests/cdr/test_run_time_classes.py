@@ -11,7 +11,6 @@ from support.interface_packages import python, write
 import rosidl_py_gen as ros
 from rosidl_py_gen import (
     DefinitionError,
-    EncodeError,
     InvalidNameError,
     TypeNotFoundError,
     compile_definition,
@@ -106,22 +105,6 @@ def test_what_is_no_message_is_refused_in_words(call: Any) -> None:
 def test_a_name_that_is_no_text_is_refused_in_words() -> None:
     with pytest.raises(InvalidNameError, match="expected the name of an interface, found NoneType"):
         get_message(None)  # type: ignore[arg-type]
-
-
-def test_conversion_names_a_wrong_value() -> None:
-    poses = get_message("geometry_msgs/msg/PoseArray")
-    for convert in (ros.to_dict, ros.to_json):
-        with pytest.raises(EncodeError, match=r"poses\[0\]: expected geometry_msgs/msg/Pose, found 5"):
-            convert(poses(poses=[5]))  # type: ignore[call-arg]
-    with pytest.raises(EncodeError, match=r"String.data: expected str, found b'x'"):
-        ros.to_json(get_message("std_msgs/msg/String")(data=b"x"))  # type: ignore[call-arg]
-
-
-def test_the_public_methods_are_documented() -> None:
-    string = get_message("std_msgs/msg/String")
-    assert string.encode.__name__ == "encode"
-    assert "EncodeError" in (string.encode.__doc__ or "")
-    assert "DecodeError" in (string.decode.__doc__ or "")
 
 
 def test_a_class_of_an_installed_package_needs_neither_lark_nor_what_follows_cmake() -> None:

@@ -10,7 +10,7 @@ from support.bundled_interfaces import Vector, message, reference, vectors, vect
 from support.example_counts import examples
 from support.reference_cdr import ReferenceError, same
 
-from rosidl_py_gen import DecodeError, decode, encode, from_dict, from_json, to_dict, to_json
+from rosidl_py_gen import DecodeError, decode, encode
 
 BY_TYPE = vectors_by_type()
 TYPES = each_case("name", sorted(BY_TYPE))
@@ -71,23 +71,3 @@ def _cuts(data: bytes) -> list[int]:
     between = range(near, far)
     drawn = Random(data).sample(between, min(examples(64), len(between)))
     return [*range(near), *sorted(drawn), *range(max(near, far), len(data))]
-
-
-@TYPES
-def test_network_padding_may_be_cut_off(name: str) -> None:
-    """rmw_cyclonedds pads to a multiple of 4 on the network (docs/internals/protocol.md 2.4)."""
-    oracle = reference()
-    for vector in BY_TYPE[name]:
-        padded = vector.cdr + bytes(-len(vector.cdr) % 4)
-        for size in range(len(vector.cdr), len(padded) + 1):
-            assert same(oracle.plain(decode(message(name), padded[:size])), oracle.decode(name, vector.cdr))
-
-
-@TYPES
-def test_recorded_values_survive_dicts_and_json(name: str) -> None:
-    for vector in BY_TYPE[name]:
-        cls = message(name)
-        first = decode(cls, vector.cdr)
-        assert encode(from_dict(cls, to_dict(first))) == vector.cdr
-        assert encode(from_json(cls, to_json(first))) == vector.cdr
-        assert encode(from_dict(cls, vector.value)) == vector.cdr

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -12,8 +11,6 @@ from pathlib import Path
 import pytest
 from support.generator_shell import Shell
 from support.interface_packages import write
-
-from rosidl_py_gen import __version__
 
 WORLD = {
     "a_msgs/msg/Point.msg": "# A place.\n\nfloat64 x # [m]\nfloat64 y\n",
@@ -68,22 +65,6 @@ def test_one_interface(shell: Shell, world: str) -> None:
     ]
 
 
-@pytest.mark.parametrize("entry", ["a_msgs", "."])
-def test_a_path_may_be_a_package_or_a_folder_of_packages(shell: Shell, world: str, entry: str) -> None:
-    assert shell("--path", str(Path(world) / entry), "--filter", "a_msgs").code == 0
-    assert "a_msgs/msg/_point.py" in shell.written()
-
-
-def test_a_path_may_be_a_workspace(shell: Shell, tmp_path: Path) -> None:
-    files = {
-        "robot/interfaces/package.xml": "<package><name>robot_msgs</name></package>",
-        "robot/interfaces/msg/State.msg": "uint8 x",
-        "robot/driver/package.xml": "<package><name>driver</name></package>",
-    }
-    assert shell("--path", str(write(tmp_path / "ws" / "src", files)), "--filter", "robot_msgs").code == 0
-    assert "robot_msgs/msg/_state.py" in shell.written()
-
-
 def test_check_tells_and_writes_nothing(shell: Shell, world: str) -> None:
     command = ("--path", world, "--filter", "a_msgs")
     answer = shell(*command, "--check")
@@ -105,21 +86,6 @@ def test_list_says_what_was_found_and_where(shell: Shell, world: str) -> None:
     assert str(Path(world) / "a_msgs") in lines["a_msgs"]
     assert "bundled" in lines["sensor_msgs"]
     assert shell.written() == []
-
-
-def test_first_hit_wins_in_the_order_paths_ament_bundled(
-    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("one", "two", "prefix_a/share", "prefix_b/share"):
-        write(tmp_path / name, {"std_msgs/msg/String.msg": f"string data # {name}"})
-    write(tmp_path / "prefix_a/share", {"only_msgs/msg/A.msg": ""})
-    prefixes = [str(tmp_path / name) for name in ("prefix_a", "prefix_b")]
-    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(prefixes))
-    rows = shell("--path", str(tmp_path / "one"), "--path", str(tmp_path / "two"), "--list", "--json").json
-    found = [(row["origin"], row["used"]) for row in rows if row["package"] == "std_msgs"]
-    wanted = [str(tmp_path / "one"), str(tmp_path / "two"), *prefixes, "bundled"]
-    assert found == [(origin, origin == wanted[0]) for origin in wanted]
-    assert [row["origin"] for row in rows if row["package"] == "only_msgs"] == prefixes[:1]
 
 
 # --- errors -----------------------------------------------------------------------------------------------------------
@@ -171,13 +137,6 @@ def test_mistakes_of_the_caller_are_told_in_one_line(shell: Shell, arguments: tu
     assert text in answer.err
     assert "Traceback" not in answer.err
     assert shell.written() == []
-
-
-def test_a_missing_package_says_who_needs_it_and_where_was_searched(shell: Shell, tmp_path: Path) -> None:
-    folder = write(tmp_path / "src", {"a_msgs/msg/A.msg": "robot_msgs/State s"})
-    answer = shell("--path", str(folder), "--filter", "a_msgs")
-    assert 'A.msg:1:1: unknown package "robot_msgs" for robot_msgs/State' in answer.err
-    assert f"(searched: {folder}, bundled)" in answer.err
 
 
 @pytest.mark.parametrize(
@@ -261,14 +220,6 @@ def test_interface_prints_the_definition_and_its_hash(shell: Shell, world: str) 
     assert "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18" in json.dumps(description)
 
 
-def test_the_full_text_compiles_again(shell: Shell) -> None:
-    from rosidl_py_gen import compile_definition, get_message, type_hash
-
-    text = shell("interface", "geometry_msgs/msg/PoseStamped", "--full").out
-    found = compile_definition("geometry_msgs/msg/PoseStamped", text)
-    assert type_hash(found) == type_hash(get_message("geometry_msgs/msg/PoseStamped"))
-
-
 # --- quick and quiet --------------------------------------------------------------------------------------------------
 
 
@@ -278,36 +229,18 @@ def process(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
 
 
-def test_help_is_quick_and_loads_little() -> None:
-    best = min(_cpu_of_help() for _ in range(3))
-    assert best < 1.0  # seconds; 0.15 is the aim, measured by hand, this guards against loading everything
+def test_help_loads_little() -> None:
     done = process("--help", code="\natexit.register(lambda: print(*sys.modules))")
-    assert done.returncode == 0
+    assert done.returncode == 0 and "--filter" in done.stdout
     modules = set(done.stdout.split())
     assert "rosidl_py_gen.generator_cli" in modules
     assert not {"numpy", "jinja2", "lark", "cyclonedds", "yaml", "rosidl_py_gen.compiler.generate"} & modules
-
-
-def _cpu_of_help() -> float:
-    import resource  # not on Windows
-
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert "--filter" in process("--help").stdout
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def test_output_that_goes_to_no_terminal_has_no_colour_and_no_bar(tmp_path: Path) -> None:
     done = process("--list")
     assert "\x1b" not in done.stdout + done.stderr
     assert process("--out", str(tmp_path)).stderr == ""
-
-
-def test_it_runs_as_a_module_too() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "rosidl_py_gen.generator_cli", "--version"], capture_output=True, text=True, timeout=60
-    )
-    assert (done.returncode, done.stdout.strip()) == (0, f"rosidl-py-gen, version {__version__}")
 
 
 def test_text_of_definitions_cannot_steer_a_terminal(shell: Shell) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -42,11 +41,6 @@ def test_an_unknown_distribution_is_a_wrong_command_line(shell: Shell) -> None:
     assert answer.code == 2 and "'foxy' is not one of 'humble', 'jazzy', 'kilted', 'lyrical'" in answer.err
 
 
-def test_an_unknown_type_names_its_distributions(shell: Shell) -> None:
-    answer = shell("interface", "nav_msgs/msg/Trajectory")
-    assert answer.code == 1 and "it is part of lyrical only: select that with --distro" in answer.out + answer.err
-
-
 def test_diff_compares_two_distributions(shell: Shell) -> None:
     answer = shell("diff", "--distro", "humble", "--distro", "lyrical")
     assert answer.code == 1
@@ -65,14 +59,6 @@ def test_diff_compares_two_distributions(shell: Shell) -> None:
     assert not any("std_msgs" in line for line in lines)
     same = shell("diff", "distro:jazzy", "--distro", "jazzy")
     assert same.code == 0
-
-
-def test_diff_of_a_distribution_as_json(shell: Shell) -> None:
-    answer = shell("diff", "--distro", "jazzy", "--distro", "kilted", "--json", "--fail-on", "nothing")
-    assert answer.code == 0
-    document = json.loads(answer.out)
-    assert all(name.startswith("turtlesim_msgs/") for name in document["added"]) and len(document["added"]) == 8
-    assert document["changed"] == []
 
 
 def test_diff_of_a_distribution_and_a_folder(shell: Shell) -> None:

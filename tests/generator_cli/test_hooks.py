@@ -1,13 +1,9 @@
-"""The hooks for pre-commit, and the index at the end of the page about CI."""
+"""The hooks for pre-commit."""
 
 from __future__ import annotations
 
-import functools
 import re
 import subprocess
-import sys
-import threading
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +14,7 @@ from support.interface_packages import REPOSITORY, write
 from rosidl_py_gen.generator_cli import main
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    pass
 
 HOOKS = {one["id"]: one for one in yaml.safe_load((REPOSITORY / ".pre-commit-hooks.yaml").read_text())}
 MANIFEST = """<package><name>team_msgs</name><version>1.0.0</version><description>d</description>
@@ -70,33 +66,3 @@ def test_the_hooks_pass_before_the_first_commit_and_fail_for_what_is_wrong(repos
     assert [run(one) for one in HOOKS] == [0, 1]
     file.write_text("flaot64 speed\n")
     assert [run(one) for one in HOOKS] == [1, 1]
-
-
-@pytest.fixture
-def server(repository: Path) -> Iterator[str]:
-    """The folder as a web server shows it."""
-
-    class Quiet(SimpleHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            pass
-
-    handler = functools.partial(Quiet, directory=str(repository))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as served:
-        thread = threading.Thread(target=served.serve_forever, name="index")
-        thread.start()
-        yield f"http://127.0.0.1:{served.server_port}"
-        served.shutdown()
-        thread.join()
-
-
-def test_a_folder_of_wheels_behind_a_web_server_is_an_index(repository: Path, server: str, tmp_path: Path) -> None:
-    main(["wheel", "--path", "src", "--out", "simple/team-msgs"])
-    command = [sys.executable, "-m", "pip", "install", "-q", "--isolated", "--no-deps", "--no-cache-dir"]
-    target = tmp_path / "installed"
-    done = subprocess.run(
-        [*command, "--index-url", f"{server}/simple", "--target", str(target), "team-msgs==1.0.0"],
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    assert (target / "team_msgs/msg/_wheel.py").exists()

@@ -66,14 +66,6 @@ def test_what_is_right_is_written_and_the_rest_is_told(shell: Shell) -> None:
             from a_msgs.msg import Uses  # noqa: F401
 
 
-def test_when_all_is_right_the_option_changes_nothing(shell: Shell) -> None:
-    Path("src/a_msgs/msg/Wrong.msg").write_text("uint8 fine\n")
-    plain = shell(*WANTED)
-    again = shell(*WANTED, "--keep-going")
-    assert (plain.code, again.code, again.err) == (0, 0, "")
-    assert "0 files written, 0 removed" in again.out
-
-
 def test_what_has_become_wrong_does_not_stay(shell: Shell) -> None:
     Path("src/a_msgs/msg/Wrong.msg").write_text("uint8 fine\n")
     shell(*WANTED)
@@ -85,16 +77,6 @@ def test_what_has_become_wrong_does_not_stay(shell: Shell) -> None:
     assert not Path("out/a_msgs/msg/_wrong.py").exists()
     assert not Path("out/b_msgs/srv").exists()
     assert Path("out/b_msgs/action/_do.py").exists()
-
-
-def test_json_has_both(shell: Shell) -> None:
-    found = shell(*WANTED, "--keep-going", "--json").json
-    assert "a_msgs/msg/Right0" in found["interfaces"]
-    assert [(row["path"], row["line"], row["column"]) for row in found["errors"]] == [
-        ("src/a_msgs/msg/Uses.msg", 3, 1),
-        ("src/a_msgs/msg/Wrong.msg", 2, 9),
-        ("src/b_msgs/srv/Ask.srv", 3, 1),
-    ]
 
 
 def test_nothing_right_is_a_plain_error(shell: Shell) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from each_case import each_case
-from support.bundled_interfaces import message, vectors, vectors_by_type
+from support.bundled_interfaces import message, reference, vectors, vectors_by_type
 from support.example_counts import examples
 from support.interface_packages import Files, write
 from support.rclpy_messages import hooked, rclpy_class
@@ -61,19 +61,6 @@ def test_recorded_bytes_are_read_and_written(name: str) -> None:
         assert encode(again) == vector.cdr
 
 
-@each_case("name", sorted(BY_TYPE))
-def test_truncated_bytes_are_refused_at_the_place_where_ours_are(name: str) -> None:
-    cls, own = rclpy_class(name), message(name)
-    for vector in BY_TYPE[name]:
-        size = len(vector.cdr)
-        for cut in sorted({0, 3, 4, *range(max(0, size - 9), size), *range(0, size, max(1, size // 24))}):
-            with pytest.raises(DecodeError) as wanted:
-                decode(own, vector.cdr[:cut])
-            with pytest.raises(DecodeError) as found:
-                decode(cls, vector.cdr[:cut])
-            assert str(found.value) == str(wanted.value) and "cannot be decoded" not in str(found.value)
-
-
 def test_changed_bytes_mean_the_same_to_both() -> None:
     random = Random(5)
     for _ in range(examples(300)):
@@ -94,18 +81,9 @@ def _told(cls: Any, data: bytearray) -> Any:
 
 
 def test_big_endian_bytes_are_read() -> None:
-    cls = rclpy_class("sensor_msgs/msg/LaserScan")
-    data = bytearray(cls(ranges=[1.5, 2]).encode())
-    big = b"\0\0\0\0" + _swapped(data)
-    assert decode(cls, big).ranges == array.array("f", [1.5, 2])
-
-
-def _swapped(data: bytearray) -> bytes:
-    """A LaserScan without frame_id has nothing but values of four bytes behind its string."""
-    body = data[4:]
-    head, text, rest = body[:12], body[12:16], body[16:]
-    swapped = b"".join(bytes(part[i : i + 4][::-1]) for part in (head, rest) for i in range(0, len(part), 4))
-    return swapped[:12] + bytes(text) + swapped[12:]
+    for vector in vectors()[::10]:
+        big = reference().encode(vector.type, vector.value, big_endian=True)
+        assert encode(decode(rclpy_class(vector.type), big)) == vector.cdr
 
 
 # --- values -----------------------------------------------------------------------------------------------------------
@@ -204,7 +182,7 @@ def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
         finally:
             import_hook._installed = outer
             sys.meta_path.insert(0, outer)
-            sys.meta_path.extend(outer.last)
+            sys.meta_path.append(outer.fallback)
 
 
 # --- both APIs --------------------------------------------------------------------------------------------------------

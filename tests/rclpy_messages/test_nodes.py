@@ -14,7 +14,6 @@ from support.rclpy_messages import rclpy_class
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.bags import BagReader, BagWriter
 from rosidl_py_gen.runtime import GoalStatus, IntrospectionState
-from rosidl_py_gen.tf import StaticTransformBroadcaster, TransformBuffer
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -94,27 +93,6 @@ async def test_actions(memory: World, here: str, there: str) -> None:
     assert status is GoalStatus.SUCCEEDED and type(result) is called.Result and list(result.sequence) == [0, 1, 2]
     with pytest.raises(TypeError, match="expected a Fibonacci_Goal"):
         await client.send_goal(called.Result(), timeout_s=5)
-
-
-async def test_parameters_and_clocks_take_messages_of_the_flavour(memory: World) -> None:
-    node = memory.node("n")
-    stamp = rclpy_class("builtin_interfaces/msg/Time")
-    header = rclpy_class("std_msgs/msg/Header")(stamp=node.clock.now().to_msg())
-    assert stamp.decode(stamp(sec=1).encode()).sec == 1
-    assert type(rclpy_class("std_msgs/msg/Header").decode(header.encode()).stamp) is stamp
-
-
-async def test_transforms(memory: World) -> None:
-    cls = rclpy_class("geometry_msgs/msg/TransformStamped")
-    transform = cls(child_frame_id="b")
-    transform.header.frame_id = "a"
-    transform.transform.translation.x = 2.0
-    transform.transform.rotation.w = 1.0
-    node = memory.node("n")
-    buffer = TransformBuffer(memory.node("m"))
-    StaticTransformBroadcaster(node).send([transform])
-    found = await buffer.wait_for_transform("a", "b", timeout_s=5)
-    assert found.translation.tolist() == [2, 0, 0]
 
 
 @MESSAGE_APIS

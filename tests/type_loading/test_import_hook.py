@@ -89,25 +89,6 @@ def test_a_prefix_is_looked_through(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert import_module("ament_hooked_msgs.msg").A(a=5).a == 5
 
 
-@pytest.mark.parametrize("src", ["ws/src/", "ws/"])
-def test_the_workspace_around_a_script(tmp_path: Path, src: str) -> None:
-    files = {
-        f"{src}talker/package.xml": PACKAGE_XML.format("talker"),
-        f"{src}talker/talker/node.py": "",
-        f"{src}talker/msg/Own.msg": "int32 a",
-        f"{src}group/near_msgs/package.xml": PACKAGE_XML.format("near_msgs"),
-        f"{src}group/near_msgs/msg/A.msg": "int32 a",
-    }
-    write(tmp_path, files)
-    with hooked(message_api="rclpy", workspace_of=tmp_path / src / "talker" / "talker" / "node.py"):
-        assert import_module("talker.msg").Own(a=5).a == 5
-        if src == "ws/src/":
-            assert import_module("near_msgs.msg").A(a=5).a == 5
-        else:  # without a folder src it is the package, and those beside it
-            with pytest.raises(ModuleNotFoundError):
-                import_module("near_msgs.msg")
-
-
 def test_a_place_without_packages_is_no_error(tmp_path: Path) -> None:
     write(tmp_path, {"src/only_nodes/package.xml": PACKAGE_XML.format("only_nodes"), "src/only_nodes/a.py": ""})
     for around in (tmp_path, tmp_path / "src" / "only_nodes" / "a.py"):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -165,19 +163,16 @@ def test_what_changed_a_moment_ago_is_not_cached(
     assert len(scans) == 3
 
 
-@pytest.mark.parametrize("damage", ["cut", "empty", "other bytes", "a folder", "for all to write"])
+@pytest.mark.parametrize("damage", ["cut", "a folder"])
 def test_a_damaged_cache_is_not_used(damage: str, tmp_path: Path, scans: list[object]) -> None:
     expected = _found(tmp_path)
     for file in (tmp_path / "cache" / "modules").glob("*.scan"):
         data = file.read_bytes()
-        if damage == "for all to write":
-            file.chmod(0o666)
-            continue
         file.unlink()
         if damage == "a folder":
             file.mkdir()
         else:
-            file.write_bytes({"cut": data[:-9], "empty": b""}.get(damage, data[:80] + bytes(20) + data[100:]))
+            file.write_bytes(data[:-9])
     assert _found(tmp_path) == expected and len(scans) == 2
 
 
@@ -201,17 +196,6 @@ def test_several_may_write_at_once(tmp_path: Path) -> None:
         found = [*pool.map(lambda _: _found(tmp_path), range(24))]
     assert all(one == found[0] for one in found) and len([*(tmp_path / "cache" / "modules").glob("*.scan")]) == 1
     assert not [*(tmp_path / "cache" / "modules").glob("new-*")]
-
-
-@pytest.mark.real_time("processes")
-def test_processes_that_write_at_once_find_the_same(tmp_path: Path) -> None:
-    program = (
-        "from rosidl_py_gen import found_packages, install_import_hook\n"
-        f"install_import_hook(workspace_of={str(tmp_path / 'ws')!r})\n"
-        "print([name for name in found_packages() if name[1] == '_'])"
-    )
-    processes = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) for _ in range(4)]
-    assert {process.communicate(timeout=60)[0] for process in processes} == {"['a_msgs', 'b_msgs']\n"}
 
 
 def test_a_large_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.compiler.codegen.python_literals import py_literal, visible
@@ -19,8 +18,8 @@ SUPPORT = "rosidl_py_gen.cdr.support"
 _ZERO = {"bool": "False", "int": "0", "float": "0.0"}
 
 
-class FieldView(NamedTuple):
-    """A field for the template.
+class MemberView(NamedTuple):
+    """A field or constant for the template.
 
     Attributes:
         annotation: type of the attribute.
@@ -31,49 +30,39 @@ class FieldView(NamedTuple):
 
     name: str
     annotation: str
-    accepted: str
     value: str
     doc: tuple[str, ...]
-    ignore: str
-
-
-class ConstantView(NamedTuple):
-    """A constant for the template."""
-
-    name: str
-    annotation: str
-    value: str
-    doc: tuple[str, ...]
+    accepted: str = ""
     ignore: str = ""
 
 
 def field_view(
     item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool], *, for_typing: bool
-) -> FieldView:
+) -> MemberView:
     """Return the view of a field, which only type checkers see if `for_typing`."""
     kind = item.type
     name = py_name(item.name)
     # A field may have the name of a method of the base class, and then hides the method.
     ignore = "  # type: ignore[assignment]" if name in ("encode", "decode") else ""
     annotation = _annotation(kind, imports, classes)
-    accepted = annotation
     if for_typing:
-        return FieldView(name, annotation, accepted, "", _doc(item), ignore)
+        return MemberView(name, annotation, "", _doc(item), annotation, ignore)
+    accepted = annotation
     if kind.primitive is not None and kind.arity is not Arity.SCALAR:
         accepted = imports.use(SUPPORT, kind.primitive.numpy.rstrip("_").capitalize() + "s", for_typing=True)
     elif kind.is_message and kind.arity is not Arity.SCALAR and is_fixed(kind.base):
         accepted = f"{annotation} | {imports.use(SUPPORT, 'Records', for_typing=True)}"
-    return FieldView(name, annotation, accepted, _default(item, imports, classes), _doc(item), ignore)
+    return MemberView(name, annotation, _default(item, imports, classes), _doc(item), accepted, ignore)
 
 
-def constant_view(item: ConstantDef, imports: Imports, rclpy: bool = False) -> ConstantView:
+def constant_view(item: ConstantDef, imports: Imports, rclpy: bool = False) -> MemberView:
     """Return the view of a constant; with `rclpy`, a byte is bytes of length 1."""
     primitive = item.type.primitive
     is_bytes = rclpy and item.type.base == "byte"
     python = imports.builtin("bytes" if is_bytes else primitive.python if primitive else "str")
     annotation = f"{imports.use('typing', 'ClassVar')}[{python}]"
     value = _byte(item.value) if is_bytes else py_literal(item.value)
-    return ConstantView(py_name(item.name), annotation, value, _doc(item))
+    return MemberView(py_name(item.name), annotation, value, _doc(item))
 
 
 def _byte(value: object) -> str:
@@ -147,8 +136,3 @@ def _array(item: FieldDef, imports: Imports) -> str:
     if isinstance(item.default, tuple) and item.default:
         return f"{np}.array([{', '.join(py_literal(value) for value in item.default)}], {dtype})"
     return f"{np}.zeros({item.type.capacity if item.type.arity is Arity.ARRAY else 0}, {dtype})"
-
-
-def defaults_text(fields: tuple[FieldDef, ...]) -> list[tuple[str, str]]:
-    """Return the explicit defaults as in a type description (docs/internals/protocol.md 3.4)."""
-    return [(item.name, default_text(item.default)) for item in fields if item.default is not None]

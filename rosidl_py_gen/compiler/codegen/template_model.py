@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosidl_py_gen.base.descriptions import default_text
 from rosidl_py_gen.base.names import RosName, py_name, snake_case
 from rosidl_py_gen.cdr.message import ACTION_CLASSES, SERVICE_CLASSES
 from rosidl_py_gen.compiler.codegen.decode import DecoderView, decoder_view
@@ -14,10 +15,8 @@ from rosidl_py_gen.compiler.codegen.naming import Imports, sort_key
 from rosidl_py_gen.compiler.codegen.python_literals import py_string, visible
 from rosidl_py_gen.compiler.codegen.pytypes import (
     SUPPORT,
-    ConstantView,
-    FieldView,
+    MemberView,
     constant_view,
-    defaults_text,
     field_view,
     rclpy_defaults,
 )
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
 _CDR = "rosidl_py_gen.cdr"
 _RCLPY = "rosidl_py_gen.cdr.rclpy_messages.message"
 _TABLE_CODED = "rosidl_py_gen.cdr.table_coded"
+_ACTION_IMPL = {"SendGoalService": "SendGoal", "GetResultService": "GetResult", "FeedbackMessage": "FeedbackMessage"}
 _COMMON_ACTION_TYPES = (
     ("CancelGoalService", "action_msgs/srv/CancelGoal"),
     ("GoalStatusMessage", "action_msgs/msg/GoalStatusArray"),
@@ -89,8 +89,8 @@ class MessageView(NamedTuple):
     cls: str
     ros_name: str
     doc: tuple[str, ...]
-    constants: tuple[ConstantView, ...]
-    fields: tuple[FieldView, ...]
+    constants: tuple[MemberView, ...]
+    fields: tuple[MemberView, ...]
     constructor: tuple[str, ...]
     type_info: str
     encoder: EncoderView | None
@@ -152,9 +152,7 @@ def module_view(interface: Interface, planner: LayoutPlanner, target: Target) ->
         if base not in classes:
             classes[base] = imports.use(target.module(base), py_name(base.split("/")[2]))
     views = tuple(_message(message, planner, target, imports, structs, classes) for message in messages)
-    groups = tuple(_groups(interface, imports, target))
-    if planner.rclpy:
-        groups = tuple(_rclpy_group(group, imports, target) for group in groups)
+    groups = tuple(_groups(interface, imports, target, planner.rclpy))
     functions = _struct_functions(structs, imports)  # may add imports
     return ModuleView(
         str(interface.name),
@@ -192,8 +190,8 @@ def _message(
     full_name = str(message.name)
     has_table_members = _has_table_members(message)
     name = _class_scope_names(imports, message, planner)
-    fields: tuple[FieldView, ...] = ()
-    constants: tuple[ConstantView, ...] = ()
+    fields: tuple[MemberView, ...] = ()
+    constants: tuple[MemberView, ...] = ()
     if target.is_typed or not has_table_members:
         if not planner.rclpy:
             fields = tuple(
@@ -232,7 +230,7 @@ def _has_table_members(message: MessageDef) -> bool:
     return len(message.fields) + len(message.constants) + values > _MAX_EMITTED
 
 
-def _constructor(fields: tuple[FieldView, ...]) -> tuple[str, ...]:
+def _constructor(fields: tuple[MemberView, ...]) -> tuple[str, ...]:
     """Return the parameters of ``__init__`` for type checkers; empty if the dataclass's own are the same."""
     if all(item.accepted == item.annotation for item in fields):
         return ()
@@ -243,7 +241,9 @@ def _constructor(fields: tuple[FieldView, ...]) -> tuple[str, ...]:
 def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
     rows = [_table_row(item.name, str(item.type), classes.get(item.type.base)) for item in message.fields]
     table = "(\n" + "".join(f"        {row},\n" for row in rows) + "    )" if rows else "()"
-    defaults = [f"{py_string(key)}: {py_string(text)}" for key, text in defaults_text(message.fields)]
+    # As in a type description (docs/internals/protocol.md 3.4).
+    explicit = (item for item in message.fields if item.default is not None)
+    defaults = [f"{py_string(item.name)}: {py_string(default_text(item.default))}" for item in explicit]
     arguments = [f'"{message.name}"', f'"{digest}"', table, *(["{" + ", ".join(defaults) + "}"] if defaults else [])]
     lines = "".join(f"    {argument},\n" for argument in arguments)
     return f"{imports.use(_CDR, 'TypeInfo')}(\n{lines})"
@@ -313,41 +313,38 @@ def _struct_functions(structs: Structs, imports: Imports) -> tuple[tuple[str, st
     return tuple(functions)
 
 
-def _groups(interface: Interface, imports: Imports, target: Target) -> Iterable[GroupView]:
-    name = interface.name
+def _groups(interface: Interface, imports: Imports, target: Target, is_rclpy: bool) -> Iterable[GroupView]:
+    def group(name: RosName, doc: tuple[str, ...], *, is_action: bool = False) -> GroupView:
+        names = {
+            "ClassVar": imports.use("typing", "ClassVar"),
+            "TypeAlias": imports.use("typing", "TypeAlias", for_typing=True),
+            "ServiceInfo": imports.use(_CDR, "ServiceInfo"),
+        }
+        suffixes = ACTION_CLASSES if is_action else SERVICE_CLASSES
+        parts = {part: py_name(derived_name(name, part).name) for part in suffixes}
+        base = "Action" if is_action else "Service"
+        impl: dict[str, str] | None = None
+        if is_rclpy:
+            names["metaclass"] = imports.use(_RCLPY, "metaclass")
+            impl = {one: parts[part] for one, part in _ACTION_IMPL.items()} if is_action else {}
+            for part, full_name in _COMMON_ACTION_TYPES if is_action else ():
+                impl[part] = imports.use(target.module(full_name), full_name.split("/")[2])
+        return GroupView(
+            py_name(name.name),
+            imports.use(_RCLPY, f"Rclpy{base}") if is_rclpy else imports.use(_CDR, base),
+            ", ".join([*parts.values()][: 3 if is_action else 2]),
+            str(name),
+            target.hashes(str(name)),
+            visible(doc) or (f"{name}.",),
+            tuple(parts.items()),
+            names,
+            None if impl is None else tuple(impl.items()),
+        )
+
     match interface:
         case ServiceDef():
-            yield _group(name, "Service", 2, SERVICE_CLASSES, interface.request.comment, imports, target)
+            yield group(interface.name, interface.request.comment)
         case ActionDef():
             for service, what in ((interface.send_goal, "sends a goal"), (interface.get_result, "returns the result")):
-                doc = (f"Service that {what} of {name}.",)
-                yield _group(service.name, "Service", 2, SERVICE_CLASSES, doc, imports, target)
-            yield _group(name, "Action", 3, ACTION_CLASSES, interface.goal.comment, imports, target)
-
-
-def _group(
-    name: RosName, base: str, parameters: int, parts: Iterable[str], doc: tuple[str, ...], imports: Imports,
-    target: Target,
-) -> GroupView:  # fmt: skip
-    names = {
-        "ClassVar": imports.use("typing", "ClassVar"),
-        "TypeAlias": imports.use("typing", "TypeAlias", for_typing=True),
-        "ServiceInfo": imports.use(_CDR, "ServiceInfo"),
-    }
-    spelled = tuple((part, py_name(derived_name(name, part).name)) for part in parts)
-    generic = ", ".join(cls for _, cls in spelled[:parameters])
-    cls, base, doc = py_name(name.name), imports.use(_CDR, base), visible(doc) or (f"{name}.",)
-    return GroupView(cls, base, generic, str(name), target.hashes(str(name)), doc, spelled, names)
-
-
-def _rclpy_group(group: GroupView, imports: Imports, target: Target) -> GroupView:
-    names = {**group.name, "metaclass": imports.use(_RCLPY, "metaclass")}
-    parts = dict(group.parts)
-    impl: list[tuple[str, str]] = []
-    if "Goal" in parts:
-        impl = [("SendGoalService", parts["SendGoal"]), ("GetResultService", parts["GetResult"])]
-        impl.append(("FeedbackMessage", parts["FeedbackMessage"]))
-        for part, full_name in _COMMON_ACTION_TYPES:
-            impl.append((part, imports.use(target.module(full_name), full_name.split("/")[2])))
-    base = imports.use(_RCLPY, "RclpyAction" if impl else "RclpyService")
-    return group._replace(base=base, name=names, impl=tuple(impl))
+                yield group(service.name, (f"Service that {what} of {interface.name}.",))
+            yield group(interface.name, interface.goal.comment, is_action=True)

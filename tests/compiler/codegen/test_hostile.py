@@ -12,19 +12,16 @@ import dataclasses
 import importlib
 import os
 import resource
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from each_case import each_case
-from support.interface_packages import assert_clean, importable, message, problems_of, run, source_of, write
+from support.interface_packages import assert_clean, importable, message, run, source_of, write
 
 from rosidl_py_gen import decode, encode, from_dict, to_dict
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.compiler.generate import load
 from rosidl_py_gen.errors import DefinitionError
 
 MARK = "ROSIDL_PAYLOAD_RAN"
@@ -169,18 +166,6 @@ def test_hostile_text_becomes_inert_code(generated: Path, name: str) -> None:
     check_inert()
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("comment_triple", f'""" {CALL} """'),
-        ("comment_escapes", "\\n \\x41 \\u0041 \\N{BULLET} \\101 \\"),
-        ("comment_jinja", EVIL["jinja"].replace("#", "")),
-    ],
-)
-def test_comments_arrive_in_docstrings(generated: Path, name: str, text: str) -> None:
-    assert text in importlib.import_module(f"{name}.msg").Sample.__doc__
-
-
 def test_the_code_is_formatted_and_clean(generated: Path) -> None:
     assert_clean(generated)
 
@@ -268,81 +253,8 @@ def test_nothing_of_the_size_of_a_huge_array_is_allocated() -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # KiB
 
 
-def doubling(levels: int) -> dict[str, str]:
-    """Each type holds two of the next: 2**levels leaves in all."""
-    files = {f"tree_msgs/msg/T{i}.msg": f"T{i + 1} a\nT{i + 1} b" for i in range(levels)}
-    return {**files, f"tree_msgs/msg/T{levels}.msg": "uint8 x\nstring s"}
-
-
-def test_exponential_nesting_makes_no_exponential_code(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    start = time.monotonic()
-    run(write(tmp_path / "in", doubling(15)), out)
-    assert time.monotonic() - start < 20
-    assert max(path.stat().st_size for path in out.rglob("*.py")) < 200_000
-    with importable(out):
-        cls = importlib.import_module("tree_msgs.msg").T10  # 32 times T15
-        value = cls()
-        value.b.a.b.a.b.s = "x"
-        assert decode(cls, encode(value)) == value
-
-
-def test_deep_nesting_within_the_limit_works(tmp_path: Path) -> None:
-    files = {f"deep_msgs/msg/T{i}.msg": f"T{i + 1} x\nstring s" for i in range(90)}
-    files["deep_msgs/msg/T90.msg"] = "uint8 x"
-    out = tmp_path / "out"
-    run(write(tmp_path / "in", files), out)
-    with importable(out):
-        cls = importlib.import_module("deep_msgs.msg").T0
-        assert decode(cls, encode(cls())) == cls()
-
-
-@pytest.mark.parametrize(
-    "name", sorted({"sys", "os", "json", "typing", "dataclasses", "struct", "builtins", "numpy", "click", "import"})
-)
-def test_a_package_that_would_hide_a_python_module_is_refused(tmp_path: Path, name: str) -> None:
-    (problem,) = problems_of(write(tmp_path / "in", {f"{name}/msg/A.msg": "uint8 x"}))
-    assert f'a package called "{name}" cannot be generated' in problem
-
-
-@pytest.mark.parametrize("stem", ["a b", "A-B", "A.B", "Ä", "A'", 'A"', "A;B", "__init__", "A\nB", "{{A}}"])
-def test_file_names_that_are_no_names_are_refused(tmp_path: Path, stem: str) -> None:
-    folder = write(tmp_path / "in", {"a_msgs/msg/Fine.msg": "uint8 x", f"a_msgs/msg/{stem}.msg": "uint8 x"})
-    (problem,) = problems_of(folder)
-    assert "is not an interface name" in problem
-
-
-@pytest.mark.parametrize(
-    "type_name",
-    [
-        *("../secret/Type", "/etc/Type", "a_msgs/../Type", "./Type", "a_msgs//Type", "..", "/", "a_msgs/Type/"),
-        *("~/Type", "C:\\Type"),
-    ],
-)
-def test_types_that_look_like_paths_are_refused(type_name: str) -> None:
-    with pytest.raises(DefinitionError, match=r"1:\d+: "):
-        source_of({"a_msgs/msg/A": f"{type_name} x"})
-
-
-def test_nothing_outside_the_search_path_is_read(tmp_path: Path) -> None:
-    write(tmp_path, {"in/a_msgs/msg/A.msg": "secret/Type x", "secret/msg/Type.msg": "uint8 x"})
-    (problem,) = problems_of(tmp_path / "in")
-    assert 'unknown package "secret"' in problem
-
-
 def test_line_ends_of_all_systems_are_the_same(tmp_path: Path) -> None:
     text = "# head\n\nuint8 a # first\n   # more\nuint8 B=1\n"
     for number, end in enumerate(("\r\n", "\r")):
         run(write(tmp_path / f"in{number}", {"a_msgs/msg/A.msg": text.replace("\n", end)}), tmp_path / f"out{number}")
         assert (tmp_path / f"out{number}/a_msgs/msg/_a.py").read_text() == source_of({"a_msgs/msg/A": text})
-
-
-def test_memory_of_reading_a_hostile_idl_is_bounded(tmp_path: Path) -> None:
-    for text in ("module a {" * 3000, '"' * 100_000, "@" * 100_000, "/*" * 100_000, "(" * 100_000):
-        write(tmp_path, {"a_msgs/msg/A.idl": text})
-        with pytest.raises(DefinitionError):
-            load(scan_search_path([tmp_path], ament=""), ["a_msgs"])
-
-
-def test_the_recursion_limit_is_not_touched() -> None:
-    assert sys.getrecursionlimit() == 1000

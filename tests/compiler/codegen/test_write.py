@@ -42,13 +42,6 @@ def age(folder: Path) -> None:
         os.utime(path, (1_000_000, 1_000_000))
 
 
-def test_a_run_writes_packages(world: Path, out: Path) -> None:
-    changes = run(world, out, ["a_msgs/msg/Line"]).changes
-    wanted = ["__init__.py", "msg/__init__.py", "msg/_line.py", "msg/_point.py", "py.typed"]
-    assert list(changes.written) == [f"a_msgs/{name}" for name in wanted]
-    assert sorted(snapshot(out)) == sorted(changes.written)
-
-
 def test_only_changed_files_are_written(world: Path, out: Path) -> None:
     first = run(world, out).changes
     age(out)

@@ -107,10 +107,6 @@ def same(one: Any, other: Any) -> bool:
     return len(one) == len(other) and all(a == b or (a != a and b != b) for a, b in zip(one, other, strict=True))
 
 
-def decoded(old: Any, message: Any, new: Any) -> tuple[Any, Any]:
-    return to_dict(message), to_dict(new.decode(message.encode()))
-
-
 @settings(max_examples=examples(400))
 @given(changed_worlds())
 def test_what_is_claimed_is_what_decoding_gives(case: tuple[World, World, Reference, dict[str, Any]]) -> None:

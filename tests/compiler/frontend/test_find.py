@@ -10,11 +10,11 @@ import pytest
 from support.interface_packages import problems_of, write
 
 from rosidl_py_gen.base.generated_classes import GENERATED_HEADER
-from rosidl_py_gen.base.names import RosName, split_ros_name
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select, split_filter
+from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
-from rosidl_py_gen.errors import DefinitionError, Diagnostic, InvalidNameError, TypeNotFoundError
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 
 POINT = {"a_msgs/msg/Point.msg": "float64 x"}
 
@@ -221,13 +221,6 @@ def test_packages_of_actions_and_an_empty_selection(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "parts"), [("a:b;c", ["a", "b", "c"]), (" a ; ;b:", ["a", "b"]), ("", []), ("a/msg/B:c", ["a/msg/B", "c"])]
-)
-def test_a_filter_is_split_at_colons_and_semicolons(text: str, parts: list[str]) -> None:
-    assert split_filter(text) == parts
-
-
-@pytest.mark.parametrize(
     ("wanted", "problem"),
     [
         ("b_msg", 'b_msg: no package; did you mean "b_msgs"? (searched: '),
@@ -242,22 +235,6 @@ def test_a_selection_that_stands_for_nothing_is_refused(tmp_path: Path, wanted: 
     assert str(caught.value).startswith(problem)
     assert str(tmp_path) in str(caught.value)
     assert "bundled" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "name", ["a/b/c/d", "../../etc/passwd", "/etc", "a_msgs/../../x", "A/msg/B", "a/foo/B", "a/msg/b"]
-)
-def test_a_name_of_another_shape_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises((InvalidNameError, DefinitionError)):
-        chosen(tmp_path, name)
-
-
-def test_full_and_short_names_are_split() -> None:
-    for text in ("a/msg/B", "a_b/srv/Bc", "a/action/D", "a/srv/X_Request", "a/action/D_SendGoal_Event"):
-        assert str(split_ros_name(text)) == text
-    assert split_ros_name("a/B", "msg") == RosName("a", "msg", "B")
-    with pytest.raises(InvalidNameError, match="is not an interface name"):
-        split_ros_name("a/B")
 
 
 # --- references -------------------------------------------------------------------------------------------------------
@@ -322,17 +299,6 @@ def test_what_is_broken_is_said_located_and_nothing_is_written(
     for problem, text in zip(found, expected, strict=True):
         assert text in problem
         assert problem.startswith(text) or not text.startswith("a_msgs/")
-
-
-def chain(length: int) -> dict[str, str]:
-    files = {f"a_msgs/msg/T{i}.msg": f"T{i + 1} x" for i in range(length)}
-    return {**files, f"a_msgs/msg/T{length}.msg": "uint8 x"}
-
-
-def test_nested_types_have_at_most_a_hundred_levels(tmp_path: Path) -> None:
-    found = problems_of(write(tmp_path / "in", chain(150)))
-    assert found and all("deeper than" in one and "levels" in one for one in found)
-    assert len(load(only(write(tmp_path / "less", chain(90))), ["a_msgs"])[1]) == 91
 
 
 # --- packages that are missing ----------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 from support.interface_packages import message, parse, read
 from support.rosidl_oracle import OTHERS, accepted, compare, ours
 
-from rosidl_py_gen.compiler.frontend.model import ActionDef, ServiceDef
+from rosidl_py_gen.compiler.frontend.model import ServiceDef
 
 if TYPE_CHECKING:
     from support.rosidl_oracle import Rosidl
@@ -132,28 +132,6 @@ def test_rosidl_agrees_about_services_and_actions_in_idl(rosidl: Rosidl) -> None
     compare(rosidl, do, "a_msgs/action/Do", "idl")
 
 
-def test_two_structs_are_a_service() -> None:
-    text = module("struct Ask_Request { long a; }; struct Ask_Response { string b; };", "srv")
-    service = parse(text, "a_msgs/srv/Ask", "idl")
-    assert isinstance(service, ServiceDef)
-    assert [str(one.name) for one in service.messages] == [
-        "a_msgs/srv/Ask_Request",
-        "a_msgs/srv/Ask_Response",
-        "a_msgs/srv/Ask_Event",
-    ]
-    assert str(service.response.fields[0].type) == "string"
-
-
-def test_three_structs_are_an_action() -> None:
-    text = module("struct Do_Goal { long a; }; struct Do_Result { long b; }; struct Do_Feedback { long c; };", "action")
-    action = parse(text, "a_msgs/action/Do", "idl")
-    assert isinstance(action, ActionDef)
-    assert [str(item.type) for item in action.send_goal.request.fields] == [
-        "unique_identifier_msgs/msg/UUID",
-        "a_msgs/action/Do_Goal",
-    ]
-
-
 def test_annotations_give_default_comment_and_unit() -> None:
     text = struct(
         '@verbatim (language="comment", text="How far it went." "\\n" "Since the start.")\n'
@@ -161,19 +139,6 @@ def test_annotations_give_default_comment_and_unit() -> None:
     )
     (item,) = message(text, format="idl").fields
     assert (item.default, item.comment, item.unit) == (1.5, ("How far it went.", "Since the start."), "m")
-
-
-def test_constants_sit_in_a_module_beside_the_struct() -> None:
-    text = module(
-        'module Sample_Constants { const long LIMIT = -3; const string NAME = "x"; const float HALF = 0.5; };'
-        " struct Sample { long x; };"
-    )
-    constants = message(text, format="idl").constants
-    assert [(one.name, str(one.type), one.value) for one in constants] == [
-        ("LIMIT", "int32", -3),
-        ("NAME", "string", "x"),
-        ("HALF", "float32", 0.5),
-    ]
 
 
 FILES = [

@@ -13,8 +13,6 @@ from rosidl_py_gen.base.names import (
     is_field_name,
     is_interface_name,
     is_package_name,
-    py_name,
-    snake_case,
 )
 from rosidl_py_gen.compiler.frontend.model import ActionDef, ConstantDef, FieldDef, ServiceDef, messages_of
 
@@ -249,31 +247,6 @@ def test_no_default_is_not_an_empty_default() -> None:
     assert (first.default, second.default, third.default) == (None, "", ())
 
 
-CONSTANT_LINES = [
-    ("string X=", ""),
-    ("string X= # nothing", ""),
-    ("string X=a=b", "a=b"),
-    ('string X="a # b"', '"a'),
-    ("string X=a#b", "a"),
-    ("string X='", None),  # the one quote is first and last character
-    ("string X=  lead", "lead"),
-    ("string X=trail  ", "trail"),
-    ("uint8 X=1#2", 1),
-]
-
-
-@pytest.mark.parametrize(("line", "value"), [row for row in CONSTANT_LINES if row[1] is not None])
-def test_a_line_with_an_equals_sign_is_a_constant(line: str, value: object) -> None:
-    (item,) = message(line).constants
-    assert item.value == value
-
-
-def test_fields_and_constants_keep_their_order() -> None:
-    found = message("uint8 b\nuint8 B=1\nuint8 a\nuint8 A=2")
-    assert [one.name for one in found.fields] == ["b", "a"]
-    assert [one.name for one in found.constants] == ["B", "A"]
-
-
 def test_locations_are_lines_and_columns_of_names() -> None:
     found = message("# head\n\nuint8   first\nstring<=3[] second\nuint8 C = 3")
     elements: list[FieldDef | ConstantDef] = [*found.fields, *found.constants]
@@ -389,42 +362,7 @@ def test_a_hostile_name_is_checked_in_linear_time() -> None:
     assert not is_field_name("a" * 100_000 + "!")
 
 
-@pytest.mark.parametrize(
-    ("name", "module"),
-    [
-        ("AddTwoInts", "add_two_ints"),
-        ("WStrings", "w_strings"),
-        ("Imu", "imu"),
-        ("PointCloud2", "point_cloud2"),
-        ("TFMessage", "tf_message"),
-        ("UUID", "uuid"),
-        ("NavSatFix", "nav_sat_fix"),
-        ("UInt8MultiArray", "u_int8_multi_array"),
-        ("HTTPServer2Go", "http_server2_go"),
-    ],
-)
-def test_module_names_are_those_of_rosidl(name: str, module: str) -> None:
-    assert snake_case(name) == module
-
-
-@pytest.mark.parametrize(("name", "spelling"), [("from", "from_"), ("in", "in_"), ("None", "None_"), ("self", "self")])
-def test_keywords_get_an_underscore(name: str, spelling: str) -> None:
-    assert py_name(name) == spelling
-
-
-@pytest.mark.parametrize(
-    "name", ["module", "struct", "from", "in", "true", "uint8", "self", "string", "const", "class"]
-)
-def test_keywords_of_any_language_are_field_names(name: str) -> None:
-    assert field(f"uint8 {name}").name == name
-
-
 # --- empty, services, actions -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("text", ["", "\n\n", "# only a comment", "uint8 A=1", "   # indented"])
-def test_a_definition_without_fields_is_an_empty_message(text: str) -> None:
-    assert message(text).fields == ()
 
 
 def rows(interface: ServiceDef | ActionDef) -> dict[str, list[str]]:

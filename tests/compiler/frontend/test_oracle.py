@@ -12,12 +12,8 @@ from each_case import each_case
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.example_counts import examples
-from support.interface_packages import read
 from support.rosidl_deviations import compare_or_explain
 from support.rosidl_oracle import compare
-
-from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.compiler.frontend.model import MessageDef
 
 if TYPE_CHECKING:
     from support.rosidl_oracle import Rosidl
@@ -242,12 +238,3 @@ def test_rosidl_agrees_about_random_strings(rosidl: Rosidl, base: str, value: st
 def test_rosidl_agrees_about_random_services_and_actions(rosidl: Rosidl, kind: str, lines: list[str]) -> None:
     text = "\n".join(lines)
     compare_or_explain(rosidl, (f"a_msgs/{kind}/Sample", text, kind))
-
-
-def test_arrays_of_the_quirk_are_what_they_seem_in_our_model() -> None:
-    """Only the description of ``wstring<=N[]`` is mistaken in the reference (docs/internals/protocol.md 1.7)."""
-    interface, _ = read("wstring<=3[] x")
-    assert isinstance(interface, MessageDef)
-    kind = interface.fields[0].type
-    assert (kind.arity, kind.capacity, kind.string_bound) == (Arity.UNBOUNDED, 0, 3)
-    assert list(kind.description().values()) == [118, 3, 3, ""]
