@@ -1,24 +1,28 @@
-"""The command line `rosidl-py-gen`: its commands and options, and the exit codes of errors.
+"""The command line `rosidl-py-gen`: its commands with their options, and the exit codes of errors.
 
-A command is implemented in `commands` or `diff`, which is imported when the command runs.
+Commands import the compiler when they run, so help and completion load little; `diff` is in a module of its own.
 """
 
 from __future__ import annotations
 
 import io
 import os
+import re
 import sys
+import time
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
+from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
-from rosidl_py_gen.errors import DefinitionError, RosidlError
+from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.generator_cli.diagnostics_output import (
     count,
     echo,
@@ -32,6 +36,10 @@ from rosidl_py_gen.generator_cli.distro_option import DISTRIBUTION, distro
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
+
+    from rosidl_py_gen.base.names import RosName
+    from rosidl_py_gen.compiler.frontend.search_path import SearchPath
+    from rosidl_py_gen.compiler.generate import GenerationResult
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
@@ -59,6 +67,8 @@ _PATH = click.option(
     "Searched before those of pyproject.toml, AMENT_PREFIX_PATH and the bundled interfaces.",
 )
 
+_PROGRESS_DELAY_S = 1.0
+"""Time after which a progress bar appears."""
 _GENERATION_OPTIONS = ("out", "check", "listing", "keep_going")
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 _FILTER = partial(
@@ -74,14 +84,22 @@ def _paths(command: _F) -> _F:
     return _PATH(distro(command))  # type: ignore[no-any-return]
 
 
-def _run(name: str, /, **arguments: Any) -> None:
+def _search(paths: tuple[str, ...]) -> SearchPath:
+    """Search the folders of ``--path``, those of the group included, and of the project."""
+    from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
+
+    return scan_search_path(_all_paths(paths))
+
+
+def _all_paths(paths: tuple[str, ...]) -> tuple[str, ...]:
     group_options: dict[str, Any] = click.get_current_context().obj or {}
-    arguments["paths"] = with_project_path(group_options.get("paths", ()) + arguments["paths"])
-    arguments["as_json"] = arguments["as_json"] or group_options.get("as_json", False)
-    module = import_module(f"rosidl_py_gen.generator_cli.{'diff' if name == 'diff' else 'commands'}")
-    code = getattr(module, name)(**arguments)
-    if code:
-        raise click.exceptions.Exit(code)
+    return with_project_path(group_options.get("paths", ()) + paths)
+
+
+def _is_json(as_json: bool) -> bool:
+    """Return True if ``--json`` is an option of the command or of the group."""
+    group_options: dict[str, Any] = click.get_current_context().obj or {}
+    return as_json or bool(group_options.get("as_json"))
 
 
 class _Group(click.Group):
@@ -125,7 +143,19 @@ class _Group(click.Group):
 @click.option("--list", "listing", is_flag=True, help="Print the packages of the search path with their origin.")
 @_JSON
 @click.pass_context
-def _cli(context: click.Context, /, **arguments: Any) -> None:
+def _cli(
+    context: click.Context,
+    /,
+    paths: tuple[str, ...],
+    selection: str,
+    out: str,
+    check: bool,
+    keep_going: bool,
+    action: str | None,
+    force: bool,
+    listing: bool,
+    as_json: bool,
+) -> None:
     """Generate typed Python packages from ROS 2 interface definitions.
 
     At least one of --filter, --path and --out is required; --out . generates all packages into the current folder.
@@ -138,25 +168,25 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
     if os.environ.get("NO_COLOR"):
         context.color = False
     if context.invoked_subcommand is None:
-        if not _has_selection(context, arguments):
+        if not _has_selection(context):
             echo(context.get_help(), err=True)
             raise click.exceptions.Exit(2)  # as click does for commands that take no_args_is_help
-        if arguments["selection"] and not arguments["selection"].strip(":;, "):
-            context.fail(f"--filter {arguments['selection']!r} has no names")
-        action, force = arguments.pop("action"), arguments.pop("force")
-        if action is None:
-            if force:
-                context.fail("--force belongs to --install and --uninstall")
-            _run("generate_or_list", **arguments)
-        else:
+        if selection and not selection.strip(":;, "):
+            context.fail(f"--filter {selection!r} has no names")
+        if action is not None:
             _refuse(context, _GENERATION_OPTIONS, f"and --{action} do not go together")
-            chosen = {name: arguments[name] for name in ("paths", "selection", "as_json")}
-            _run("install", action=action, force=force, **chosen)
+            _install(action, paths, selection, force, as_json)
+        elif force:
+            context.fail("--force belongs to --install and --uninstall")
+        elif listing:
+            _list(paths, selection, as_json)
+        else:
+            _generate(paths, selection, out, check, keep_going, as_json)
         return
     command = context.invoked_subcommand
     others = ("action", "force", *(("selection",) if command != "check" else ()))
     _refuse(context, (*_GENERATION_OPTIONS, *others), f"has no meaning for the command {command}")
-    context.obj = arguments
+    context.obj = context.params
 
 
 def _refuse(context: click.Context, names: tuple[str, ...], reason: str) -> None:
@@ -166,28 +196,156 @@ def _refuse(context: click.Context, names: tuple[str, ...], reason: str) -> None
             context.fail(f"--{words.get(name, name.replace('_', '-'))} {reason}")
 
 
-def _has_selection(context: click.Context, arguments: dict[str, Any]) -> bool:
+def _has_selection(context: click.Context) -> bool:
     """Return True if the options select something, so that all packages are not generated by accident."""
     options = ("check", "listing", "action", "paths", "selection")
-    return any(arguments[name] for name in options) or any(_is_typed(context, name) for name in ("selection", "out"))
+    return any(context.params[name] for name in options) or any(
+        _is_typed(context, name) for name in ("selection", "out")
+    )
 
 
 def _is_typed(context: click.Context, name: str) -> bool:
     return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
 
 
+def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> None:
+    """Install or uninstall message packages of this environment."""
+    from rosidl_py_gen.compiler.frontend.registry import split_filter
+    from rosidl_py_gen.wheels import environment
+
+    wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
+    if action == "uninstall":
+        changed = environment.uninstall(wanted, force=force)
+    else:
+        search = _search(paths)
+        changed = environment.install(search, wanted or [*search.packages], force=force)
+    if as_json:
+        print_json({action: changed})
+    else:
+        echo(f"{action}ed {', '.join(changed) or 'nothing'}")
+
+
+def _generate(paths: tuple[str, ...], selection: str, out: str, check: bool, keep_going: bool, as_json: bool) -> None:
+    from rosidl_py_gen.compiler.frontend.registry import split_filter
+    from rosidl_py_gen.compiler.generate import generate
+
+    progress = _Progress()
+    try:
+        search, wanted = _search(paths), split_filter(selection)
+        result = generate(search, wanted, Path(out), dry=check, keep_going=keep_going, progress=progress)
+    finally:
+        progress.close()
+    _print(result, out, check, as_json)
+    if result.problems or (check and (result.changes.written or result.changes.removed)):
+        raise click.exceptions.Exit(1)
+
+
+class _Progress:
+    """A progress bar on the terminal for long runs."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._bar: Any = None
+        self._terminal = sys.stderr.isatty()
+
+    def __call__(self, name: RosName, done: int, total: int) -> None:
+        if not self._terminal or time.monotonic() - self._start < _PROGRESS_DELAY_S:
+            return
+        if self._bar is None:
+            self._bar = click.progressbar(length=total, label="generating", file=sys.stderr)
+            self._bar.__enter__()
+            self._bar.update(done)
+        self._bar.update(1)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.__exit__(None, None, None)
+
+
+def _print(result: GenerationResult, out: str, check: bool, as_json: bool) -> None:
+    changes = result.changes
+    if as_json:
+        print_json(
+            {
+                "out": out,
+                "interfaces": [str(name) for name in result.names],
+                "written": list(changes.written),
+                "removed": list(changes.removed),
+                "unchanged": changes.unchanged,
+                "errors": rows(result.problems),
+                "notes": rows(result.notes),
+            }
+        )
+        return
+    print_notes(result.notes)
+    print_problems(result.problems)
+    if check:
+        for name in changes.written:
+            echo(f"would write {Path(out) / name}")
+        for name in changes.removed:
+            echo(f"would remove {Path(out) / name}")
+    packages = len({name.package for name in result.names})
+    verb = "would be written" if check else "written"
+    echo(
+        f"{len(result.names)} interfaces in {packages} packages: {len(changes.written)} files {verb}, "
+        f"{len(changes.removed)} removed, {changes.unchanged} unchanged"
+    )
+    if result.problems:
+        print_line(f"{count(result.problems)}; interfaces with problems were skipped")
+
+
+def _list(paths: tuple[str, ...], selection: str, as_json: bool) -> None:
+    from rosidl_py_gen.compiler.frontend.registry import split_filter
+
+    search = _search(paths)
+    chosen = {text.split("/")[0] for text in split_filter(selection)} or {*search.packages}
+    every = [(package, True) for package in search.packages.values()] + [(package, False) for package in search.hidden]
+    found = [row for row in every if row[0].name in chosen]
+    found.sort(key=lambda row: (row[0].name, not row[1]))
+    if as_json:
+        print_json(
+            [
+                {
+                    "package": package.name,
+                    "folder": str(package.folder),
+                    "origin": package.origin,
+                    "used": used,
+                    "interfaces": [str(name) for name in package.files],
+                }
+                for package, used in found
+            ]
+        )
+        return
+    width = max((len(package.name) for package, _ in found), default=0)
+    for package, used in found:
+        note = "" if used else "  (hidden by the one above)"
+        place = package.origin if package.origin == "bundled" else str(package.folder)
+        echo((package.name.ljust(width), "bold" if used else ""), f"  {len(package.files):3}  {place}{note}")
+
+
 @_cli.command()
 @click.argument("names", nargs=-1, shell_complete=_completion("complete_packages_and_interfaces"))
 @_paths
 @_JSON
-def check(**arguments: Any) -> None:
+def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None:
     """Read definitions and report their problems.
 
     NAMES are packages or interfaces. [default: IDL_PACKAGE_FILTER, else all packages]
     """
+    from rosidl_py_gen.compiler.frontend.registry import split_filter
+    from rosidl_py_gen.compiler.generate import load, notes_of
+
+    search = _search(paths)
     selection = (click.get_current_context().obj or {}).get("selection", "")
-    arguments["names"] = arguments["names"] or tuple(part for part in selection.replace(";", ":").split(":") if part)
-    _run("check", **arguments)
+    _, found = load(search, [*names] or split_filter(selection))
+    notes = notes_of(search, found)
+    packages = sorted({name.package for name in found})
+    if _is_json(as_json):
+        interfaces = [str(name) for name in found]
+        print_json({"interfaces": interfaces, "errors": [], "notes": rows(notes)})
+    else:
+        print_notes(notes)
+        echo(f"{len(found)} interfaces in {len(packages)} packages: no problems")
 
 
 @_cli.command()
@@ -195,12 +353,35 @@ def check(**arguments: Any) -> None:
 @_paths
 @click.option("--full", is_flag=True, help="Print the text for bags: the definition and all that it uses.")
 @_JSON
-def interface(**arguments: Any) -> None:
+def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> None:
     """Print a definition and its type hash.
 
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
-    _run("interface", **arguments)
+    from rosidl_py_gen.base.descriptions import build_type_description
+    from rosidl_py_gen.compiler.frontend.definition_text import full_text, source_text
+    from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked
+    from rosidl_py_gen.type_loading.from_description import registry_of_generated_class
+
+    top = split_ros_name(name, "msg")
+    registry, generated = InterfaceRegistry(_search(paths)), None
+    try:
+        owner = read_checked(registry, top)
+    except TypeNotFoundError:
+        generated = registry_of_generated_class(name)
+        if generated is None:
+            raise
+        registry, owner, note = generated
+        print_line(f"note: {note}")
+    if _is_json(as_json):
+        print_json({"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)})
+        return
+    if full:
+        echo(full_text(registry, owner).removesuffix("\n"))
+        return
+    echo((f"# {top}  {registry.type_hash(str(top))}", "bold"))
+    text = source_text(registry, owner) if generated is None else full_text(registry, owner)
+    echo(text.removesuffix("\n"))
 
 
 @_cli.command()
@@ -232,7 +413,7 @@ def interface(**arguments: Any) -> None:
     help="Maximum time to wait for a node, in seconds.",
 )
 @_JSON
-def diff(**arguments: Any) -> None:
+def diff(paths: tuple[str, ...], as_json: bool, **arguments: Any) -> None:
     """Compare definitions: additions, removals and changes, and whether old data can be read.
 
     OLD and NEW are each a folder of packages, a git revision (main, or v1.2:src/my_msgs), a bag, or a running node by
@@ -249,7 +430,9 @@ def diff(**arguments: Any) -> None:
     sources = (*(f"distro:{name.lower()}" for name in arguments.pop("distros")), *arguments.pop("sources"))
     if len(sources) != 2:
         raise click.UsageError(f"expected OLD and NEW, each a source or --distro NAME; found {len(sources)}")
-    _run("diff", old=sources[0], new=sources[1], **arguments)
+    compare = import_module("rosidl_py_gen.generator_cli.diff").diff
+    if compare(*sources, paths=_all_paths(paths), as_json=_is_json(as_json), **arguments):
+        raise click.exceptions.Exit(1)
 
 
 @_cli.command()
@@ -258,7 +441,7 @@ def diff(**arguments: Any) -> None:
 @_OUT(default="dist", help="Folder that receives the wheels.")
 @click.option("--no-dependencies", is_flag=True, help="Make no wheels of packages that NAMES depend on.")
 @_JSON
-def wheel(**arguments: Any) -> None:
+def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependencies: bool, as_json: bool) -> None:
     """Make a pip wheel of each message package, and of its dependencies that are not installed.
 
     NAMES are packages. [default: all in the folders of --path] Name, version and other metadata are from package.xml.
@@ -267,7 +450,21 @@ def wheel(**arguments: Any) -> None:
     rosidl-py-gen wheel --path ~/robot_ws/src/my_msgs --out dist
     pip install --find-links dist my-msgs
     """
-    _run("wheel", **arguments)
+    from rosidl_py_gen.wheels.build import build, selected_packages
+
+    search = _search(paths)
+    built = build(search, selected_packages(search, [*names]), Path(out), dependencies=not no_dependencies)
+    if _is_json(as_json):
+        print_json([{"package": one.package, "path": str(one.path), "requires": list(one.requires)} for one in built])
+        return
+    for one in built:
+        echo(str(one.path))
+    made = {"rosidl-py-gen", *(one.package for one in built)}
+    required = {text for one in built for text in one.requires}
+    if missing := sorted(text for text in required if re.split("[=>]", text)[0] not in made):
+        reason = "" if no_dependencies else ", because they are installed"
+        texts = ", ".join(missing)
+        echo(f"required, but not made{reason}: {texts}; name packages to make wheels of them", err=True)
 
 
 @_cli.command()
