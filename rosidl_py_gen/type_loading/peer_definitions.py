@@ -80,8 +80,9 @@ class SampleConverter(NamedTuple):
 
 def peer_definitions(cls: type[Message]) -> Mapping[str, PeerDefinition]:
     """Return the definitions that other distributions have of a class's type, by hash; those of equal hash omitted."""
+    info = cls._TYPE
     with _lock:
-        return _peer_definitions(cls)
+        return _peer_definitions(info.name, info.hash, cls)
 
 
 def find_class_of(distro: str, name: str, path: SearchFolders) -> type[Any] | None:
@@ -124,14 +125,21 @@ def fits_exactly(cls: type[Message], data: Any) -> bool:
     return 0 <= len(data) - size < NETWORK_ALIGN
 
 
-@cached_per_class
-def _peer_definitions(cls: type[Message]) -> Mapping[str, PeerDefinition]:
-    name, own_hash = cls._TYPE.name, cls._TYPE.hash
-    description = type_description(cls)
-    individuals = individual_descriptions(description)
+_by_hash: dict[tuple[str, str], Mapping[str, PeerDefinition]] = {}
+
+
+def _peer_definitions(name: str, own_hash: str, cls: type[Message]) -> Mapping[str, PeerDefinition]:
+    found = _by_hash.get((name, own_hash))
+    if found is None:
+        description = type_description(cls)
+        # A class of raw data has a hash without the fields.
+        found = _find(name, own_hash, individual_descriptions(description)) if rihs01(description) == own_hash else {}
+        _by_hash[name, own_hash] = found
+    return found
+
+
+def _find(name: str, own_hash: str, individuals: Mapping[str, Description]) -> dict[str, PeerDefinition]:
     found: dict[str, PeerDefinition] = {}
-    if rihs01(description) != own_hash:  # a class of raw data has a hash without the fields
-        return found
     for distro, replaced in _replaced_descriptions(individuals).items():
         full = full_description(name, {**individuals, **replaced}.__getitem__)
         type_hash = rihs01(full)
