@@ -8,13 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.node_fixtures import ROOT
+from support.node_fixtures import GENERATED, ROOT
 
-from rosidl_py_gen.base.resources import interfaces_dir
-from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.compiler.generate import generate
-
-HEAD = """
+PROGRAM = """
 from collections.abc import Callable
 from typing import Any
 
@@ -28,8 +24,7 @@ from rosidl_py_gen.runtime import ActionClient, ActionServer, ClientGoal, GoalDe
 from rosidl_py_gen.runtime.actions.server_goal import GoalResult
 
 node = Node("n")
-"""
-PROGRAM = """
+
 async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | GoalResult:
     assert_type(goal.request, Fibonacci.Goal)
     goal.publish_feedback(Fibonacci.Feedback())
@@ -98,77 +93,56 @@ async def untyped(found: type[Action[Any, Any, Any]]) -> None:
     node.create_action_server(found, "c", anything)
     node.create_action_server(get_action("a/action/B"), "c", anything)
     node.create_action_client(get_action("a/action/B"), "c")
+
+
+async def feedback_is_no_result(goal: ServerGoal[Fibonacci]) -> Fibonacci.Feedback:
+    return Fibonacci.Feedback()
+
+
+def plain_feedback(goal: ServerGoal[Fibonacci]) -> Fibonacci.Feedback:
+    return Fibonacci.Feedback()
+
+
+class Other(Action[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback]):
+    pass
+
+
+async def of_another_action(goal: ServerGoal[Other]) -> Fibonacci.Result:
+    return Fibonacci.Result()
+
+
+def accept_results(goal: Fibonacci.Result) -> bool:
+    return True
+
+
+def wrong(goal: ServerGoal[Fibonacci]) -> None:
+    node.create_action_server(Fibonacci, "c", feedback_is_no_result)  # error: arg-type
+    node.create_action_server(Fibonacci, "c", plain_feedback)  # error: arg-type
+    node.create_action_server(Fibonacci, "c", of_another_action)  # error: arg-type
+    node.create_action_server(Fibonacci, "c", execute, goal_callback=accept_results)  # error: arg-type
+    goal.succeed(Fibonacci.Feedback())  # error: arg-type
+    goal.publish_feedback(Fibonacci.Result())  # error: arg-type
+    goal.request.nothing  # error: attr-defined
+    node.create_action_client(Fibonacci, "c").send_goal_sync(Fibonacci.Result())  # error: arg-type
+    node.create_action_server(AddTwoInts, "c")  # error: arg-type
+
+
+def three_arguments(goal: ServerGoal[Fibonacci.Goal, Fibonacci.Result, int]) -> None:  # error: type-arg
+    pass
 """
-WRONG = {
-    "a handler that returns feedback": (
-        "async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Feedback: ...\n"
-        'node.create_action_server(Fibonacci, "c", execute)',
-        "arg-type",
-    ),
-    "a plain handler that returns feedback": (
-        "def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Feedback: ...\n"
-        'node.create_action_server(Fibonacci, "c", execute)',
-        "arg-type",
-    ),
-    "a handler of another action": (
-        "class Other(Action[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback]): ...\n"
-        "async def execute(goal: ServerGoal[Other]) -> Fibonacci.Result: ...\n"
-        'node.create_action_server(Fibonacci, "c", execute)',
-        "arg-type",
-    ),
-    "an accept callback for another type": (
-        "def accept(goal: Fibonacci.Result) -> bool: ...\n"
-        "async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result: ...\n"
-        'node.create_action_server(Fibonacci, "c", execute, goal_callback=accept)',
-        "arg-type",
-    ),
-    "another result": ("def f(goal: ServerGoal[Fibonacci]) -> None: goal.succeed(Fibonacci.Feedback())", "arg-type"),
-    "another feedback": (
-        "def f(goal: ServerGoal[Fibonacci]) -> None: goal.publish_feedback(Fibonacci.Result())",
-        "arg-type",
-    ),
-    "no such field": ("def f(goal: ServerGoal[Fibonacci]) -> None: goal.request.nothing", "attr-defined"),
-    "another goal": ('node.create_action_client(Fibonacci, "c").send_goal_sync(Fibonacci.Result())', "arg-type"),
-    "a service": ('node.create_action_server(AddTwoInts, "c")', "arg-type"),
-    "three arguments": ("def f(goal: ServerGoal[Fibonacci.Goal, Fibonacci.Result, int]) -> None: ...", "type-arg"),
-}
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("typing")
-    generate(scan_search_path([interfaces_dir()], ament="", bundled=False), ["example_interfaces"], made)
-    return made
-
-
-def check(folder: Path, program: str) -> str:
-    path = folder / "program.py"
-    path.write_text(HEAD + program)
-    flags = ["--strict", "--no-error-summary", "--follow-imports=silent", "--disable-error-code=empty-body"]
-    environment = {**os.environ, "MYPYPATH": f"{folder}{os.pathsep}{ROOT}"}
-    command = [sys.executable, "-m", "mypy", *flags, str(path)]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False).stdout
 
 
 @pytest.mark.needs("mypy")
-def test_actions_under_strict_mypy(folder: Path) -> None:
-    assert check(folder, PROGRAM) == ""
-
-
-@pytest.mark.needs("mypy")
-def test_every_wrong_type_is_an_error_of_its_own(folder: Path) -> None:
-    names = list(WRONG)
-    functions = [f"def wrong{n}() -> None:\n" + _indented(WRONG[name][0]) for n, name in enumerate(names)]
-    lines = (HEAD + "\n".join(functions)).splitlines()
-    starts = [lines.index(f"def wrong{n}() -> None:") + 1 for n in range(len(names))]
-    found: dict[str, set[str]] = {name: set() for name in names}
-    for line in check(folder, "\n".join(functions)).splitlines():
-        if ": error: " in line:
-            number = int(line.split(":")[1])
-            name = names[max(n for n, start in enumerate(starts) if start <= number)]
-            found[name].add(line.rpartition("[")[2].rstrip("]"))
-    assert found == {name: {code} for name, (_, code) in WRONG.items()}
-
-
-def _indented(text: str) -> str:
-    return "\n".join("    " + line for line in text.splitlines())
+def test_actions_and_wrong_uses_of_them_under_strict_mypy(tmp_path: Path) -> None:
+    path = tmp_path / "program.py"
+    path.write_text(PROGRAM)
+    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--follow-imports=silent", str(path)]
+    command.append("--disable-error-code=empty-body")
+    environment = {**os.environ, "MYPYPATH": f"{GENERATED.name}{os.pathsep}{ROOT}"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    errors = [line for line in done.stdout.splitlines() if ": error: " in line]
+    found = {int(line.split(":")[1]): line.rpartition("[")[2].rstrip("]") for line in errors}
+    lines = enumerate(PROGRAM.splitlines(), 1)
+    assert found == {number: line.partition("# error: ")[2] for number, line in lines if "# error: " in line}, (
+        done.stdout
+    )

@@ -83,16 +83,6 @@ async def test_what_is_given_up_makes_room_for_one() -> None:
     assert sent == [0, 1, 2, 3, 4]
 
 
-async def test_requests_are_sent_in_the_order_in_which_they_came() -> None:
-    window, sent = RequestFlowControl("/add"), list[int]()
-    enter(window, range(4), 2, sent)
-    window.release(1)
-    enter(window, range(4, 6), 2, sent)
-    for number in (2, 3, 4):
-        window.on_response(number)
-    assert sent == list(range(6))
-
-
 async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

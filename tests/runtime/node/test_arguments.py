@@ -178,18 +178,10 @@ WORD = st.one_of(
 )
 
 
-@given(st.lists(WORD, max_size=10))
-def test_random_arguments_never_crash(arguments: list[str]) -> None:
+@given(st.lists(WORD, max_size=10), st.booleans())
+def test_random_arguments_never_crash(arguments: list[str], is_group: bool) -> None:
     try:
-        got = parse_arguments(arguments)
+        got = parse_arguments(["--ros-args"] * is_group + arguments)
     except RosArgumentError:
         return
     assert all(argument in arguments for argument in got.program)
-
-
-@given(st.lists(st.text(max_size=8), max_size=6))
-def test_random_ros_arguments_never_crash(arguments: list[str]) -> None:
-    try:
-        parse_arguments(["--ros-args", *arguments])
-    except RosArgumentError as error:
-        assert str(error)
