@@ -242,13 +242,7 @@ class NodeEntities:
     ) -> Client:
         """Create a client; raise InvalidServiceNameException, NoTypeSupportImportedException or RCLError."""
         group = self.default_callback_group if callback_group is None else callback_group
-        check_is_valid_srv_type(srv_type)
-        self._rosidl_resolve_name(srv_name, is_service=True)
-        with self.handle, denied_as_rcl_error():
-            _, node = self._rosidl_require_ok()
-            handle = self.handle.create_endpoint_handle(
-                node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()), "clients"
-            )
+        handle = self._rosidl_create_on_service("client", srv_type, srv_name, qos_profile)
         client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
         return self._rosidl_register(client, group, "clients")
 
@@ -267,14 +261,20 @@ class NodeEntities:
             InvalidServiceNameException, NoTypeSupportImportedException, RCLError: see the classes.
         """
         group = self.default_callback_group if callback_group is None else callback_group
+        handle = self._rosidl_create_on_service("service", srv_type, srv_name, qos_profile)
+        service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
+        return self._rosidl_register(service, group, "services")
+
+    def _rosidl_create_on_service(self, role: str, srv_type: Any, srv_name: str, profile: QoSProfile) -> Handle[Any]:
+        """Check the arguments, and return the handle of a new ``client`` or ``service``."""
         check_is_valid_srv_type(srv_type)
         self._rosidl_resolve_name(srv_name, is_service=True)
         with self.handle, denied_as_rcl_error():
             _, node = self._rosidl_require_ok()
-            entity = node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile())
-            handle = self.handle.create_endpoint_handle(entity, "services")
-        service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
-        return self._rosidl_register(service, group, "services")
+            create = node.create_client if role == "client" else node.create_service
+            return self.handle.create_endpoint_handle(
+                create(srv_type, srv_name, qos=profile.get_c_qos_profile()), f"{role}s"
+            )
 
     def create_timer(
         self,

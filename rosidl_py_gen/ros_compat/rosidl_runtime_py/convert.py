@@ -12,8 +12,6 @@ import numpy
 import yaml
 from rosidl_parser import definition
 
-_COLLECTIONS = (list, tuple, array.array, numpy.ndarray)
-
 
 class _Dumper(yaml.Dumper):
     """YAML dumper that retains the order of fields."""
@@ -30,11 +28,15 @@ _Dumper.add_representer(
 
 @dataclass(frozen=True)
 class _Limits:
-    """Options that shorten values: maximum number of elements or characters, and types in place of values."""
+    """Options that shorten values: maximum number of elements or characters, and types in place of values.
+
+    With `is_csv`, bytes and numbers of numpy become their texts.
+    """
 
     length: int | None
     no_arr: bool
     no_str: bool
+    is_csv: bool = False
 
     def is_too_long(self, value: Any) -> bool:
         return self.length is not None and len(value) > self.length
@@ -69,8 +71,7 @@ def message_to_ordereddict(
 
 def message_to_csv(msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False) -> str:
     """Return the values of a message, separated by commas; see `message_to_ordereddict` for the arguments."""
-    limits = _Limits(truncate_length, no_arr, no_str)
-    return ",".join(_to_csv(getattr(msg, name), kind, limits) for name, kind in get_message_slot_types(msg).items())
+    return _join(_to_dict(msg, _Limits(truncate_length, no_arr, no_str, is_csv=True)))
 
 
 def get_message_slot_types(msg: Any) -> OrderedDict[str, Any]:
@@ -85,6 +86,8 @@ def _to_dict(msg: Any, limits: _Limits) -> OrderedDict[str, Any]:
 
 def _to_plain(value: Any, kind: Any, limits: _Limits) -> Any:
     match value:
+        case bytes() if limits.is_csv:
+            return str(value[: limits.length] + b"..." if limits.is_too_long(value) else value)
         case bytes():
             text = value[: limits.length].decode("latin-1")
             return f"{text}..." if limits.is_too_long(value) else text
@@ -103,27 +106,17 @@ def _to_plain(value: Any, kind: Any, limits: _Limits) -> Any:
             unlimited = _Limits(None, False, False)
             return {_to_plain(name, None, unlimited): _to_plain(item, None, limits) for name, item in value.items()}
         case numpy.number():
-            return value.item()
+            return str(value) if limits.is_csv else value.item()
         case bool() | float() | int():
             return value
     return _to_dict(value, limits)
 
 
-def _to_csv(value: Any, kind: Any, limits: _Limits) -> str:
-    if isinstance(value, _COLLECTIONS):
-        if limits.no_arr and kind is not None:
-            return _array_type_text(value, kind)
-        texts = [
-            _to_csv(item, None, limits) for item in (value[: limits.length] if limits.is_too_long(value) else value)
-        ]
-        return ",".join(texts) + ((",..." if texts else "...") if limits.is_too_long(value) else "")
-    if isinstance(value, str):
-        return _shorten_text(value, limits)
-    if isinstance(value, bytes):
-        return str(value[: limits.length] + b"..." if limits.is_too_long(value) else value)
-    if isinstance(value, bool | float | int | numpy.number):
-        return str(value)
-    return ",".join(_to_csv(getattr(value, name), kind, limits) for name, kind in get_message_slot_types(value).items())
+def _join(value: Any) -> str:
+    """Return a plain value and all that is in it, separated by commas."""
+    if isinstance(value, list | tuple | dict):
+        return ",".join(map(_join, value.values() if isinstance(value, dict) else value))
+    return str(value)
 
 
 def _shorten_text(text: str, limits: _Limits) -> str:

@@ -5,7 +5,7 @@ As in the real package, the header of a result is the header object of the trans
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import tf2_ros
@@ -24,6 +24,8 @@ from geometry_msgs.msg import (
 from rosidl_py_gen import tf as _tf
 from rosidl_py_gen.numpy import matrix_to_quaternion, quaternion_to_matrix
 
+T = TypeVar("T", bound=Any)
+
 
 def to_msg_msg(msg: Any) -> Any:
     """Return the message."""
@@ -35,23 +37,17 @@ from_msg_msg = to_msg_msg
 
 def do_transform_point(point: PointStamped, transform: TransformStamped) -> PointStamped:
     """Transform a point."""
-    x, y, z = _to_transform(transform).apply((point.point.x, point.point.y, point.point.z)).tolist()
-    return PointStamped(header=transform.header, point=Point(x=x, y=y, z=z))
+    return _transform(point, transform)
 
 
 def do_transform_vector3(vector3: Vector3Stamped, transform: TransformStamped) -> Vector3Stamped:
     """Transform a direction, which is only rotated."""
-    result = Vector3Stamped(header=transform.header)
-    vector = vector3.vector
-    result.vector.x, result.vector.y, result.vector.z = (
-        _to_transform(transform).rotate((vector.x, vector.y, vector.z)).tolist()
-    )
-    return result
+    return _transform(vector3, transform)
 
 
 def do_transform_pose(pose: Pose, transform: TransformStamped) -> Pose:
     """Transform a pose; w of the resulting orientation is not negative."""
-    change, position, result = _to_transform(transform), pose.position, Pose()
+    change, position, result = _to_transform(transform, ""), pose.position, Pose()
     x, y, z = change.apply((position.x, position.y, position.z)).tolist()
     result.position.x, result.position.y, result.position.z = x, y, z
     rotation = quaternion_to_matrix(change.rotation) @ quaternion_to_matrix(_quaternion_or_identity(pose.orientation))
@@ -77,23 +73,25 @@ def do_transform_pose_with_covariance_stamped(
 
 def do_transform_polygon_stamped(polygon: PolygonStamped, transform: TransformStamped) -> PolygonStamped:
     """Transform a polygon."""
-    points = np.array([(point.x, point.y, point.z) for point in polygon.polygon.points]).reshape(-1, 3)
-    result = PolygonStamped(header=transform.header)
-    result.polygon.points = [Point32(x=x, y=y, z=z) for x, y, z in _to_transform(transform).apply(points).tolist()]
-    return result
+    return _transform(polygon, transform)
 
 
 def transform_covariance(cov_in: Any, transform: TransformStamped) -> Any:
     """Transform the 36 numbers of a covariance of position and angles."""
-    rotation = np.kron(np.eye(2), quaternion_to_matrix(_to_transform(transform).rotation))
-    result = PoseWithCovarianceStamped()
-    result.pose.covariance = (rotation @ np.reshape(cov_in, (6, 6)) @ rotation.T).reshape(36)
-    return result.pose.covariance
+    message = PoseWithCovarianceStamped()
+    message.pose.covariance = cov_in
+    return _transform(message, transform).pose.covariance
 
 
-def _to_transform(stamped: TransformStamped) -> _tf.Transform:
+def _transform(message: T, transform: TransformStamped) -> T:
+    result: Any = _to_transform(transform, message.header.frame_id).transform(message)
+    result.header = transform.header
+    return result  # type: ignore[no-any-return]
+
+
+def _to_transform(stamped: TransformStamped, source: str) -> _tf.Transform:
     move = stamped.transform.translation
-    frames = stamped.header.frame_id, stamped.child_frame_id
+    frames = stamped.header.frame_id, source.lstrip("/")
     return _tf.Transform(
         *frames, 0, np.array((move.x, move.y, move.z)), _quaternion_or_identity(stamped.transform.rotation)
     )

@@ -15,28 +15,10 @@ class ManagedEntity:
     """Entity that accepts every transition; subclasses override methods. `state` is the previous `LifecycleState`."""
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Prepare the entity."""
+        """Follow a transition, as the methods below; `on_error` follows a callback that raised or returned ERROR."""
         return TransitionCallbackReturn.SUCCESS
 
-    def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
-        """Undo `on_configure`."""
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        """Release the resources."""
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Start working."""
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
-        """Stop working."""
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_error(self, state: Any) -> TransitionCallbackReturn:
-        """Handle a callback that raised or returned ERROR."""
-        return TransitionCallbackReturn.SUCCESS
+    on_cleanup = on_shutdown = on_activate = on_deactivate = on_error = on_configure
 
 
 class SimpleManagedEntity(ManagedEntity):
