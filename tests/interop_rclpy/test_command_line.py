@@ -9,7 +9,7 @@ import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from peer_helpers import fresh, without_definitions
@@ -182,46 +182,6 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     assert ended.code == 0, ended.err
     event = json.loads(ended.out)
     assert (event["info"]["event_type"], event["request"][0]["int32_value"]) == ("REQUEST_RECEIVED", 7)
-
-
-async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> None:
-    name = fresh("holder").strip("/")
-    await shared_peer.do("add_node", name=name)
-    await shared_peer.do("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
-    listed, got, done, described, wrong = await asyncio.gather(
-        tool("param", "list", f"/{name}", "--param-type", *PATIENT),
-        tool("param", "get", f"/{name}", "arm.names", *PATIENT),
-        tool("param", "set", f"/{name}", "speed", "2.5", *PATIENT),
-        tool("param", "describe", f"/{name}", "count", *PATIENT),
-        tool.end(await tool.start("param", "set", f"/{name}", "speed", "fast", *PATIENT)),
-    )
-    assert "  arm.names (type: string array)\n" in listed
-    assert (got, done) == ("String values are: ['a', 'ü']\n", "Set parameter successful\n")
-    assert (wrong.code, "  Type: integer\n" in described) == (1, True)
-    assert wrong.err.startswith("error: Setting parameter failed: ")
-    assert await shared_peer.do("parameters", node=name, names=["speed"]) == [2.5]
-
-
-async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share: str) -> None:
-    name, steps = fresh("fibonacci"), [{"sequence": [0]}, {"sequence": [0, 1]}]
-    done = {"sequence": [0, 1, 1]}
-    await shared_peer.do("action_server", name=name, type=FIBONACCI, how="succeed", feedback=steps, result=done)
-    out = await tool("action", "send_goal", name, "{order: 2}", "--feedback", "--json", "--path", share)
-    *feedback, end = map(json.loads, out.splitlines())
-    assert [one["feedback"] for one in feedback] == steps
-    assert (end["status"], end["result"]) == ("SUCCEEDED", done)
-
-
-async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Tool) -> None:
-    topic = fresh("words")
-    await shared_peer.do("publisher", topic=topic, type=STRINGS)
-    process = await tool.start("topic", "echo", topic, "--once", "--json")
-    message: dict[str, Any] = {"string_value": "grüße"}
-    while process.returncode is None:
-        await shared_peer.do("publish", topic=topic, messages_=[message])
-        await asyncio.sleep(0.2)
-    ended = await tool.end(process)
-    assert json.loads(ended.out)["string_value"] == "grüße"
 
 
 async def test_what_is_published_arrives(shared_peer: Peer, tool: Tool) -> None:

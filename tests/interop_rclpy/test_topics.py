@@ -136,16 +136,6 @@ async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_pe
         assert (await subscription.receive(timeout_s=10)).data.tobytes() == random_bytes(200_000, 1)
 
 
-@pytest.mark.only_with("jazzy", "humble")  # Kilted's environment has no sensor_msgs
-async def test_a_camera_image_arrives_whole(dds: Any, shared_peer: Peer) -> None:
-    cls, topic, data = message(shared_peer, "sensor_msgs/msg/Image"), fresh("image"), random_bytes(640 * 480 * 3, 1)
-    image = cls(height=480, width=640, encoding="rgb8", step=1920, data=data)
-    publisher = await matched_publisher(dds.node("tester"), shared_peer, cls, topic, DEEP, THEIR_DEEP)
-    publisher.publish(image)
-    (taken,) = await shared_peer.do("take", topic=topic)
-    assert taken == {**plain(cls(height=480, width=640, encoding="rgb8", step=1920)), "data": digest(data)}
-
-
 async def test_best_effort_topics_deliver(dds: Any, shared_peer: Peer) -> None:
     """Losses are allowed, so each message is sent until one arrives."""
     node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
@@ -167,20 +157,17 @@ THEIR_LATCHED = {"depth": 3, "durability": "TRANSIENT_LOCAL"}
 FIVE = [{"data": f"message {number}"} for number in range(5)]
 
 
-async def test_our_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(dds: Any, shared_peer: Peer) -> None:
-    cls, topic = message(shared_peer, "std_msgs/msg/String"), fresh("latched_by_us")
-    publisher = dds.node("tester").create_publisher(cls, topic, LATCHED)
+async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(dds: Any, shared_peer: Peer) -> None:
+    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
+    ours, theirs = fresh("latched_by_us"), fresh("latched_by_them")
+    publisher = node.create_publisher(cls, ours, LATCHED)
     for values in FIVE:
         publisher.publish(from_dict(cls, values))
-    await shared_peer.do("subscribe", topic=topic, type="std_msgs/msg/String", qos=THEIR_LATCHED)
-    assert await shared_peer.do("take", topic=topic, count=3) == FIVE[-3:]
-
-
-async def test_their_latched_messages_reach_us_as_deep_as_the_history_is(dds: Any, shared_peer: Peer) -> None:
-    cls, topic = message(shared_peer, "std_msgs/msg/String"), fresh("latched_by_them")
-    await shared_peer.do("publisher", topic=topic, type="std_msgs/msg/String", qos=THEIR_LATCHED)
-    await shared_peer.do("publish", topic=topic, messages_=FIVE)
-    subscription = dds.node("tester").create_subscription(cls, topic, qos=LATCHED)
+    await shared_peer.do("subscribe", topic=ours, type="std_msgs/msg/String", qos=THEIR_LATCHED)
+    assert await shared_peer.do("take", topic=ours, count=3) == FIVE[-3:]
+    await shared_peer.do("publisher", topic=theirs, type="std_msgs/msg/String", qos=THEIR_LATCHED)
+    await shared_peer.do("publish", topic=theirs, messages_=FIVE)
+    subscription = node.create_subscription(cls, theirs, qos=LATCHED)
     assert [plain(await subscription.receive(timeout_s=10)) for _ in range(3)] == FIVE[-3:]
 
 

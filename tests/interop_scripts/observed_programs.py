@@ -16,7 +16,6 @@ import re
 import shlex
 import signal
 import subprocess
-import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -154,35 +153,43 @@ def difference(case: Case, expected: Observation, found: Observation) -> str:
 
 
 class _Process:
-    """Running program and its output."""
+    """Running program and its output.
 
-    def __init__(self, command: list[str], settings: dict[str, str], changed: Callable[[], None]) -> None:
+    Attributes:
+        ended: task that ends after the program.
+    """
+
+    def __init__(self, process: asyncio.subprocess.Process, changed: Callable[[], None]) -> None:
+        self.process = process
+        self.texts = {"stdout": "", "stderr": ""}
+        self._changed = changed
+        self.ended = asyncio.ensure_future(self._read_to_end())
+        self.ended.add_done_callback(lambda _: changed())
+
+    @classmethod
+    async def start(cls, command: list[str], settings: dict[str, str], changed: Callable[[], None]) -> _Process:
         kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RCUTILS_", "PYTHON"))}
         environment = {**kept, "PYTHONUNBUFFERED": "1", **settings}
-        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        self.process = subprocess.Popen(command, env=environment, text=True, cwd=PROGRAMS.parent, **pipes)  # type: ignore[call-overload]
-        self._texts: dict[str, list[str]] = {"stdout": [], "stderr": []}
-        self._changed = changed
-        self.ended = threading.Event()
-        readers = [threading.Thread(target=self._read, args=(name,), daemon=True) for name in self._texts]
-        for reader in readers:
-            reader.start()
-        threading.Thread(target=self._wait, args=(readers,), daemon=True).start()
+        pipe = subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            *command,
+            env=environment,
+            cwd=PROGRAMS.parent,
+            limit=1 << 20,
+            stdin=subprocess.DEVNULL,
+            stdout=pipe,
+            stderr=pipe,
+        )
+        return cls(process, changed)
 
-    def _read(self, name: str) -> None:
-        for line in getattr(self.process, name):
-            self._texts[name].append(line)
+    async def _read(self, name: str) -> None:
+        async for line in getattr(self.process, name):
+            self.texts[name] += line.decode()
             self._changed()
 
-    def _wait(self, readers: list[threading.Thread]) -> None:
-        for reader in readers:
-            reader.join()
-        self.process.wait()
-        self.ended.set()
-        self._changed()
-
-    def text(self, name: str) -> str:
-        return "".join(self._texts[name])
+    async def _read_to_end(self) -> None:
+        await asyncio.gather(*map(self._read, self.texts))
+        await self.process.wait()
 
     def sleeps(self) -> bool:
         """Return True if all its threads wait."""
@@ -195,13 +202,14 @@ class _Process:
     async def idle(self) -> None:
         """Wait until it sleeps, three times in a row, or has ended."""
         for _ in range(3):
-            while not (self.sleeps() or self.ended.is_set()):
+            while not (self.sleeps() or self.ended.done()):
                 await asyncio.sleep(0.01)
             await asyncio.sleep(0.01)
 
-    def close(self) -> None:
-        self.process.kill()
-        self.process.wait()
+    async def close(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            self.process.kill()
+        await self.ended
 
 
 class Observer:
@@ -234,7 +242,7 @@ class Observer:
                 got = self._received.setdefault((step.topic, step.type), [])
                 self._node.create_subscription(step.type, step.topic, self._keep(got), step.qos)
         found = Observation()
-        process = _Process([*command, *shlex.split(self._case.arguments)], settings, self._wake)
+        process = await _Process.start([*command, *shlex.split(self._case.arguments)], settings, self._news.set)
         try:
             for number, step in enumerate(self._case.steps):
                 expected = like.seen[number] if like is not None and number < len(like.seen) else None
@@ -249,14 +257,14 @@ class Observer:
             except TimeoutError:
                 found.seen.append(f"not ended within {TIMEOUT_S} seconds")
         finally:
-            process.close()
+            await process.close()
             for task in self._open_calls:
                 task.cancel()
             await asyncio.gather(*self._open_calls, return_exceptions=True)
             if self._context is not None:
                 self._context.close()
-        found.output = _plain(process.text("stdout")).splitlines()
-        found.errors = _plain(process.text("stderr")).splitlines()
+        found.output = _plain(process.texts["stdout"]).splitlines()
+        found.errors = _plain(process.texts["stderr"]).splitlines()
         if self._case.unordered:
             found.output.sort()
             found.errors.sort()
@@ -268,9 +276,6 @@ class Observer:
             self._news.set()
 
         return keep
-
-    def _wake(self) -> None:
-        self._loop.call_soon_threadsafe(self._news.set)
 
     async def _until(self, condition: Callable[[], object], timeout_s: float = TIMEOUT_S) -> None:
         end = self._loop.time() + timeout_s
@@ -290,10 +295,10 @@ class Observer:
         for _ in range(3):
             if repeats_signal and isinstance(last, Interrupt):
                 with contextlib.suppress(TimeoutError):
-                    return await self._until(process.ended.is_set, TIMEOUT_S / 3)
+                    return await self._until(process.ended.done, TIMEOUT_S / 3)
                 await process.idle()
                 process.process.send_signal(last.signal)
-        await self._until(process.ended.is_set)
+        await self._until(process.ended.done)
 
     async def _do(self, step: Step, process: _Process, expected: Any) -> Any:
         match step:
@@ -309,7 +314,7 @@ class Observer:
                 return len(messages)
             case Receive(topic, type_, count):
                 got = self._received[topic, type_]
-                await self._until(lambda: len(got) >= count or process.ended.is_set())
+                await self._until(lambda: len(got) >= count or process.ended.done())
                 return _without_stamps(got[:count])
             case Call(service, type_, request):
                 call = self._node.create_client(type_, service).call(request, timeout_s=TIMEOUT_S)
@@ -319,7 +324,7 @@ class Observer:
                 return _without_stamps(await call)
             case Printed(text, count):
                 streams = ("stdout", "stderr")
-                await self._until(lambda: sum(process.text(name).count(text) for name in streams) >= count)
+                await self._until(lambda: sum(process.texts[name].count(text) for name in streams) >= count)
                 return None
             case Graph():
                 await process.idle()  # its start is complete
@@ -340,7 +345,7 @@ class Observer:
                 break
             await asyncio.sleep(0.05)
             now = self._graph()
-            if now != seen or not (process.sleeps() or process.ended.is_set()):
+            if now != seen or not (process.sleeps() or process.ended.done()):
                 seen, since = now, self._loop.time()
         return seen
 

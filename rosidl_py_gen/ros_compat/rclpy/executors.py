@@ -204,7 +204,7 @@ class Executor:
                 self._rosidl_retain_task(task, entity, node)
                 await continuation
 
-        task: Task[Any] = Task(execute, executor=self)
+        task: Task[Any] = Task(execute(), executor=self)
         task._rosidl_is_dispatched = True
         return task
 

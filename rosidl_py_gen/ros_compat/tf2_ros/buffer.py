@@ -78,8 +78,7 @@ class Buffer(BufferCore, BufferInterface):
 
     async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Time) -> Any:
         """Return the transform as soon as it is available."""
-        await self.wait_for_transform_async(target_frame, source_frame, time)
-        return self.lookup_transform_core(target_frame, source_frame, time)
+        return await self.wait_for_transform_async(target_frame, source_frame, time)
 
     def lookup_transform_full(
         self,
@@ -100,8 +99,7 @@ class Buffer(BufferCore, BufferInterface):
     ) -> Any:
         """Return the transform between two times as soon as it is available."""
         arguments = target_frame, target_time, source_frame, source_time, fixed_frame
-        await self.wait_for_transform_full_async(*arguments)
-        return self.lookup_transform_full_core(*arguments)
+        return await self.wait_for_transform_full_async(*arguments)
 
     def can_transform(
         self,
