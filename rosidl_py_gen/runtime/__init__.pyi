@@ -6,7 +6,6 @@ from rosidl_py_gen.errors import EncodeError as EncodeError
 from rosidl_py_gen.errors import InvalidNameError as InvalidNameError
 from rosidl_py_gen.errors import RosidlError as RosidlError
 from rosidl_py_gen.errors import TypeNotFoundError as TypeNotFoundError
-from rosidl_py_gen.runtime.actions.action_entity import ActionArgumentError as ActionArgumentError
 from rosidl_py_gen.runtime.actions.client import ActionClient as ActionClient
 from rosidl_py_gen.runtime.actions.client import ClientGoal as ClientGoal
 from rosidl_py_gen.runtime.actions.goal_callbacks import CancelRequest as CancelRequest
@@ -28,6 +27,7 @@ from rosidl_py_gen.runtime.actions.states import GoalStatus as GoalStatus
 from rosidl_py_gen.runtime.actions.states import GoalTransitionError as GoalTransitionError
 from rosidl_py_gen.runtime.actions.states import UnknownGoalError as UnknownGoalError
 from rosidl_py_gen.runtime.actions.states import next_goal_status as next_goal_status
+from rosidl_py_gen.runtime.actions.types import ActionArgumentError as ActionArgumentError
 from rosidl_py_gen.runtime.entities.client import Client as Client
 from rosidl_py_gen.runtime.entities.entity_scope import CallbackInUseError as CallbackInUseError
 from rosidl_py_gen.runtime.entities.introspection import IntrospectionState as IntrospectionState
@@ -174,4 +174,4 @@ from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind as QoSPolicyKind
 from rosidl_py_gen.runtime.transport.qos import QoSProfile as QoSProfile
 from rosidl_py_gen.runtime.transport.qos import Reliability as Reliability
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter as ZenohRouter
-from rosidl_py_gen.runtime.type_resolution.description_client import TypeDescriptionError as TypeDescriptionError
+from rosidl_py_gen.runtime.type_resolution.description_service import TypeDescriptionError as TypeDescriptionError

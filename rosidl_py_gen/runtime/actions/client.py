@@ -18,13 +18,6 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
-from rosidl_py_gen.runtime.actions.action_entity import (
-    ActionArgumentError,
-    ActionEntity,
-    require_depth,
-    require_goal_id,
-    require_stamp,
-)
 from rosidl_py_gen.runtime.actions.result_requests import FIRST_RETRY_DELAY_S, REGISTRATION_TIMEOUT_S, ResultRequester
 from rosidl_py_gen.runtime.actions.states import (
     STATUSES,
@@ -39,9 +32,18 @@ from rosidl_py_gen.runtime.actions.states import (
     GoalRejectedError,
     GoalStatus,
     UnknownGoalError,
+    find_status,
 )
-from rosidl_py_gen.runtime.actions.status import find_status
-from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
+from rosidl_py_gen.runtime.actions.types import (
+    ActionArgumentError,
+    ActionEntity,
+    ActionT_co,
+    goal_id_of,
+    require_depth,
+    require_goal_id,
+    require_stamp,
+    set_goal_id,
+)
 from rosidl_py_gen.runtime.entities.client import Client
 from rosidl_py_gen.runtime.entities.entity_scope import entity_repr
 from rosidl_py_gen.runtime.entities.message_types import raw_type

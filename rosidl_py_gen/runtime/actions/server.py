@@ -13,7 +13,6 @@ from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
-from rosidl_py_gen.runtime.actions.action_entity import ActionEntity, server_callbacks
 from rosidl_py_gen.runtime.actions.goal_callbacks import (
     CancelRequest,
     ExecuteFunction,
@@ -23,7 +22,7 @@ from rosidl_py_gen.runtime.actions.goal_callbacks import (
 )
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
-from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
+from rosidl_py_gen.runtime.actions.types import ActionEntity, ActionT_co, goal_id_of, server_callbacks, set_goal_id
 from rosidl_py_gen.runtime.entities.entity_scope import entity_repr, pluralize
 from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.server import ServiceServer
@@ -34,8 +33,7 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime.actions.action_entity import Policy
-    from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
+    from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, Policy
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock

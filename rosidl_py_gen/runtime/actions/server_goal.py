@@ -1,7 +1,8 @@
 """Accepted goals of an action server: their start, end, cancellation and expiry.
 
-`states.py` decides which transitions are possible; `ServerGoals` publishes each of them. A result is encoded once, when
-its goal ends, and retained as bytes.
+`states.py` decides which transitions are possible; `ServerGoals` publishes each of them, in order. A status is written
+after the response that belongs to the change: a write costs as much as the response, which a caller waits for. Handlers
+that the change starts or wakes up run later still. A result is encoded once, when its goal ends, and retained as bytes.
 
 An execute function may end its goal first and return the result afterwards, as those written for rclpy do. So a goal
 that its own execute function ends without a result has its new status at once, and its result when it returns.
@@ -23,8 +24,8 @@ from rosidl_py_gen.runtime.actions.states import (
     GoalInfo,
     GoalStatus,
     GoalTable,
+    StatusArray,
 )
-from rosidl_py_gen.runtime.actions.status import StatusArray
 from rosidl_py_gen.runtime.actions.types import ActionT_co, set_goal_id
 from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
@@ -36,9 +37,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from rosidl_py_gen.cdr import Action
-    from rosidl_py_gen.runtime.actions.action_entity import Policy
     from rosidl_py_gen.runtime.actions.states import CancelCode, CancelSelection
-    from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, FeedbackT, GoalT, ResultT
+    from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, FeedbackT, GoalT, Policy, ResultT
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.time.clock import Clock
 

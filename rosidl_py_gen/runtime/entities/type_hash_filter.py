@@ -94,6 +94,16 @@ class PeerConverters(Generic[C]):
         raise NotImplementedError
 
 
+def _warn_once(
+    scope: EntityScope, reported: set[str], endpoint: DiscoveredEndpoint, type_hash: str, text: Callable[[str], str]
+) -> None:
+    """Log the text about the endpoint's node, as soon as its name is known, once for each hash."""
+    if type_hash not in reported and len(reported) < _MAX_ACCEPTED_WRITERS:
+        reported.add(type_hash)
+        graph, logger = scope.graph, scope.logger
+        scope.discovery.call_when_named(endpoint, lambda: logger.warning(text(graph.describe_node(endpoint))))
+
+
 class MessageConverters(PeerConverters["SampleConverter"]):
     """Conversions from peers' definitions of a message type to the own one."""
 
@@ -148,7 +158,7 @@ class TypeHashFilter(Generic[W]):
         Without a converter their samples are dropped.
         """
         self._reported: set[str] = set()
-        """Hashes whose conversion was logged."""
+        """Hashes that were logged."""
         self.accepted_writers: set[W] = set()
         self.incompatible_dropped = 0
         self.converted = 0
@@ -179,7 +189,9 @@ class TypeHashFilter(Generic[W]):
             elif not self.is_compatible(endpoint):
                 self.incompatible_dropped += 1
                 if self._is_late:
-                    self._report_drop(endpoint)
+                    found = endpoint.type_hash or endpoint.service_hash
+                    text = f"are dropped: its definition is {found}; here it is {self._type_hash}"
+                    self._warn(endpoint, found, text)
                 return None
             elif type_hashes_differ(endpoint, self._type_hash, self.service_hash):
                 converter = self._peers.get(endpoint.type_hash)
@@ -314,25 +326,13 @@ class TypeHashFilter(Generic[W]):
             distros = ", ".join(self._peers.definitions()[type_hash].distros)
             texts = [f"its definition of {converter.old._TYPE.name} is that of {distros}, {type_hash}"]
             texts += [f"here it is {converter.new._TYPE.hash}", *field_changes(converter)]
-            self._warn_once(endpoint, type_hash, f"are converted: {'; '.join(texts)}")
+            self._warn(endpoint, type_hash, f"are converted: {'; '.join(texts)}")
 
-    def _report_drop(self, endpoint: DiscoveredEndpoint) -> None:
-        """Log once for each definition that samples are dropped."""
-        type_hash = endpoint.type_hash or endpoint.service_hash
-        if type_hash not in self._reported:
-            text = f"are dropped: its definition is {type_hash}; here it is {self._type_hash}"
-            self._warn_once(endpoint, type_hash, text)
-
-    def _warn_once(self, endpoint: DiscoveredEndpoint, type_hash: str, text: str) -> None:
-        if len(self._reported) >= _MAX_ACCEPTED_WRITERS:
-            return
-        self._reported.add(type_hash)
-        discovery, logger = self._scope.discovery, self._scope.logger
-
-        def log() -> None:
-            logger.warning(f"messages on {self._topic} from {discovery.graph.describe_node(endpoint)} {text}")
-
-        discovery.call_when_named(endpoint, log)
+    def _warn(self, endpoint: DiscoveredEndpoint, type_hash: str, text: str) -> None:
+        topic = self._topic
+        _warn_once(
+            self._scope, self._reported, endpoint, type_hash, lambda node: f"messages on {topic} from {node} {text}"
+        )
 
 
 def field_changes(converter: SampleConverter) -> list[str]:
@@ -369,7 +369,9 @@ class ServiceConverters(PeerConverters[ServiceConversion]):
         if self._mode not in CONVERTING or service_hash in ("", self._type.type_hash) or self.get(service_hash) is None:
             return False
         accept(service_hash)
-        self._report(endpoint)
+        start = f"{self._contents} of {self._name} are converted for"
+        change = f"its definition of {self._type.ros_name} {self._changes[service_hash]}"
+        _warn_once(self._scope, self._reported, endpoint, service_hash, lambda node: f"{start} {node}: {change}")
         return True
 
     def _load(self, definition: PeerDefinition) -> ServiceConversion:
@@ -390,20 +392,3 @@ class ServiceConverters(PeerConverters[ServiceConversion]):
     def _receive(self, converter: SampleConverter, data: Payload) -> bytes:
         self.converted += 1
         return converter(data)
-
-    def _report(self, endpoint: DiscoveredEndpoint) -> None:
-        """Log once for each definition that requests and responses are converted."""
-        service_hash = endpoint.service_hash
-        if service_hash in self._reported:
-            return
-        self._reported.add(service_hash)
-        discovery, logger = self._scope.discovery, self._scope.logger
-
-        def log() -> None:
-            node = discovery.graph.describe_node(endpoint)
-            logger.warning(
-                f"{self._contents} of {self._name} are converted for {node}: its definition of "
-                f"{self._type.ros_name} {self._changes[service_hash]}"
-            )
-
-        discovery.call_when_named(endpoint, log)

@@ -112,20 +112,19 @@ class AdaptiveSubscription(Generic[T]):
 
     def refresh(self) -> None:
         """Subscribe again if a publisher now offers less than requested, or the first ones retain messages."""
-        if self._fixed_qos is not None:
-            return
         publishers = self._publishers()
-        if _requests_too_much(self.qos, publishers) or (
-            not self._had_publishers and self._requests_too_little(publishers)
-        ):
-            self.resubscribe()
-        self._had_publishers |= bool(publishers)
-
-    def _requests_too_little(self, publishers: Sequence[TopicEndpointInfo]) -> bool:
-        """Return True if publishers retain messages and none was received yet, so that none is received twice."""
-        profile, _ = _choose_profile(publishers, 1)
+        if self._fixed_qos is not None or not publishers:
+            return
+        current, (chosen, _) = self.qos, _choose_profile(publishers, 1)
+        requests_too_much = (current.reliability is Reliability.RELIABLE is not chosen.reliability) or (
+            current.durability is Durability.TRANSIENT_LOCAL is not chosen.durability
+        )
+        # Only if no message was received yet, so that none is received twice.
         has_messages = self._has_received or self._callback is not None or self._subscription._has_news()
-        return not has_messages and profile.durability is not self.qos.durability
+        may_request_more = not (self._had_publishers or has_messages)
+        if requests_too_much or (may_request_more and chosen.durability is not current.durability):
+            self.resubscribe()
+        self._had_publishers = True
 
     def resubscribe(self) -> None:
         """Subscribe again, so that publishers send retained messages again; received messages are kept."""
@@ -203,15 +202,6 @@ def _choose_profile(publishers: Sequence[TopicEndpointInfo], depth: int) -> tupl
     elif any(durable):
         notes.append("some, but not all, publishers are transient local: receiving volatile, without earlier messages")
     return profile, notes
-
-
-def _requests_too_much(profile: QoSProfile, publishers: Sequence[TopicEndpointInfo]) -> bool:
-    """Return True if a profile requests more than one of the publishers offers."""
-    current, _ = _choose_profile(publishers, 1)
-    return bool(publishers) and (
-        (profile.reliability is Reliability.RELIABLE is not current.reliability)
-        or (profile.durability is Durability.TRANSIENT_LOCAL is not current.durability)
-    )
 
 
 class MessageMethods(NodeBase):

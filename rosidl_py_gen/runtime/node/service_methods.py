@@ -18,11 +18,18 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from rosidl_py_gen.cdr import Action
-    from rosidl_py_gen.runtime.actions.action_entity import Policy
     from rosidl_py_gen.runtime.actions.client import ActionClient
     from rosidl_py_gen.runtime.actions.server import ActionServer
     from rosidl_py_gen.runtime.actions.server_goal import GoalResult, ServerGoal
-    from rosidl_py_gen.runtime.actions.types import ActionClass, ActionT, FeedbackT, GoalT, ResultT, UntypedAction
+    from rosidl_py_gen.runtime.actions.types import (
+        ActionClass,
+        ActionT,
+        FeedbackT,
+        GoalT,
+        Policy,
+        ResultT,
+        UntypedAction,
+    )
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 

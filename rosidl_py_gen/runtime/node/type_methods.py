@@ -9,7 +9,7 @@ from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.runtime.names.validation import resolve_node_name
 from rosidl_py_gen.runtime.node.node_base import NodeBase
 from rosidl_py_gen.runtime.type_resolution.announcements import action_query, service_query, topic_query
-from rosidl_py_gen.runtime.type_resolution.description_client import (
+from rosidl_py_gen.runtime.type_resolution.description_service import (
     announced_hash,
     decode_description,
     request_type_description,

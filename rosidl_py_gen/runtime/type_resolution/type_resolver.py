@@ -37,7 +37,7 @@ from rosidl_py_gen.runtime.type_resolution.announcements import (
     participants_of,
     provider_participants,
 )
-from rosidl_py_gen.runtime.type_resolution.description_client import (
+from rosidl_py_gen.runtime.type_resolution.description_service import (
     SERVICE,
     TypeDescriptionError,
     decode_description,

@@ -14,7 +14,7 @@ from support.node_fixtures import World, take, until
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatus, GoalStatusArray
 from rosidl_py_gen.runtime.actions.states import GoalStatus as S
-from rosidl_py_gen.runtime.actions.status import StatusArray, find_status
+from rosidl_py_gen.runtime.actions.states import StatusArray, find_status
 
 
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:

@@ -21,8 +21,8 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, SetLoggerLevels
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.type_resolution import description_client, description_service
-from rosidl_py_gen.runtime.type_resolution.description_client import TypeDescriptionError
+from rosidl_py_gen.runtime.type_resolution import description_service
+from rosidl_py_gen.runtime.type_resolution.description_service import TypeDescriptionError
 
 Foo: Any = compile_definition("my_pkg/msg/Foo", "int32 x")
 Ask: Any = compile_definition("my_pkg/srv/Ask", "string question\n---\nint8 answer")
@@ -150,7 +150,7 @@ async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(description_client, "_ENDPOINTS_TIMEOUT_S", 10.0)  # its endpoint comes later still
+    monkeypatch.setattr(description_service, "_ENDPOINTS_TIMEOUT_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
     await asyncio.sleep(0)  # it waits by now
