@@ -97,7 +97,6 @@ class _RclpyLoader(_Loader):
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
 
     def construct_number(self, node: yaml.ScalarNode) -> Any:
-        """Return the value of a number of YAML 1.1."""
         if len(node.value) > _MAX_NUMBER:
             super().construct_number(node)
         return self.construct_yaml_int(node) if node.tag == _INT else self.construct_yaml_float(node)
@@ -107,7 +106,6 @@ class _TreeLoader(_PyYamlLoader):
     """Loader of `compose_yaml`: resolves no scalar."""
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
-        """Return the tag of an untagged node."""
         return UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
 
 

@@ -276,7 +276,6 @@ def _assign(target: Array, source: Array, where: str) -> None:
 
 
 def _code(dtype: np.dtype[Any]) -> str:
-    """Return the struct code of a dtype of numbers."""
     return next(code for code, one in DTYPES.items() if one == dtype)
 
 

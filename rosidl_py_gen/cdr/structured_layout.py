@@ -230,7 +230,6 @@ def _array_spans(cls: MessageClass, begin: int, memory: np.dtype[Any], count: in
 
 
 def _append(spans: list[CopySpan], span: CopySpan) -> None:
-    """Append a span, or extend the last one by it."""
     last = spans[-1] if spans else None
     if last is not None and (last.wire + last.size, last.memory + last.size) == (span.wire, span.memory):
         spans[-1] = CopySpan(last.wire, last.memory, last.size + span.size)

@@ -68,7 +68,6 @@ def _failing(chosen: Sequence[str]) -> frozenset[ChangeKind]:
 
 
 def _show(found: Comparison, breaking: Sequence[str]) -> None:
-    """Print a comparison."""
     for name in found.removed:
         _line(f"- {name}", "red")
     for name in found.added:
@@ -143,7 +142,6 @@ def _sign_and_text(one: ElementChange) -> tuple[str, str]:
 
 
 def _document(old: str, new: str, found: Comparison, breaking: Sequence[str], notes: Sequence[str]) -> dict[str, Any]:
-    """Return a comparison as JSON values."""
     return {
         "old": old,
         "new": new,

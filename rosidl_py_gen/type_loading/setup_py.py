@@ -10,6 +10,7 @@ import ast
 import glob
 import os
 import re
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from itertools import islice
 from pathlib import Path
@@ -19,6 +20,8 @@ from rosidl_py_gen.errors import RosidlError
 
 _MAX_FILES = 10_000
 """Maximum files that one `glob` returns; more than a package installs."""
+_ONLY_PERCENT_S = re.compile(r"(?:[^%]|%s)*")
+_ONLY_NUMBERS_IN_BRACES = re.compile(r"(?:[^{}]|\{\d{0,3}\})*")
 _PATH_NAMES = ("join", "glob")
 _FIND_NAMES = ("find_packages", "find_namespace_packages")
 
@@ -95,9 +98,8 @@ class _Reader:
             case ast.BinOp(left=left, op=ast.Mod(), right=right):
                 return _percent(self._value(left), self._value(right))
             case ast.JoinedStr(values=pieces):
-                return _joined(
-                    [self._value(piece.value if isinstance(piece, ast.FormattedValue) else piece) for piece in pieces]
-                )
+                words = [self._value(one.value if isinstance(one, ast.FormattedValue) else one) for one in pieces]
+                return "".join(_texts(words)) if _texts(words) else None
             case ast.Call(func=ast.Attribute(value=ast.Constant(value=str(text)), attr="format"), args=parts):
                 return None if node.keywords else _formatted(text, self._list(parts))
             case ast.Call(func=ast.Name(id="dict"), args=[], keywords=words):
@@ -144,8 +146,8 @@ class _Reader:
 
     def _path(self, name: str, values: list[object], node: ast.Call) -> object:
         """Return the result of `os.path.join` or `glob`; `glob` searches only the package's folder."""
-        texts = [value for value in values if isinstance(value, str)]
-        if not texts or len(texts) != len(values):
+        texts = _texts(values)
+        if not texts:
             return None
         if name == "join":
             return os.path.join(*texts)
@@ -153,29 +155,23 @@ class _Reader:
         return None if len(texts) > 1 else self._glob(texts[0], is_deep=is_deep)
 
 
-def _joined(pieces: list[object]) -> str | None:
-    whole = [piece for piece in pieces if isinstance(piece, str)]
-    return "".join(whole) if len(whole) == len(pieces) else None
-
-
 def _percent(text: object, values: object) -> str | None:
-    parts = values if isinstance(values, list) else [values]
-    if not isinstance(text, str) or text.replace("%s", "").count("%") or text.count("%s") != len(parts):
+    parts = _texts(values if isinstance(values, list) else [values])
+    if not isinstance(text, str) or not _ONLY_PERCENT_S.fullmatch(text) or text.count("%s") != len(parts):
         return None
-    return _filled(text.split("%s"), parts)
+    return text % tuple(parts)
 
 
 def _formatted(text: str, values: list[object]) -> str | None:
-    pieces = re.split(r"\{(\d*)\}", text)
-    if any("{" in piece or "}" in piece for piece in pieces[::2]):
+    if not _ONLY_NUMBERS_IN_BRACES.fullmatch(text):  # a width could make the text of any length
         return None
-    asked = [int(number or index) for index, number in enumerate(pieces[1::2]) if len(number) < 4]
-    chosen = [values[index] for index in asked if index < len(values)]
-    return _filled(pieces[::2], chosen) if len(chosen) == len(pieces[1::2]) else None
+    try:
+        return text.format(*_texts(values))
+    except (IndexError, ValueError):  # too few values, or numbers in some braces only
+        return None
 
 
-def _filled(pieces: list[str], values: list[object]) -> str | None:
+def _texts(values: Sequence[object]) -> list[str]:
+    """Return the values if all are texts, else none."""
     texts = [value for value in values if isinstance(value, str)]
-    if len(texts) != len(values):
-        return None
-    return pieces[0] + "".join(value + piece for value, piece in zip(texts, pieces[1:], strict=True))
+    return texts if len(texts) == len(values) else []

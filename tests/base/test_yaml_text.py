@@ -90,7 +90,7 @@ def test_time_is_in_proportion_to_the_size() -> None:
         for read in (load_yaml, lambda text: load_yaml(text, like_rclpy=True), compose_yaml):
             with contextlib.suppress(YamlError):
                 read(text)
-    for reader in (parse_value, parse_parameter_file, lambda text: parse(text, "name", "rules")):
+    for reader in (parse_value, parse_parameter_file, lambda text: parse(text, "name")):
         with contextlib.suppress(CommandError, ParameterFileError):
             reader(hostile["sexagesimal"])
     assert qos_profiles("- " + hostile["sexagesimal"]) == []

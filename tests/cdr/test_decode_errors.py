@@ -28,7 +28,6 @@ HEAD = "00010000 01"
 CASES = [
     ("uint8", "", "", 5, "expected 1 bytes of uint8, found 0"),
     ("float64", "00000000000000 000000000000f0", "", 12, "expected 8 bytes of float64, found 7"),
-    ("int32", "0000", "", 8, "expected 4 bytes of int32, found 0"),
     ("int32", "000000 0102", "", 8, "expected 4 bytes of int32, found 2"),
     ("string", "000000 0600", "", 8, "expected 4 bytes of a string length, found 2"),
     ("string", "000000 06000000 68656c6c6f", "", 12, "expected 6 bytes of a string, found 5"),
@@ -56,7 +55,6 @@ CASES = [
     ("wstring[]", "000000 01000000 01000000 00dc0000", "[0]", 16, "expected UTF-16, found illegal encoding"),
     ("Empty", "", "", 5, "expected 1 bytes of an empty message, found 0"),
     ("Empty[]", "000000 03000000 0000", "", 12, "expected 3 elements, found 2 bytes"),
-    ("Empty[]", "000000 ffffffff 0000", "", 12, "expected 4294967295 elements, found 2 bytes"),
     ("Empty[2]", "00", "", 5, "expected 2 elements, found 1 bytes"),
     ("Fixed", "00000000000000 000000000000f03f", ".y", 20, "expected 1 bytes of uint8, found 0"),
     ("Fixed[]", "000000 02000000 000000000000f03f 07", "", 12, ""),
@@ -92,13 +90,9 @@ def test_a_wrong_byte_is_named_with_field_and_offset(kind: str, tail: str, where
     ("data", "text"),
     [
         ("", "expected a 4-byte encapsulation header, found 0 bytes"),
-        ("00", "expected a 4-byte encapsulation header, found 1 bytes"),
         ("000100", "expected a 4-byte encapsulation header, found 3 bytes"),
         ("00020000 07", "expected encapsulation 0000 or 0001 (plain CDR), found 0002"),
-        ("00030000 07", "expected encapsulation 0000 or 0001 (plain CDR), found 0003"),
-        ("00070000 07", "expected encapsulation 0000 or 0001 (plain CDR), found 0007"),
         ("01010000 07", "expected encapsulation 0000 or 0001 (plain CDR), found 0101"),
-        ("ffff0000 07", "expected encapsulation 0000 or 0001 (plain CDR), found ffff"),
     ],
 )
 @pytest.mark.parametrize("text_of_type", ["uint8 x\n", "string x\n", "Heavy x\n" + MORE, ""])

@@ -79,7 +79,6 @@ class _DecoderEmitter:
         return f"{self.objects[ref.owner]}.{self.api.attribute(ref.name)}"
 
     def at(self, start: ir.AlignmentState) -> str:
-        """Return the position where a step starts, as an expression."""
         return "pos" if start.static is None else str(start.static + HEADER_BYTES)
 
     def scope(self, steps: Sequence[ir.LayoutStep], keep_pos: bool) -> list[str]:

@@ -381,7 +381,6 @@ class _PlanBuilder:
         return ir.Loop(ref, kind, number, mode, tuple(body), stride, planner.min_size(base), *padding, self.now, *facts)
 
     def _element(self, ref: ir.Ref, kind: FieldType, number: int, entry: ir.AlignmentState) -> _PlanBuilder:
-        """Plan an element of a loop that starts in the state `entry`."""
         inner = _PlanBuilder(self.planner, entry, self.next_object)
         inner.message(kind.base, number, f"{ref.path}[]")
         return inner
