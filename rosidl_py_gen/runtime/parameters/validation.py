@@ -6,9 +6,10 @@ other nodes, and equal rclpy literally. Source: docs/internals/protocol.md 9.3, 
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, get_type_hints
 
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
@@ -124,29 +125,6 @@ def name_reason(name: object) -> str:
     return f"the name of a parameter must be a str that is not empty, got {name!r}"
 
 
-def descriptor_reason(descriptor: object) -> str:
-    """Return the reason if a field of a descriptor has the wrong type."""
-    if not isinstance(descriptor, ParameterDescriptor):
-        return f"the descriptor must be a ParameterDescriptor, got {descriptor!r}"
-    for attribute, kind in _DESCRIPTOR_TYPES.items():
-        value = getattr(descriptor, attribute)
-        if not isinstance(value, kind) and not (value is None and attribute.endswith("_range")):
-            return f"{attribute} of the descriptor must be a {kind.__name__}, got {value!r}"
-    return ""
-
-
-_DESCRIPTOR_TYPES: dict[str, type] = {
-    "name": str,
-    "type": ParameterType,
-    "description": str,
-    "additional_constraints": str,
-    "read_only": bool,
-    "dynamic_typing": bool,
-    "floating_point_range": FloatRange,
-    "integer_range": IntRange,
-}
-
-
 def range_reason(allowed: FloatRange | IntRange | None) -> str:
     """Return the reason why a range is invalid or cannot be sent."""
     if allowed is None:
@@ -201,10 +179,20 @@ def _is_listed(name: str, prefixes: Sequence[str], depth: int) -> bool:
     return False
 
 
+@functools.cache
+def _descriptor_types() -> dict[str, Any]:
+    return get_type_hints(ParameterDescriptor)
+
+
 def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterDescriptor:
     """Return the descriptor with the name of its parameter; raises `TypeError`, `InvalidParameterValueError`."""
-    if reason := descriptor_reason(descriptor):
-        raise TypeError(f"parameter {name!r}: {reason}")
+    if not isinstance(descriptor, ParameterDescriptor):
+        raise TypeError(f"parameter {name!r}: the descriptor must be a ParameterDescriptor, got {descriptor!r}")
+    for attribute, kind in _descriptor_types().items():
+        value = getattr(descriptor, attribute)
+        if not isinstance(value, kind):
+            expected = ParameterDescriptor.__annotations__[attribute]
+            raise TypeError(f"parameter {name!r}: {attribute} of the descriptor must be a {expected}, got {value!r}")
     if reason := range_reason(descriptor.floating_point_range) or range_reason(descriptor.integer_range):
         raise InvalidParameterValueError(f"parameter {name!r}: {reason}")
     return replace(descriptor, name=name)
