@@ -28,37 +28,38 @@ CALLS = 3
 
 
 class Calls:
+    """A callback in three forms; `answer` makes its value of its arguments."""
+
     def __init__(self, *, fails: bool = False) -> None:
         self.saw: list[str] = []
         self.fails = fails
-        self.timer: Any = None
+        self.answer: Callable[..., Any] = lambda *_: None
 
-    def note(self, answer: object = None) -> Any:
+    def plain(self, *arguments: object) -> Any:
         self.saw.append(WHO.get())
         WHO.set(f"call {len(self.saw)}")
-        if self.timer is not None:
-            if len(self.saw) == CALLS:
-                self.timer.close()
-            else:
-                self.timer.reset()  # from in here, where the variable is set
+        answer = self.answer(*arguments)
         if self.fails:
             raise ValueError("no")
         return answer
 
-    async def note_later(self, answer: object = None) -> Any:
+    async def later(self, *arguments: object) -> Any:
         await asyncio.sleep(0)
         before = WHO.get()
         WHO.set("changed")
         await asyncio.sleep(0)
         assert WHO.get() == "changed"
         WHO.set(before)
-        return self.note(answer)
+        return self.plain(*arguments)
+
+    def coroutine(self, *arguments: object) -> Any:
+        return self.later(*arguments)
 
     async def all_made(self) -> None:
         await until(lambda: len(self.saw) == CALLS)
 
 
-async def _messages(alice: Node, bob: Node, calls: Calls, callback: Callable[[Int32], object]) -> None:
+async def messages(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
     bob.create_subscription(Int32, "n", callback)
     publisher = alice.create_publisher(Int32, "n")
     await publisher.wait_for_subscribers(5)
@@ -70,92 +71,56 @@ async def _messages(alice: Node, bob: Node, calls: Calls, callback: Callable[[In
     await calls.all_made()
 
 
-async def plain_subscription(alice: Node, bob: Node, calls: Calls) -> None:
-    await _messages(alice, bob, calls, lambda message: calls.note())
-
-
-async def async_subscription(alice: Node, bob: Node, calls: Calls) -> None:
-    async def callback(message: Int32) -> None:
-        await calls.note_later()
-
-    await _messages(alice, bob, calls, callback)
-
-
-async def subscription_with_a_coroutine(alice: Node, bob: Node, calls: Calls) -> None:
-    await _messages(alice, bob, calls, lambda message: calls.note_later())
-
-
-async def _requests(alice: Node, bob: Node, calls: Calls, handler: Callable[[Any], Any]) -> None:
+async def requests(alice: Node, bob: Node, calls: Calls, handler: Callable[..., Any]) -> None:
+    calls.answer = lambda request: SetBool.Response()
     bob.create_service(SetBool, "s", handler)
     client = alice.create_client(SetBool, "s")
     await client.wait_for_service(5)
     WHO.set("the client")
-    requests = [asyncio.ensure_future(client.call(SetBool.Request())) for _ in range(CALLS)]
+    sent = [asyncio.ensure_future(client.call(SetBool.Request())) for _ in range(CALLS)]
     await calls.all_made()
     if not calls.fails:
-        await asyncio.gather(*requests)
-    for request in requests:
+        await asyncio.gather(*sent)
+    for request in sent:
         request.cancel()
 
 
-async def plain_handler(alice: Node, bob: Node, calls: Calls) -> None:
-    await _requests(alice, bob, calls, lambda request: calls.note(SetBool.Response()))
-
-
-async def async_handler(alice: Node, bob: Node, calls: Calls) -> None:
-    async def handler(request: object) -> Any:
-        return await calls.note_later(SetBool.Response())
-
-    await _requests(alice, bob, calls, handler)
-
-
-async def plain_timer(alice: Node, bob: Node, calls: Calls) -> None:
-    calls.timer = alice.create_timer(0.01, calls.note)
+async def ticks(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
+    timer = alice.create_timer(0.01, callback)
+    # In the callback, where the variable is set.
+    calls.answer = lambda: timer.close() if len(calls.saw) == CALLS else timer.reset()
     await calls.all_made()
 
 
-async def async_timer(alice: Node, bob: Node, calls: Calls) -> None:
-    calls.timer = alice.create_timer(0.01, calls.note_later)
-    await calls.all_made()
-
-
-async def _goals(alice: Node, bob: Node, calls: Calls, execute: Callable[[Any], Any], **options: Any) -> list[Any]:
-    alice.create_action_server(Fibonacci, "fib", execute, **options)
-    client = bob.create_action_client(Fibonacci, "fib")
+async def _goals(alice: Node, bob: Node, execute: Callable[[Any], Any], **options: Any) -> list[Any]:
+    bob.create_action_server(Fibonacci, "fib", execute, **options)
+    client = alice.create_action_client(Fibonacci, "fib")
     assert await client.wait_for_server(5)
     WHO.set("the client")
     sent = [client.send_goal(Fibonacci.Goal(), timeout_s=5) for _ in range(CALLS)]
     return await asyncio.gather(*sent, return_exceptions=True)
 
 
-async def async_execute(alice: Node, bob: Node, calls: Calls) -> None:
-    async def execute(handle: object) -> Any:
-        return await calls.note_later(Fibonacci.Result())
-
-    await _goals(alice, bob, calls, execute, goal_policy="queue")  # the end of one goal begins the next
+async def goals(alice: Node, bob: Node, calls: Calls, execute: Callable[..., Any]) -> None:
+    calls.answer = lambda goal: Fibonacci.Result()
+    await _goals(alice, bob, execute, goal_policy="queue")  # the end of one goal begins the next
     await calls.all_made()
 
 
-async def plain_execute(alice: Node, bob: Node, calls: Calls) -> None:
-    await _goals(alice, bob, calls, lambda handle: calls.note(Fibonacci.Result()), goal_policy="queue")
+async def goal_requests(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
+    calls.answer = lambda goal: True
+    await _goals(alice, bob, lambda goal: Fibonacci.Result(), goal_callback=callback)
     await calls.all_made()
 
 
-async def plain_accept(alice: Node, bob: Node, calls: Calls) -> None:
-    await _goals(alice, bob, calls, lambda handle: Fibonacci.Result(), goal_callback=lambda goal: calls.note(True))
-    await calls.all_made()
+async def cancel_requests(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
+    async def execute(goal: Any) -> Any:
+        await goal.wait_for_cancel()
+        return goal.canceled(Fibonacci.Result())
 
-
-async def async_on_cancel(alice: Node, bob: Node, calls: Calls) -> None:
-    async def execute(handle: Any) -> Any:
-        await handle.wait_for_cancel()
-        return handle.canceled(Fibonacci.Result())
-
-    async def on_cancel(handle: object) -> Any:
-        return await calls.note_later(True)
-
-    for handle in await _goals(alice, bob, calls, execute, cancel_callback=on_cancel):
-        await asyncio.gather(handle.cancel(5), return_exceptions=True)
+    calls.answer = lambda goal: True
+    for goal in await _goals(alice, bob, execute, cancel_callback=callback):
+        await asyncio.gather(goal.cancel(5), return_exceptions=True)
     await calls.all_made()
 
 
@@ -166,10 +131,7 @@ class Parameters:
     c: int = 0
 
 
-async def _sets(alice: Node, bob: Node, calls: Calls, validator: Any = None, **add: Callable[[Any], Any]) -> None:
-    bob.declare_parameters(Parameters, validator=validator)
-    for kind, callback in add.items():
-        getattr(bob, f"add_{kind}_callback")(callback)
+async def _sets(alice: Node, bob: Node, calls: Calls) -> None:
     client = alice.create_parameter_client("bob")
     assert await client.wait_for_services(5)
     WHO.set("the client")
@@ -177,46 +139,59 @@ async def _sets(alice: Node, bob: Node, calls: Calls, validator: Any = None, **a
     await calls.all_made()
 
 
-async def validator(alice: Node, bob: Node, calls: Calls) -> None:
-    await _sets(alice, bob, calls, lambda new: calls.note() if new != Parameters() else None)
+async def validations(alice: Node, bob: Node, calls: Calls, validator: Callable[..., Any]) -> None:
+    bob.declare_parameters(Parameters, validator=lambda new: validator(new) if new != Parameters() else None)
+    await _sets(alice, bob, calls)
 
 
-async def pre_set(alice: Node, bob: Node, calls: Calls) -> None:
-    await _sets(alice, bob, calls, pre_set=calls.note)
+async def pre_sets(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
+    bob.declare_parameters(Parameters)
+    calls.answer = lambda parameters: parameters
+    bob.add_pre_set_callback(callback)
+    await _sets(alice, bob, calls)
 
 
-async def on_set(alice: Node, bob: Node, calls: Calls) -> None:
-    await _sets(alice, bob, calls, on_set=lambda parameters: calls.note(SetResult(True)))
+async def on_sets(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
+    bob.declare_parameters(Parameters)
+    calls.answer = lambda parameters: SetResult(True)
+    bob.add_on_set_callback(callback)
+    await _sets(alice, bob, calls)
 
 
-async def post_set(alice: Node, bob: Node, calls: Calls) -> None:
-    await _sets(alice, bob, calls, post_set=lambda parameters: calls.note())
+async def post_sets(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
+    bob.declare_parameters(Parameters)
+    bob.add_post_set_callback(callback)
+    await _sets(alice, bob, calls)
 
 
 KINDS = [
-    *(plain_subscription, async_subscription, subscription_with_a_coroutine, plain_handler, async_handler),
-    *(plain_timer, async_timer, async_execute, plain_execute, plain_accept, async_on_cancel),
-    *(validator, pre_set, on_set, post_set),
+    *((messages, form) for form in ("plain", "later", "coroutine")),
+    *((scenario, form) for scenario in (requests, ticks, goals) for form in ("plain", "later")),
+    *((scenario, "plain") for scenario in (goal_requests, validations, pre_sets, on_sets, post_sets)),
+    (cancel_requests, "later"),
 ]
+kinds = pytest.mark.parametrize(("scenario", "form"), KINDS, ids=lambda value: getattr(value, "__name__", value))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-async def test_what_one_call_sets_the_next_does_not_see(world: World, kind: Any) -> None:
+@kinds
+async def test_what_one_call_sets_the_next_does_not_see(world: World, scenario: Any, form: str) -> None:
     alice, bob = world.pair()
     calls = Calls()
-    await kind(alice, bob, calls)
+    await scenario(alice, bob, calls, getattr(calls, form))
     assert calls.saw == ["nobody"] * CALLS
 
 
-@pytest.mark.parametrize("kind", KINDS)
-async def test_each_failure_is_logged_once(world: World, kind: Any, caplog: pytest.LogCaptureFixture) -> None:
+@kinds
+async def test_each_failure_is_logged_once(
+    world: World, scenario: Any, form: str, caplog: pytest.LogCaptureFixture
+) -> None:
     alice, bob = world.pair()
     calls = Calls(fails=True)
 
     def failures() -> list[str]:
         return [record.getMessage() for record in caplog.records if record.exc_info]
 
-    await kind(alice, bob, calls)
+    await scenario(alice, bob, calls, getattr(calls, form))
     await until(lambda: len(failures()) >= CALLS)
     await asyncio.sleep(0.01)
     assert len(failures()) == CALLS and len(set(failures())) == 1, failures()
@@ -226,7 +201,7 @@ async def test_a_call_sees_what_was_set_where_the_function_was_handed_in(world: 
     alice, bob = world.pair()
     calls = Calls()
     WHO.set("its maker")
-    await plain_subscription(alice, bob, calls)
+    await messages(alice, bob, calls, calls.plain)
     assert calls.saw == ["its maker"] * CALLS
 
 
@@ -313,30 +288,32 @@ def set_parameter(node: Node) -> None:
     node.set_parameters({"p": 2})
 
 
-async def jump(alice: Node, _: Node, calls: Calls) -> None:
-    alice.clock.create_jump_callback(post=lambda _: calls.note(), on_clock_change=True)
-    alice.clock.enable_ros_time_override()
-
-
-@pytest.mark.parametrize("kind", [*KINDS, jump])
-def test_run_ends_with_what_any_function_of_the_user_raised(context: Context, kind: Any) -> None:
+@kinds
+def test_run_ends_with_what_any_function_of_the_user_raised(context: Context, scenario: Any, form: str) -> None:
     alice, bob = (Node(name, context=context, on_error="raise") for name in ("alice", "bob"))
 
     async def main() -> None:
-        await kind(alice, bob, Calls(fails=True))
+        calls = Calls(fails=True)
+        await scenario(alice, bob, calls, getattr(calls, form))
         await asyncio.Event().wait()
 
     with pytest.raises(ValueError, match="no") as caught:
         run(main)
-    assert caught.traceback[-1].name == "note"
+    assert caught.traceback[-1].name == "plain"
 
 
-@pytest.mark.parametrize("kind", [plain_subscription, async_handler, post_set, plain_execute])
-async def test_async_with_ends_with_it_on_a_loop_that_is_not_ours(context: Context, kind: Any) -> None:
-    alice = Node("alice", context=context)
+def test_a_callback_of_time_jumps_counts_too(context: Context) -> None:
+    with pytest.raises(AssertionError, match=BAD), Node("n", context=context, on_error="raise") as node:
+        node.clock.create_jump_callback(post=fails, on_clock_change=True)
+        node.clock.enable_ros_time_override()
+
+
+@pytest.mark.parametrize("scenario", [messages, requests, goals, post_sets])
+async def test_async_with_ends_with_it_on_a_loop_that_is_not_ours(context: Context, scenario: Any) -> None:
+    alice, calls = Node("alice", context=context), Calls(fails=True)
     with pytest.raises(ValueError, match="no"):
         async with Node("bob", context=context, on_error="raise") as bob:
-            await kind(bob if kind is plain_execute else alice, bob, Calls(fails=True))
+            await scenario(alice, bob, calls, calls.plain)
             await asyncio.Event().wait()
     assert bob.is_closed
     await asyncio.sleep(0)  # the cancellation is over
