@@ -129,6 +129,23 @@ print(run(main))
         assert time.monotonic() - start < 40
 
 
+def test_ctrl_c_ends_asyncio_run_at_once_although_the_loop_waits_in_dds() -> None:
+    text = """
+async def main():
+    async with Node("n"):
+        print("up", flush=True)
+        await asyncio.Event().wait()
+try:
+    asyncio.run(main())
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    with program(text) as process:
+        lines_until(process, "up")
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=10) == ("interrupted\n", "")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_before_the_first_step_ends_the_program(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     set_event_loop = asyncio.set_event_loop
