@@ -170,7 +170,7 @@ class _ParameterBinding:
         """Raise `RefusedError` for a parameter that was undeclared, and is declared again with another type."""
         for name, value in values.items():
             field = self.fields[name]
-            if value.type is not field.kind and (value.is_set or not field.type.optional):
+            if value.type is not field.kind and (value.is_set or not field.annotation.optional):
                 attribute = f"{self.cls.__name__}.{'.'.join(field.path)}"
                 raise RefusedError(f"it is bound to {attribute} of type {field.kind.name}, not {value.type.name}")
 
@@ -260,7 +260,7 @@ def bind_class(
         values = {}
         for name, field in binding.fields.items():
             default = field.to_parameter(follow(source, field.path))
-            values[name] = store.declare(name, default, field.descriptor, optional=field.type.optional)
+            values[name] = store.declare(name, default, field.descriptor, optional=field.annotation.optional)
             declared.append(name)
         # Callbacks may have set some of them.
         values |= {name: value for name, value in store.values().items() if name in values}

@@ -70,8 +70,8 @@ UInt64 = Annotated[int, IntRange(0, INT64_MAX)]
 
 
 @dataclass(frozen=True, slots=True)
-class FieldType:
-    """Type and metadata of an annotation.
+class FieldAnnotation:
+    """Parsed annotation of a field.
 
     Attributes:
         kind: None for a type that no parameter can have.
@@ -96,7 +96,7 @@ class ParameterField:
     """
 
     path: tuple[str, ...]
-    type: FieldType
+    annotation: FieldAnnotation
     descriptor: ParameterDescriptor
     validators: tuple[Validator, ...]
     element_range: FloatRange | IntRange | None
@@ -113,10 +113,10 @@ class ParameterField:
 
     def to_parameter(self, value: Any) -> ParameterValue:
         """Convert a value of the field; raises `InvalidParameterValueError` with the name of the parameter."""
-        if value is None and self.type.optional:
+        if value is None and self.annotation.optional:
             return ParameterValue()
-        if self.type.enum is not None and isinstance(value, self.type.enum):
-            value = _enum_plain(self.type.enum, value)
+        if self.annotation.enum is not None and isinstance(value, self.annotation.enum):
+            value = _enum_plain(self.annotation.enum, value)
         elif self.kind is ParameterType.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)  # as Python, accept an int for a float
         elif self.kind is ParameterType.DOUBLE_ARRAY and isinstance(value, (list, tuple)):
@@ -131,12 +131,12 @@ class ParameterField:
         plain = value.value
         if plain is None:
             return None
-        if self.type.choices and plain not in self.type.choices:
-            choices = ", ".join(repr(choice) for choice in self.type.choices)
+        if self.annotation.choices and plain not in self.annotation.choices:
+            choices = ", ".join(repr(choice) for choice in self.annotation.choices)
             raise InvalidParameterValueError(f"Parameter {self.name} must be one of {choices}, got {plain!r}")
-        if self.type.enum is not None:
-            return self.type.enum(plain) if _enum_by_value(self.type.enum) else self.type.enum[plain]  # type: ignore[index]
-        return self.type.container(plain) if self.type.container is not None else plain  # type: ignore[arg-type]
+        if self.annotation.enum is not None:
+            return self.annotation.enum(plain) if _enum_by_value(self.annotation.enum) else self.annotation.enum[plain]  # type: ignore[index]
+        return self.annotation.container(plain) if self.annotation.container is not None else plain  # type: ignore[arg-type]
 
     def check(self, value: Any) -> None:
         """Check the ranges of items, and call the validators; the store checks all else. Raises as `validate`."""
@@ -228,7 +228,7 @@ def _plan_field(cls: type, annotation: Any, prefix: str, path: tuple[str, ...]) 
     return ParameterField(path, info, descriptor, _validators(location, info), element_range)
 
 
-def _validators(location: str, info: FieldType) -> tuple[Validator, ...]:
+def _validators(location: str, info: FieldAnnotation) -> tuple[Validator, ...]:
     validators = tuple(item for item in info.metadata if callable(item) and not isinstance(item, type))
     for validator in validators:
         try:
@@ -238,7 +238,7 @@ def _validators(location: str, info: FieldType) -> tuple[Validator, ...]:
     return validators
 
 
-def _unwrap_annotation(location: str, annotation: Any) -> FieldType:
+def _unwrap_annotation(location: str, annotation: Any) -> FieldAnnotation:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         info = _unwrap_annotation(location, arguments[0])
@@ -247,20 +247,20 @@ def _unwrap_annotation(location: str, annotation: Any) -> FieldType:
         other = next(item for item in arguments if item is not type(None))
         return dataclasses.replace(_unwrap_annotation(location, other), optional=True)
     if origin is Literal:
-        return FieldType(kind=_common_kind(location, arguments), choices=arguments)
+        return FieldAnnotation(kind=_common_kind(location, arguments), choices=arguments)
     if origin is list or (origin is tuple and len(arguments) == 2 and arguments[1] is Ellipsis):
         return _array_info(location, origin, arguments[0])
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         choices = tuple(_enum_plain(annotation, member) for member in annotation)
-        return FieldType(kind=_common_kind(location, choices), enum=annotation, choices=choices)
-    return FieldType(kind=TYPE_OF.get(annotation))
+        return FieldAnnotation(kind=_common_kind(location, choices), enum=annotation, choices=choices)
+    return FieldAnnotation(kind=TYPE_OF.get(annotation))
 
 
-def _array_info(location: str, container: Any, item: Any) -> FieldType:
+def _array_info(location: str, container: Any, item: Any) -> FieldAnnotation:
     inner = _unwrap_annotation(location, item)
     if inner.enum is not None or inner.choices or inner.optional or inner.container is not None:
-        return FieldType()
-    return FieldType(kind=ARRAY_OF.get(inner.kind), container=container, metadata=inner.metadata)
+        return FieldAnnotation()
+    return FieldAnnotation(kind=ARRAY_OF.get(inner.kind), container=container, metadata=inner.metadata)
 
 
 def _common_kind(location: str, values: tuple[Any, ...]) -> ParameterType:
@@ -271,7 +271,7 @@ def _common_kind(location: str, values: tuple[Any, ...]) -> ParameterType:
     return kind
 
 
-def _range(location: str, info: FieldType) -> FloatRange | IntRange | None:
+def _range(location: str, info: FieldAnnotation) -> FloatRange | IntRange | None:
     requested = next((item for item in info.metadata if isinstance(item, Range)), None)
     width = next((item for item in info.metadata if isinstance(item, IntRange)), None)  # of Int8 and the like
     integral = info.kind in (ParameterType.INTEGER, ParameterType.INTEGER_ARRAY)
