@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.shell_completion import ShellComplete
+from support.bag_samples import Rosbag2Services, copy_to_sqlite
 from support.node_fixtures import until
 
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, ros_cli
-from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
+from rosidl_py_gen.bags import BagTopic, BagWriter, RawMessage
 from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
@@ -33,20 +34,6 @@ Add: Any = get_service("example_interfaces/srv/AddTwoInts")
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 Status: Any = get_message("action_msgs/msg/GoalStatusArray")
 RECEIVED, SENT = 1, 0
-SERVICES = {
-    "burst": "uint64 num_messages\n---\nuint64 actually_burst\n",
-    "get_rate": "---\nfloat64 rate\n",
-    "is_paused": "---\nbool paused\n",
-    "pause": "---\n",
-    "play": "builtin_interfaces/Time start_offset\nbuiltin_interfaces/Duration playback_duration\n"
-    "builtin_interfaces/Time playback_until_timestamp\n---\nbool success\n",
-    "play_next": "---\nbool success\n",
-    "resume": "---\n",
-    "seek": "builtin_interfaces/Time time\n---\nbool success\n",
-    "set_rate": "float64 rate\n---\nbool success\n",
-    "stop": "---\n",
-    "toggle_paused": "---\n",
-}
 
 
 @pytest.fixture
@@ -97,20 +84,6 @@ async def played(tool: Any, *arguments: str) -> Any:
     return ended
 
 
-class Remote:
-    """The services of the player, as a program with rosbag2_interfaces calls them."""
-
-    def __init__(self, node: Node) -> None:
-        self._clients = {}
-        for name, text in SERVICES.items():
-            cls: Any = compile_definition(f"rosbag2_interfaces/srv/{''.join(map(str.title, name.split('_')))}", text)
-            self._clients[name] = cls, node.create_client(cls, f"/rosbag2_player/{name}")
-
-    async def __call__(self, name: str, **values: Any) -> Any:
-        cls, client = self._clients[name]
-        return await client.call(cls.Request(**values), timeout_s=10)
-
-
 # --------------------------------------------------------------------------------------------------------------- time
 
 
@@ -158,7 +131,7 @@ async def test_a_part_is_played(node: Node, tool: Any, words: str, options: tupl
 
 
 async def test_loops_begin_again_at_once_and_end_by_a_service(node: Node, tool: Any, words: str) -> None:
-    heard, remote = Heard(node, "words"), Remote(node)
+    heard, remote = Heard(node, "words"), Rosbag2Services(node, "/rosbag2_player")
     process = await tool.start("bag", "play", words, "--loop", "--start-offset", "0.8", "--delay", "1")
     await until(lambda: len(heard.items) == 7)
     await remote("stop")
@@ -186,11 +159,9 @@ async def test_messages_are_played_in_the_order_they_were_sent(node: Node, tool:
 
 async def test_several_bags_are_played_as_one(node: Node, tool: Any, tmp_path: Path) -> None:
     one = strings(tmp_path / "one", {"/a": [0, 2, 4], "/b": [0]})
-    with SqliteWriter(tmp_path / "two") as bag, BagReader(strings(tmp_path / "x.mcap", {"/a": [1, 3, 9]})) as reader:
-        for message in reader.raw_messages():
-            bag.write_raw(message)
+    two = copy_to_sqlite(strings(tmp_path / "x.mcap", {"/a": [1, 3, 9]}), tmp_path / "two")
     heard = Heard(node, "a")
-    ended = await played(tool, "-i", str(one), "--input", str(tmp_path / "two"), "--topics", "/a", "/b")
+    ended = await played(tool, "-i", str(one), "--input", str(two), "--topics", "/a", "/b")
     assert heard.data == [f"a{number}" for number in (0, 1, 2, 3, 4, 9)]
     assert heard.times == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.9])
     assert ended.err == "published 7 messages of 2 topics\n"
@@ -263,7 +234,7 @@ async def test_what_is_named_is_played_and_what_is_excluded_is_not(
     every = [name for name, _ in node.get_topic_names_and_types()]
     published = {name for name in every if name in TOPICS | SERVICE | ACTION and node.count_publishers(name)}
     assert published == topics
-    await Remote(node)("resume")
+    await Rosbag2Services(node, "/rosbag2_player")("resume")
     ended = await tool.end(process)
     assert ended.code == 0 and f"published {len(topics)} messages of {len(topics)} topics\n" in ended.err
 
@@ -353,7 +324,7 @@ async def test_the_clock_has_its_rate_or_that_of_messages(node: Node, tool: Any,
 
 
 async def test_the_clock_stands_still_while_it_is_paused(node: Node, tool: Any, words: str) -> None:
-    clock, remote = Heard(node, "clock", kind=Clock), Remote(node)
+    clock, remote = Heard(node, "clock", kind=Clock), Rosbag2Services(node, "/rosbag2_player")
     process = await tool.start("bag", "play", words, "--clock", "100", "-p")
     await until(lambda: len(clock.items) > 20)
     assert {message.clock.sec * S + message.clock.nanosec for _, message in clock.items} == {START}
@@ -370,7 +341,7 @@ async def test_the_clock_stands_still_while_it_is_paused(node: Node, tool: Any, 
 
 
 async def test_the_services_of_rosbag2s_player_steer_it(node: Node, tool: Any, words: str) -> None:
-    heard, remote = Heard(node, "words"), Remote(node)
+    heard, remote = Heard(node, "words"), Rosbag2Services(node, "/rosbag2_player")
     process = await tool.start("bag", "play", words, "--start-paused")
     assert (await remote("is_paused")).paused and not heard.items
     assert (await remote("play_next")).success
@@ -432,7 +403,7 @@ async def test_profiles_of_a_file_replace_those_of_the_bag(node: Node, tool: Any
     assert profiles["/a"].reliability is profiles["/renamed"].reliability is Reliability.BEST_EFFORT
     assert profiles["/a"].durability is Durability.TRANSIENT_LOCAL
     assert profiles["/ns/a"].reliability is Reliability.RELIABLE
-    await Remote(node)("resume")
+    await Rosbag2Services(node, "/rosbag2_player")("resume")
     ended = await tool.end(process)
     assert ended.code == 0
     assert "--wait-for-all-acked: /a is best effort, without acknowledgements\n" in ended.err

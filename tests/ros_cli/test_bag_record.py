@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
+from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader as RosbagsReader
 from support.announced_types import without_hash
-from support.bag_samples import count_of, wait_for_lines
+from support.bag_samples import Rosbag2Services, count_of, wait_for_lines
 from support.node_fixtures import until
 
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, type_hash
@@ -39,7 +40,6 @@ AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 SetBool: Any = get_service("std_srvs/srv/SetBool")
 GoalStatusArray: Any = get_message("action_msgs/msg/GoalStatusArray")
-EMPTY = "---\n"
 RECORDER = "/rosbag2_recorder"
 
 
@@ -71,19 +71,9 @@ async def recording(tool: Any, path: Path, *options: str) -> AsyncIterator[Any]:
     assert ended.code == 0, ended.err
 
 
-async def call(node: Node, name: str, kind: str, text: str = EMPTY, recorder: str = RECORDER) -> Any:
-    """Call a service of the recorder, with the definition of rosbag2_interfaces."""
-    cls: Any = compile_definition(f"rosbag2_interfaces/srv/{kind}", text)
-    client = node.create_client(cls, f"{recorder}/{name}")
-    await client.wait_for_service(20)
-    answer = await client.call(cls.Request(), 20)
-    client.close()
-    return answer
-
-
 async def taken(node: Node, recorder: str = RECORDER) -> bool:
     """Wait until what was published before is taken: an answer comes after it. Gives whether the recorder is paused."""
-    return bool((await call(node, "is_paused", "IsPaused", "---\nbool paused\n", recorder)).paused)
+    return bool((await Rosbag2Services(node, recorder)("is_paused")).paused)
 
 
 async def test_messages_of_humble_have_the_definition_of_humble(tool: Any, node: Node, tmp_path: Path) -> None:
@@ -279,25 +269,6 @@ async def test_events_of_a_service_have_their_type_and_qos(node: Node, tool: Any
     assert {one.response[0].sum for one in events if one.response} == {5}
 
 
-def test_events_of_a_service_installed_nowhere_have_a_definition(tmp_path: Path) -> None:
-    cls: Any = compile_definition(
-        "nobody_has/srv/Ask",
-        "other/Part part\n---\nstring[] answers\n" + "=" * 80 + "\nMSG: other/Part\nint32 number\n",
-    )
-    event = cls.Event(request=[cls.Request()])
-    event.request[0].part.number = 7
-    with BagWriter(tmp_path / "a.mcap") as bag:
-        bag.write("/ask/_service_event", event, 1)
-    with BagReader(tmp_path / "a.mcap") as reader:
-        topic = reader.topics["/ask/_service_event"]
-        assert (
-            type_hash(compile_definition(topic.type_name, topic.definition)) == topic.type_hash == type_hash(cls.Event)
-        )
-        assert "int32 number" in topic.definition
-        (item,) = reader
-    assert item.message.request[0].part.number == 7
-
-
 async def test_an_action_is_recorded_while_it_runs(node: Node, tool: Any, tmp_path: Path) -> None:
     async def run(goal: Any) -> Any:
         goal.publish_feedback(Fibonacci.Feedback(sequence=[1]))
@@ -411,7 +382,8 @@ async def test_bags_of_both_storages_are_split_and_compressed(
 async def test_a_bag_is_split_by_time(node: Node, tool: Any, tmp_path: Path) -> None:
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
-    async with recording(tool, path, "/words", "--max-bag-duration", "0.05", "--max-bag-size", "0") as process:
+    options = ("--max-bag-duration", "0.05", "--max-bag-size", "0", "--compression", "lz4")
+    async with recording(tool, path, "/words", *options) as process:
         await wait_for_lines(process, "recording /words")
 
         def is_split() -> bool:
@@ -420,6 +392,8 @@ async def test_a_bag_is_split_by_time(node: Node, tool: Any, tmp_path: Path) -> 
 
         await until(is_split)
     assert len(metadata_of(path)["relative_file_paths"]) >= 3
+    with (path / "bag_0.mcap").open("rb") as stream:
+        assert {one.compression for one in make_reader(stream).get_summary().chunk_indexes} == {"lz4"}  # type: ignore[union-attr]
 
 
 # ------------------------------------------------------------------------------------------------- pausing, snapshots
@@ -434,17 +408,18 @@ async def test_services_pause_and_split(node: Node, tool: Any, tmp_path: Path) -
         await taken(node)
         await until(lambda: count_of(path) == recorded)
 
+    recorder = Rosbag2Services(node, RECORDER)
     async with recording(tool, path, "/words", "--start-paused") as process:
         await wait_for_lines(process, "paused from the start")
         await wait_for_lines(process, "recording /words")
         assert await taken(node)
         await publish("a", recorded=0)
-        await call(node, "resume", "Resume")
+        await recorder("resume")
         await publish("b", recorded=1)
-        await call(node, "pause", "Pause")
+        await recorder("pause")
         await publish("c", recorded=1)
-        await call(node, "toggle_paused", "TogglePaused")
-        await call(node, "split_bagfile", "SplitBagfile")
+        await recorder("toggle_paused")
+        await recorder("split_bagfile")
         await publish("d", recorded=2)
         assert not await taken(node)
     assert words_of(path) == ["b", "d"]
@@ -456,7 +431,7 @@ async def test_one_file_is_not_split_by_a_service(node: Node, tool: Any, tmp_pat
     path = tmp_path / "a.mcap"
     async with recording(tool, path, "/words") as process:
         await wait_for_lines(process, "recording /words")
-        await call(node, "split_bagfile", "SplitBagfile")
+        await Rosbag2Services(node, RECORDER)("split_bagfile")
         await wait_for_lines(process, f"{path} is one file; only a folder can be split")
         await until(lambda: count_of(path) == 1)
 
@@ -468,11 +443,12 @@ async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Pa
     options = ("--snapshot-mode", "--max-cache-size", "4000", "--node-name", "box", "-s", storage)
     process = await tool.start("bag", "record", "/words", "-o", str(path), *options)
     await wait_for_lines(process, "recording /words")
+    box = Rosbag2Services(node, "/box")
     for numbers, there in (((0, 10), 3), ((10, 12), 5), ((12, 12), 5)):
         for number in range(*numbers):
             publisher.publish(String(data=f"{number:01000}"))
         await taken(node, "/box")
-        while not (await call(node, "snapshot", "Snapshot", "---\nbool success\n", "/box")).success:
+        while not (await box("snapshot")).success:
             pass  # the one before is still being written
         await until(lambda there=there: sum(map(count_of, files_of(path))) == there)  # type: ignore[misc]
     publisher.publish(String(data="never"))

@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from mcap.writer import Writer
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, SqliteWriter
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
+
+    from rosidl_py_gen.runtime import Node
 
 String: Any = get_message("std_msgs/msg/String")
 STRING = "std_msgs/msg/String", "string data"
@@ -30,6 +34,18 @@ create table messages(id integer primary key, topic_id integer not null, timesta
   data blob not null);
 create index timestamp_idx on messages (timestamp asc);
 """
+ROSBAG2_SERVICES = {
+    "burst": "uint64 num_messages\n---\nuint64 actually_burst\n",
+    "get_rate": "---\nfloat64 rate\n",
+    "is_paused": "---\nbool paused\n",
+    "play": "builtin_interfaces/Time start_offset\nbuiltin_interfaces/Duration playback_duration\n"
+    "builtin_interfaces/Time playback_until_timestamp\n---\nbool success\n",
+    "play_next": "---\nbool success\n",
+    "seek": "builtin_interfaces/Time time\n---\nbool success\n",
+    "set_rate": "float64 rate\n---\nbool success\n",
+    "snapshot": "---\nbool success\n",
+}
+"""Definitions of services of rosbag2_interfaces that are not empty."""
 STORAGES: dict[str, Any] = {"mcap": BagWriter, "sqlite3": SqliteWriter}
 
 
@@ -41,6 +57,25 @@ def write_strings(
         writer.add_topic(topic, BagTopic(topic, "std_msgs/msg/String", "string data"))
         for number, text in enumerate(texts):
             writer.write(topic, text if isinstance(text, bytes) else String(data=text).encode(), number * step_ns)
+    return path
+
+
+def write_map_and_words(path: Path, count: int = 20, step_ns: int = NS_PER_S // 20, **options: Any) -> Path:
+    """Write a bag of strings, w0, w1, ... on /words from 1000 s on, and one latched on /map."""
+    with BagWriter(path, **options) as bag:
+        bag.add_topic("/map", String, qos=[QoSProfile().transient_local()])
+        bag.add_topic("/words", String, qos=[QoSProfile().best_effort()])
+        bag.write("/map", String(data="map"), 1000 * NS_PER_S)
+        for number in range(count):
+            bag.write("/words", String(data=f"w{number}"), 1000 * NS_PER_S + number * step_ns)
+    return path
+
+
+def copy_to_sqlite(source: Path, path: Path) -> Path:
+    """Write the messages of a bag into a folder with a database."""
+    with SqliteWriter(path) as bag, BagReader(source) as reader:
+        for message in reader.raw_messages():
+            bag.write_raw(message)
     return path
 
 
@@ -108,6 +143,22 @@ def file_size_limit(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+class Rosbag2Services:
+    """Services of a player or recorder, as a program with rosbag2_interfaces calls them."""
+
+    def __init__(self, node: Node, prefix: str) -> None:
+        self._node, self._prefix = node, prefix
+
+    async def __call__(self, name: str, **values: Any) -> Any:
+        """Return the response of a service."""
+        kind = "".join(map(str.title, name.split("_")))
+        cls: Any = compile_definition(f"rosbag2_interfaces/srv/{kind}", ROSBAG2_SERVICES.get(name, "---\n"))
+        client = self._node.create_client(cls, f"{self._prefix}/{name}")
+        response = await client.call(cls.Request(**values), timeout_s=20)
+        client.close()
+        return response
 
 
 async def wait_for_lines(process: Any, *texts: str) -> None:
