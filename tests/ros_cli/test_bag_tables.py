@@ -8,13 +8,11 @@ import json
 import math
 import shutil
 import struct
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import duckdb
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from support import bag_datasets
@@ -26,7 +24,6 @@ from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.tables.multi_bag import datasets as many
-from rosidl_py_gen.tables.multi_bag.datasets import names_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is lost is said in them
 Imu: Any = get_message("sensor_msgs/msg/Imu")
@@ -154,11 +151,6 @@ def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:
         assert (code, said) == (1, "")
         assert err == f"error: expected a query, such as select count(*) from a topic, got {kind}\n"
     assert not other.exists()
-
-
-def test_bags_of_the_same_name_are_told_apart_by_their_folders() -> None:
-    assert names_of(["a/x.mcap", "b/x.mcap", "y", "a/x.mcap"]) == {"a/x": "a/x.mcap", "b/x": "b/x.mcap", "y": "y"}
-    assert names_of(["/x.db3.zstd"]) == {"x": "/x.db3.zstd"}
 
 
 def test_processes_of_this_machine_do_it_without_a_scheduler(tmp_path: Path, monkeypatch: Any, run_here: Any) -> None:
@@ -317,65 +309,6 @@ def test_messages_that_cannot_be_decoded_are_left_out_of_both_when_that_is_asked
     assert table.column("data").to_pylist() == [one["data"] for one in kept]
     code, said, err = run_here("bag", "sql", 'select data from "/s" order by log_time', str(path), "--skip-damaged")
     assert (code, said.split("\n")[:-1]) == (0, [one["data"] for one in kept]) and "skipped /s" in err
-
-
-MEASURED = """
-import atexit, sys
-from pathlib import Path
-from rosidl_py_gen import ros_cli
-status = Path("/proc/self/status")
-atexit.register(lambda: print("VmHWM:", status.read_text().partition("VmHWM:")[2].split()[0], file=sys.stderr))
-ros_cli.main(sys.argv[1:])
-"""
-
-
-def measured(*arguments: str) -> tuple[int, int, str]:
-    """Exit code, the most memory in bytes, and errors of a command in a process of its own."""
-    command = [sys.executable, "-c", MEASURED, "bag", *arguments]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    told, _, last = ended.stderr.rpartition("VmHWM:")
-    return ended.returncode, int(last.split()[0]) * 1024, told
-
-
-def damages(folder: Path) -> dict[str, Path]:
-    """A bag with 24 MB of images, and ways to be wrong; each a file of that size, or a small one."""
-    whole, wrong = folder / "whole.mcap", {}
-    noise = np.random.default_rng(1).integers(0, 255, MB, np.uint8)
-    with BagWriter(whole, compression="") as writer:
-        for number in range(24):
-            writer.write("/s", String(data=f"number {number}"), number)
-            writer.write("/image", Image(data=noise), number)
-    data = whole.read_bytes()
-    for name, changed in {"cut": data[: len(data) * 3 // 4], "flipped": flipped(data, len(data) // 2)}.items():
-        (folder / f"{name}.mcap").write_bytes(changed)
-        wrong[name] = folder / f"{name}.mcap"
-    wrong["counts"], wrong["bomb"] = folder / "counts.mcap", folder / "bomb.mcap"
-    with BagWriter(wrong["counts"]) as writer:
-        writer.add_topic("/image", Image)
-        for number in range(1000):
-            writer.write("/image", Image().encode()[:-4] + b"\xff\xff\xff\x7f", number)
-    with BagWriter(wrong["bomb"], compression="zstd") as writer:
-        for number in range(60):  # some kB, and a chunk each
-            writer.write("/image", Image(data=np.zeros(4 * MB, np.uint8)), number)
-            writer.write("/s", String(data="x"), number)
-    return wrong
-
-
-def test_damaged_bags_take_no_more_memory_than_whole_ones(tmp_path: Path) -> None:
-    wrong = damages(tmp_path)
-    whole = tmp_path / "whole.mcap"
-    commands = {
-        "table": lambda bag: ("table", bag, "--out", str(tmp_path / "out"), "--include-large", "--overwrite"),
-        "sql": lambda bag: ("sql", 'select count(*), max(octet_length(data)) from "/image"', bag),
-    }
-    for name, command in commands.items():  # a query needs a table first
-        code, most, err = measured(*command(str(whole)))
-        assert code == 0, err
-        for kind, path in wrong.items() if name == "table" else [("bomb", wrong["bomb"])]:
-            code, used, err = measured(*command(str(path)))
-            assert code == (0 if kind in ("cut", "bomb") else 1) and "Traceback" not in err, (name, kind, code, err)
-            assert (code == 1) == any(line.startswith("error: ") for line in err.splitlines()), (name, kind, err)
-            assert used < most + 64 * MB, (name, kind, used // MB, most // MB)
 
 
 def bag_of(path: Path, *topics: str) -> str:

@@ -311,6 +311,7 @@ def test_progress_says_how_much_is_done(tmp_path: Path) -> None:
 
 
 def test_names_that_are_known_are_kept() -> None:
+    assert names_of(["a/x.mcap", "y", "a/x.mcap", "/x.db3.zstd"]) == {"a/x": "a/x.mcap", "y": "y", "x": "/x.db3.zstd"}
     assert names_of(["s3://b/x.mcap", "/d/x.mcap"]) == {"b/x": "s3://b/x.mcap", "d/x": "/d/x.mcap"}
     known = {"/d/x.mcap": "x"}
     assert names_of(["/e/x.mcap", "/d/x.mcap"], known) == {"e/x": "/e/x.mcap", "x": "/d/x.mcap"}
