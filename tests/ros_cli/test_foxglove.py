@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
 import pytest
+from support import raw_endpoints
 from support.announced_types import humble_node, without_hash
 from support.browser import Browser, browser
 from support.docs_pictures import update_picture
@@ -23,6 +24,8 @@ from support.node_fixtures import ROOT, until
 from websockets.asyncio.client import connect
 
 from rosidl_py_gen import compile_definition, get_message, get_service
+from rosidl_py_gen.ros_cli.foxglove import limits
+from rosidl_py_gen.ros_cli.foxglove.protocol import _READ
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -36,6 +39,8 @@ if TYPE_CHECKING:
 
 String: Any = get_message("std_msgs/msg/String")
 Image: Any = get_message("sensor_msgs/msg/Image")
+Event: Any = get_message("rcl_interfaces/msg/ParameterEvent")
+AnyParameter: Any = get_message("rcl_interfaces/msg/Parameter")
 Clock: Any = get_message("rosgraph_msgs/msg/Clock")
 AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")
 Trigger: Any = get_service("std_srvs/srv/Trigger")
@@ -361,36 +366,101 @@ async def test_the_graph_is_told_and_followed(node: Node, memory: World, watchin
 async def test_a_viewer_that_sends_garbage_harms_nobody(node: Node, serving: Any) -> None:
     words = node.create_publisher(String, "words")
     node.create_service(Trigger, "trigger", lambda request: Trigger.Response())
-    texts = ["", "{", "[]", "null", '{"op": 1}', '{"op": "nothing"}', '{"op": "subscribe"}', "[" * 100_000, "\0"]
-    texts += [json.dumps({"op": op, key: value}) for op, key in OPERATIONS for value in ODD_VALUES]
-    async with serving() as address, viewer(address) as good:
+    odd: list[Any] = [None, -1, 1 << 32, 1.5, True, "\ud800", [], {}, [[]], {"id": 1}, {"name": ""}]
+    entries = odd + [{"id": 1, "channelId": one} for one in odd] + [{"name": ".", "value": one} for one in odd]
+    entries += [{"name": "/robot.use_sim_time", "value": [1, "a"]}]
+    entries += [{"name": "/robot.use_sim_time", "type": "byte_array", "value": one} for one in ("!", None, 1)]
+    entries += [{"id": 1, "topic": "/words", "encoding": "cdr", "schemaName": "x/msg/Y"}]
+    values = [*odd, *([one] for one in entries)]
+    texts = ["", "{", "[]", "null", '{"op": 1}', '{"op": "nothing"}', "[" * 100_000, "\0"]
+    texts += [json.dumps({"op": op, key: value}) for op, (key, _) in _READ.items() for value in values]
+    async with serving("--max-rate", "1000000") as address, viewer(address) as good:
         await good.subscribe("/words")
         async with viewer(address) as bad:
             for text in texts:
                 await bad.connection.send(text)
-            while not ("Invalid message" in bad.warnings() and "Unknown channel ID" in bad.warnings()):
-                await bad.connection.send("{")  # of so many answers at once some may be dropped
-                await bad.send("subscribe", subscriptions=[{"id": 1, "channelId": 999999}])
-                await asyncio.sleep(0.1)
+            assert "Invalid message" in await bad.handled()
         assert await words.wait_for_subscribers(20)
         words.publish(String(data="still here"))
         await good.until(lambda: good.frames)
 
 
-OPERATIONS = [
-    *(("subscribe", "subscriptions"), ("unsubscribe", "subscriptionIds"), ("advertise", "channels")),
-    *(("unadvertise", "channelIds"), ("getParameters", "parameterNames"), ("setParameters", "parameters")),
-    *(("subscribeParameterUpdates", "parameterNames"), ("fetchAsset", "uri")),
-]
-ODD_VALUES: list[Any] = [
-    *(None, [None], [999999], [-1], ["\ud800"]),
-    [{"id": 1, "channelId": 999999}],
-    [{"id": 1, "topic": "/words", "encoding": "cdr", "schemaName": "x/msg/Y"}],
-    [{"name": "", "value": 1}],
-    [{"name": ".", "value": {"a": [1, None, "b"]}}],
-    [{"name": "/robot.use_sim_time", "value": [1, "a"]}],
-    [{"name": "/robot.use_sim_time", "value": "!", "type": "byte_array"}],
-]
+async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_else(
+    node: Node, memory: World, watching: Any
+) -> None:
+    for topic in ("rt/2d_scan", "rt/a//b", "rt/"):
+        raw_endpoints.announce(node, topic, "std_msgs::msg::dds_::String_", "x")
+    raw_endpoints.announce(node, "rt/plain", "Plain", "x")
+    for service in ("2d", "a//b", "odd//node/list_parameters", "list_parameters"):
+        raw_endpoints.announce(node, f"rr/{service}Reply", "std_srvs::srv::dds_::Trigger_Response_", "x")
+    node._scope.discovery.add_node("odd", "/2d//space")
+    node.create_service(Trigger, "trigger", lambda request: Trigger.Response())
+    node.declare_parameter("gain", 1.0)
+    words = node.create_publisher(String, "words")
+    async with node, watching() as seen:
+        wanted = ["/2d_scan", "/a//b", "/plain", "/words"]
+        for number, topic in enumerate(wanted):
+            await seen.subscribe(topic, number)
+        assert await words.wait_for_subscribers(5)
+        for topic in wanted[:3]:
+            await seen.until(lambda topic=topic: f"{topic} cannot be read: " in seen.warnings())
+        memory.node("later")  # a change, after which they are not told again
+        await known_with(seen, "/later.use_sim_time")
+        assert all(seen.warnings().count(f"{topic} cannot be read: ") == 1 for topic in wanted[:3])
+        await seen.until(lambda: "/trigger" in seen.services)
+        assert not {"/2d", "/a//b"} & {*seen.services}
+        assert (await known_with(seen, "/robot.gain"))["/robot.gain"] == 1.0
+        await seen.send("subscribeConnectionGraph")
+        graph = (await seen.until(lambda: seen.of("connectionGraphUpdate")))[0]
+        nodes = {one for said in graph["publishedTopics"] for one in said["publisherIds"]}
+        assert "/robot" in nodes and not any("space" in one for one in nodes)
+
+
+async def test_events_of_nodes_that_are_not_there_are_not_kept(node: Node, watching: Any) -> None:
+    node.declare_parameter("gain", 1.0)
+    async with node, watching() as seen:
+        await known_with(seen, "/robot.gain")
+        events = node.create_publisher(Event, "/parameter_events")
+        assert await events.wait_for_subscribers(5)
+        for name in ("/nobody", "/robot"):
+            event = Event(node=name, new_parameters=[AnyParameter(name="x")])
+            event.new_parameters[0].value.type, event.new_parameters[0].value.integer_value = 2, 1
+            events.publish(event)
+        assert "/nobody.x" not in await known_with(seen, "/robot.x")
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "said"),
+    [
+        ("MAX_SCHEMAS", 2, "too many definitions: 3 (21 bytes); expected at most 2 ("),
+        ("MAX_SCHEMAS_BYTES", 15, "too many definitions: 3 (21 bytes); expected at most 256 (15 bytes)"),
+    ],
+)
+async def test_viewers_can_define_so_many_types_and_no_more(
+    node: Node, watching: Any, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, said: str
+) -> None:
+    monkeypatch.setattr(limits, limit, most)
+    async with watching() as seen:
+
+        async def refusal(number: int, name: str, schema: str) -> str:
+            topic = f"/many{number}"
+            await seen.offer(number, topic, f"viewers/msg/{name}", schemaEncoding="ros2msg", schema=schema)
+            await until(lambda: node.count_publishers(topic) > 0 or topic in seen.warnings())
+            return "".join(text for text in seen.warnings().splitlines() if topic in text)
+
+        assert await refusal(0, "Wrong", "no field\n")
+        assert [await refusal(number, f"Many{number}", "int8 x\n") for number in (1, 2)] == ["", ""]
+        assert await refusal(3, "Many2", "int8 x\n") == ""  # it is counted once
+        assert said in await refusal(4, "Many4", "int8 x\n")
+
+
+async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(node: Node, watching: Any) -> None:
+    async with watching() as seen:
+        for number in range(4):
+            await seen.offer(number, f"/q{number}", "nobody/msg/Knows")
+            await seen.publish(number, bytes(400_000))
+        said = await seen.handled()
+    assert [f"messages for /q{number} are dropped" in said for number in range(4)] == [False, False, True, True]
 
 
 def _small(address: str) -> socket.socket:

@@ -9,13 +9,11 @@ import struct
 import threading
 import time
 from collections import deque
-from contextlib import suppress
 from time import time_ns
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support import raw_endpoints
 from support.foxglove_viewer import foxglove_options, served, viewer
 from support.node_fixtures import until
 from websockets.asyncio.client import connect
@@ -25,10 +23,6 @@ from rosidl_py_gen import compile_definition, encode, get_message, get_service
 from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
-from rosidl_py_gen.ros_cli.foxglove.parameters import ParameterBridge
-from rosidl_py_gen.ros_cli.foxglove.protocol import ClientAdvertisement
-from rosidl_py_gen.ros_cli.foxglove.publishing import ClientPublishing
-from rosidl_py_gen.ros_cli.foxglove.serve import connection_graph
 from rosidl_py_gen.ros_cli.foxglove.server import Server
 from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
 from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
@@ -38,7 +32,9 @@ from rosidl_py_gen.runtime import CallTimeoutError
 if TYPE_CHECKING:
     from support.node_fixtures import World
 
-    from rosidl_py_gen.runtime import Node
+
+String: Any = get_message("std_msgs/msg/String")
+Trigger: Any = get_service("std_srvs/srv/Trigger")
 
 
 @pytest.mark.parametrize(
@@ -126,20 +122,6 @@ WRONG = [
     (b"\1\0", "Invalid message"),
     (b"\2" + bytes(8) + b"\1\0\0\0\xff", "Invalid message"),
 ]
-
-
-def test_what_is_odd_is_read_or_refused() -> None:
-    odd: list[Any] = [None, 1, -1, 1 << 32, 1.5, True, "", "\ud800", [], {}, [[]], {"id": 1}, {"name": "x"}]
-    odd += [{"id": 1, "channelId": value} for value in odd] + [{"name": "x", "value": value} for value in odd]
-    odd += [{"name": "x", "type": "byte_array", "value": value} for value in odd]
-    keys = (
-        "subscriptions subscriptionIds channels channelIds parameterNames parameters uri id topic encoding schemaName"
-    )
-    for op in protocol._READ:
-        for value in odd:
-            for wrapped in (value, [value]):
-                with suppress(protocol.ProtocolError):
-                    protocol.read(json.dumps({"op": op, **dict.fromkeys(keys.split(), wrapped)}))
 
 
 @pytest.mark.parametrize(("message", "said"), WRONG)
@@ -304,16 +286,6 @@ def _viewer(connection: Any) -> Viewer:
     return Viewer(connection, server, 1)
 
 
-async def _statuses(*messages: dict[str, Any]) -> tuple[Viewer, str]:
-    """Return a viewer that has sent these messages, and the statuses it got."""
-    connection: Any = _Messages()
-    one = _viewer(connection)
-    for message in messages:
-        await one._handle(json.dumps(message), _NoPace())  # type: ignore[arg-type]
-    told = [json.loads(text) for text in one._control if isinstance(text, str)]
-    return one, "\n".join(said["message"] for said in told if said["op"] == "status")
-
-
 # ------------------------------------------------------------------------------------------------- one message
 
 
@@ -350,58 +322,53 @@ def test_large_and_odd_texts_are_refused_with_the_limit() -> None:
     assert protocol.read(set_("-9223372036854775808")).what == [("/x.y", -(1 << 63))]
 
 
-async def test_refused_entries_of_one_message_are_counted() -> None:
-    one, said = await _statuses({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 0}] * 100})
-    assert said.count("Unknown channel ID: 0") == 8 and "92 further entries of the message are refused" in said
-    assert one.watched == {}
-
-
 # --------------------------------------------------------------------------------------------- what is retained
 
 
-async def test_a_viewer_follows_so_many_parameters_and_no_more() -> None:
-    def names(tag: str, length: int = 1) -> dict[str, Any]:
-        return {"op": "subscribeParameterUpdates", "parameterNames": [f"{tag}{n}" + "x" * length for n in range(5000)]}
+async def test_refused_entries_of_one_message_are_counted() -> None:
+    async with served() as (_, address), viewer(address) as seen:
+        await seen.send("subscribe", subscriptions=[{"id": 1, "channelId": 0}] * 100)
+        said = await seen.handled()
+    assert said.count("Unknown channel ID: 0") == 8 and "92 further entries of the message are refused" in said
 
-    one, said = await _statuses(names("/a."), names("/a."), names("/b."))
-    assert "would be 10000 names" in said and len(one.followed or ()) == 5000
-    one, said = await _statuses(names("/a.", 110))
-    assert "expected at most 8192 names with 524288 characters; an empty list follows all" in said
-    assert one.followed == set()
-    one, said = await _statuses({"op": "subscribeParameterUpdates", "parameterNames": []}, names("/a."))
-    assert one.followed is None and said == ""
+
+async def test_a_viewer_follows_so_many_parameters_and_no_more() -> None:
+    def names(tag: str, length: int = 1) -> list[str]:
+        return [f"{tag}{n}" + "x" * length for n in range(5000)]
+
+    async def said_to(*requests: list[str]) -> str:
+        async with served() as (_, address), viewer(address) as seen:
+            for names in requests:
+                await seen.send("subscribeParameterUpdates", parameterNames=names)
+            return await seen.handled()
+
+    assert "would be 10000 names" in await said_to(names("/a."), names("/a."), names("/b."))
+    most = "expected at most 8192 names with 524288 characters; an empty list follows all"
+    assert most in await said_to(names("/a.", 110))
+    assert await said_to([], names("/a.", 110)) == ""
 
 
 async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
-    def channel(number: int, size: int) -> dict[str, Any]:
-        return {"id": number, "topic": f"/q{number}", "encoding": "cdr", "schemaName": "q/msg/Q", "schema": "#" * size}
+    def channels(numbers: range, size: int) -> list[dict[str, Any]]:
+        channel = {"encoding": "cdr", "schemaName": "q/msg/Q", "schema": "#" * size}
+        return [{"id": number, "topic": f"/q{number}", **channel} for number in numbers]
 
-    most = limits.MAX_SCHEMA_BYTES
-    one, said = await _statuses({"op": "advertise", "channels": [channel(1, most + 1)]})
-    assert f"its definition has {most + 1} bytes, expected at most {most}" in said and one._server.offers == {}
-    full, total = limits.MAX_VIEWER_SCHEMA_BYTES // most, limits.MAX_VIEWER_SCHEMA_BYTES
-    channels = [channel(number, most) for number in range(full + 2)]
-    one, said = await _statuses({"op": "advertise", "channels": channels})
-    refused = f"/q{full} cannot be published: with its definition there are {total + most} bytes"
-    assert refused in said and len(one._server.offers) == full
-    await one._handle('{"op": "unadvertise", "channelIds": [0, 0, 99]}', _NoPace())  # type: ignore[arg-type]
-    assert len(one._server.offers) == full - 1
-    many = [channel(number, 0) for number in range(100)]
-    _, said = await _statuses({"op": "advertise", "channels": many})
+    most, total = limits.MAX_SCHEMA_BYTES, limits.MAX_VIEWER_SCHEMA_BYTES
+    full = total // most
+    async with served() as (server, address), viewer(address) as seen:
+        await seen.send("advertise", channels=channels(range(1), most + 1))
+        assert f"its definition has {most + 1} bytes, expected at most {most}" in await seen.handled()
+        assert server.offers == {}
+        await seen.send("advertise", channels=channels(range(full + 2), most))
+        refused = f"/q{full} cannot be published: with its definition there are {total + most} bytes"
+        assert refused in await seen.handled() and len(server.offers) == full
+        await seen.send("unadvertise", channelIds=[0, 0, 99])
+        await seen.handled()
+        assert len(server.offers) == full - 1
+    async with served() as (_, address), viewer(address) as seen:
+        await seen.send("advertise", channels=channels(range(100), 0))
+        said = await seen.handled()
     assert said.count("64 topics are published already") == 8 and "28 further entries" in said
-
-
-async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(memory: World) -> None:
-    warnings: list[str] = []
-    offers = {(1, n): ClientAdvertisement(f"/q{n}", "cdr", "nobody/msg/Knows", "", b"") for n in range(4)}
-    told: Any = SimpleNamespace(offers=offers, send_control=lambda _, text: warnings.append(text))
-    command_node: Any = SimpleNamespace(node=memory.node())
-    publisher = ClientPublishing(command_node, told, paths=())
-    for key in offers:
-        await publisher.publish_from_viewer(key, bytes(400_000))
-    waiting = [len(one.waiting) for one in publisher._publishers.values()]
-    assert waiting == [1, 1, 0, 0] and "messages for /q2 are dropped" in "".join(warnings)
-    await publisher.close()
 
 
 async def test_pending_calls_have_limits_of_number_and_size(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -530,184 +497,41 @@ async def test_messages_that_would_become_many_objects_are_refused() -> None:
     worker.close()
 
 
-String: Any = get_message("std_msgs/msg/String")
-Event: Any = get_message("rcl_interfaces/msg/ParameterEvent")
-AnyParameter: Any = get_message("rcl_interfaces/msg/Parameter")
-Trigger: Any = get_service("std_srvs/srv/Trigger")
-DDS_STRING, DDS_TRIGGER = "std_msgs::msg::dds_::String_", "std_srvs::srv::dds_::Trigger_Response_"
-SHOWN: dict[str, Any] = {"paths": (), "hidden": False}
+# ----------------------------------------------------------------------------------------------------------- the graph
 
 
-class Told:
-    """A server without viewers, which keeps what it is told."""
-
-    def __init__(self) -> None:
-        self.offers: dict[tuple[int, int], ClientAdvertisement] = {}
-        self.channels: dict[str, Any] = {}
-        self.calls: dict[str, Any] = {}
-        self.warnings: list[str] = []
-
-    def open_channel(self, topic: str, type_name: str, definition: str) -> Any:
-        made = self.channels[topic] = SimpleNamespace(viewers=frozenset(), send=print)
-        return made
-
-    def close_channel(self, channel: Any) -> None:
-        pass
-
-    def watch(self, topic: str) -> None:
-        self.channels[topic].viewers = frozenset({1})
-
-    def add_service(self, name: str, type_name: str, texts: Any, call: Any) -> int:
-        self.calls[name] = call
-        return len(self.calls)
-
-    def remove_service(self, number: int) -> None:
-        pass
-
-    def send_control(self, about: str, text: str) -> None:
-        self.warnings.append(text)
-
-
-@pytest.fixture
-def told() -> Any:
-    return Told()
-
-
-def command_node_of(node: Node) -> Any:
-    return SimpleNamespace(node=node)
-
-
-def write(node: Node, topic: str, type_name: str) -> None:
-    """Write to a DDS topic of any name."""
-    raw_endpoints.announce(node, topic, type_name, "x")
-
-
-# ---------------------------------------------------------------------------------------------------------- odd names
-
-
-async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_else(memory: World, told: Any) -> None:
-    robot, ours = memory.pair()
-    for topic in ("rt/2d_scan", "rt/a//b", "rt/"):
-        write(robot, topic, DDS_STRING)
-    write(robot, "rt/plain", "Plain")
-    words = robot.create_publisher(String, "words")
-    topics = TopicBridge(command_node_of(ours), told, time_ns, **SHOWN)
-    await until(lambda: "/words" in dict(ours.get_topic_names_and_types()))
-    topics.refresh()
-    wanted = ["/2d_scan", "/a//b", "/plain", "/words"]
-    await until(lambda: {*wanted} <= {*told.channels})
-    for topic in wanted:
-        told.watch(topic)
-    topics.update_subscriptions()
-    assert await words.wait_for_subscribers(5)
-    topics.refresh()
-    for topic in ("/2d_scan", "/a//b", "/plain"):
-        assert len([text for text in told.warnings if text.startswith(f"{topic} cannot be read: ")]) == 1
-    await topics.close()
-
-
-async def test_services_and_parameters_with_names_that_ros_refuses_are_left_out(memory: World, told: Any) -> None:
-    robot, ours = memory.pair()
-    for service in ("2d", "a//b", "odd//node/list_parameters", "list_parameters"):
-        write(robot, f"rr/{service}Reply", DDS_TRIGGER)
-    robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
-    robot.declare_parameter("gain", 1.0)
-    services = ServiceBridge(command_node_of(ours), told, **SHOWN)
-    parameters = ParameterBridge(command_node_of(ours), told, print, is_read_only=False)
-    async with robot:
-        services.refresh()
-        await until(lambda: "/trigger" in told.calls)
-        assert (await parameters.get([]))["/alice.gain"] == 1.0
-    assert not {"/2d", "/a//b"} & {*told.calls}
-    await services.close()
-    await parameters.close()
-
-
-async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, told: Any) -> None:
-    robot, ours = memory.pair()
-    robot.create_publisher(String, "words")
-    robot._scope.discovery.add_node("odd", "/2d//space")
-    await until(lambda: any(one.name == "odd" for one in ours.get_nodes()))
-    assert connection_graph(ours, hidden=False)[0]["/words"] == ["/alice"]
-
-
-async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World, told: Any) -> None:
+async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
     ours._scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
-    topics = TopicBridge(command_node_of(ours), told, time_ns, **SHOWN)
-    await asyncio.sleep(0)
-    namesake.create_publisher(String, "theirs")
-    ours.create_publisher(String, "ours")
-    await until(lambda: {"/ours", "/theirs"} <= {*dict(ours.get_topic_names_and_types())})
-    topics.refresh()
-    await until(lambda: "/theirs" in told.channels)
-    assert "/ours" not in told.channels
-    await topics.close()
+    async with served() as (server, _):
+        topics = TopicBridge(SimpleNamespace(node=ours), server, time_ns, paths=(), hidden=False)  # type: ignore[arg-type]
+        await asyncio.sleep(0)
+        namesake.create_publisher(String, "theirs")
+        ours.create_publisher(String, "ours")
+        await until(lambda: {"/ours", "/theirs"} <= {*dict(ours.get_topic_names_and_types())})
+        topics.refresh()
+        await until(lambda: "/theirs" in {one.advertisement["topic"] for one in server.channels.values()})
+        assert "/ours" not in {one.advertisement["topic"] for one in server.channels.values()}
+        await topics.close()
+        assert server.channels == {}
 
 
-# ------------------------------------------------------------------------------------------------ late, and too much
-
-
-async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World, told: Any) -> None:
+async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World) -> None:
     robot, ours = memory.pair()
     service = robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
-    services = ServiceBridge(command_node_of(ours), told, **SHOWN)
-    services.refresh()
-    await until(lambda: "/trigger" in told.calls)
-    service.close()
-    await until(lambda: ours.count_services("/trigger") == 0)
-    services.refresh()
-    await asyncio.sleep(0)
-    with pytest.raises(CommandError, match=r"^service /trigger has disappeared$"):
-        await told.calls["/trigger"](Trigger.Request().encode())
-    assert ours.count_clients("/trigger") == 0
-    await services.close()
-
-
-async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, told: Any) -> None:
-    robot, ours = memory.pair()
-    robot.declare_parameter("gain", 1.0)
-    parameters = ParameterBridge(command_node_of(ours), told, print, is_read_only=False)
-    async with robot:
-        await parameters.get([])
-        events = robot.create_publisher(Event, "/parameter_events")
-        assert await events.wait_for_subscribers(5)
-        for node in ("/nobody", "/alice"):
-            event = Event(node=node, new_parameters=[AnyParameter(name="x")])
-            event.new_parameters[0].value.type, event.new_parameters[0].value.integer_value = 2, 1
-            events.publish(event)
-        while "/alice.x" not in (known := await parameters.get([])):
-            await asyncio.sleep(0.01)
-        assert "/nobody.x" not in known
-    await parameters.close()
-
-
-@pytest.mark.parametrize(
-    ("limit", "most", "said"),
-    [
-        ("MAX_SCHEMAS", 2, "too many definitions: 3 (21 bytes); expected at most 2 ("),
-        ("MAX_SCHEMAS_BYTES", 15, "too many definitions: 3 (21 bytes); expected at most 256 (15 bytes)"),
-    ],
-)
-async def test_viewers_can_define_so_many_types_and_no_more(
-    memory: World, told: Any, monkeypatch: Any, limit: str, most: int, said: str
-) -> None:
-    monkeypatch.setattr(limits, limit, most)
-    node = memory.node()
-    publisher = ClientPublishing(command_node_of(node), told, paths=())
-
-    async def refusal(number: int, name: str, schema: bytes) -> str:
-        topic = f"/many{number}"
-        told.offers[1, number] = ClientAdvertisement(topic, "cdr", f"viewers/msg/{name}", "ros2msg", schema)
-        publisher.update_publishers()
-        await until(lambda: node.count_publishers(topic) > 0 or any(topic in text for text in told.warnings))
-        return "".join(text for text in told.warnings if topic in text)
-
-    assert await refusal(0, "Wrong", b"no field\n")
-    assert [await refusal(number, f"Many{number}", b"int8 x\n") for number in (1, 2)] == ["", ""]
-    assert await refusal(3, "Many2", b"int8 x\n") == ""
-    assert said in await refusal(4, "Many4", b"int8 x\n")
-    await publisher.close()
+    async with served() as (server, _):
+        services = ServiceBridge(SimpleNamespace(node=ours), server, paths=(), hidden=False)  # type: ignore[arg-type]
+        services.refresh()
+        await until(lambda: server.services)
+        ((_, call),) = server.services.values()
+        service.close()
+        await until(lambda: ours.count_services("/trigger") == 0)
+        services.refresh()
+        await until(lambda: not server.services)
+        with pytest.raises(CommandError, match=r"^service /trigger has disappeared$"):
+            await call(Trigger.Request().encode())
+        assert ours.count_clients("/trigger") == 0
+        await services.close()
 
 
 async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -96,11 +96,16 @@ class Viewer:
     async def subscribe(self, topic: str, subscription: int = 1) -> dict[str, Any]:
         """Watch a topic as soon as it is there; the channel."""
         channel: dict[str, Any] = await self.until(lambda: self.channels.get(topic))
-        before = len(self.said)
         await self.send("subscribe", subscriptions=[{"id": subscription, "channelId": channel["id"]}])
+        await self.handled()
+        return channel
+
+    async def handled(self) -> str:
+        """Wait until the server has handled what was sent; all status messages."""
+        before = len(self.said)
         await self.send("fetchAsset", uri="", requestId=0)  # refused, but in its turn
         await self.until(lambda: any("assets" in text for text in self._warned(before)))
-        return channel
+        return self.warnings()
 
     def _warned(self, since: int = 0) -> list[str]:
         return [said["message"] for said in self.said[since:] if said["op"] == "status"]
