@@ -522,12 +522,13 @@ async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World) 
     async with served() as (server, _):
         services = ServiceBridge(SimpleNamespace(node=ours), server, paths=(), hidden=False)  # type: ignore[arg-type]
         services.refresh()
-        await until(lambda: server.services)
-        ((_, call),) = server.services.values()
+        names = lambda: {one.advertisement["name"]: one.call for one in server.services.values()}  # noqa: E731
+        await until(lambda: "/trigger" in names())
+        call = names()["/trigger"]
         service.close()
         await until(lambda: ours.count_services("/trigger") == 0)
         services.refresh()
-        await until(lambda: not server.services)
+        await until(lambda: "/trigger" not in names())
         with pytest.raises(CommandError, match=r"^service /trigger has disappeared$"):
             await call(Trigger.Request().encode())
         assert ours.count_clients("/trigger") == 0
