@@ -68,8 +68,8 @@ async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, 
         robot._scope.discovery._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
         prefix = f"{namespace}/{name}"
         for kind in kinds:
-            told = ServiceSpec(f"{prefix}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", False, any)
-            participant.create_server(told, DEFAULT)
+            told = ServiceSpec(f"{prefix}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", DEFAULT)
+            participant.create_server(told)
         participant.create_writer(EndpointSpec(TopicKey("topic", f"{prefix}/x"), String._TYPE.name, DEFAULT, "", 1))
     participant.create_writer(EndpointSpec(TopicKey("topic", "/typeless"), "no::ROS type", DEFAULT, "", 1))
     robot._scope.discovery.publish()

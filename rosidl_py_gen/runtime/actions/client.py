@@ -52,8 +52,8 @@ from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError, with_reason
 from rosidl_py_gen.runtime.time.values import Time, read_stamp, timeout_to_ns
+from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
-from rosidl_py_gen.runtime.transport.service_endpoints import MatchCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

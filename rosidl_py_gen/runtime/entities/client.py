@@ -56,7 +56,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         type_hash_check: TypeCheck | None = None,
     ) -> None:
         super().__init__(scope, service_type, name, qos, is_client=True, type_hash_check=type_hash_check)
-        self._transport_client = self._open(scope.participant.create_client(self._spec, self.qos, node=scope.number))
+        self._transport_client = self._open(scope.participant.create_client(self._spec))
         self._pending: dict[int, PendingRequest[ResponseT]] = {}
         self._by_sequence_number: dict[int, PendingRequest[ResponseT]] = {}
         """The requests that were sent."""

@@ -119,7 +119,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
         super().__init__(scope, service_type, name, qos, is_client=False, type_hash_check=type_hash_check)
         self._callback = callback
         self._requests: AsyncQueue[ServiceRequest[RequestT, ResponseT]] = AsyncQueue()
-        self._transport_server = self._open(scope.participant.create_server(self._spec, self.qos, node=scope.number))
+        self._transport_server = self._open(scope.participant.create_server(self._spec))
         self._transport_server.set_sink(self._on_requests)
         reader, writer = self._transport_server.endpoints
         scope.register(self, reader=reader, writer=writer)

@@ -86,7 +86,8 @@ class ServiceEndpoint(Entity, Generic[RequestT, ResponseT]):
             service_type.type_hash,
             request.type_hash,
             response.type_hash,
-            qos.avoid_ros_namespace_conventions,
+            self.qos,
+            scope.number,
             self._is_compatible,
             self._converters.get,
         )

@@ -18,9 +18,9 @@ from rosidl_py_gen.runtime.transport.api import (
     EntityLost,
     NodesAnnounced,
     ParticipantDiscovered,
-    TopicKey,
 )
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, has_hashed_guid, uses_sample_identity
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -141,15 +141,13 @@ class _Participant:
     is_humble: bool | None = None
 
 
-class Graph:
+class Graph(EndpointIndex):
     """Discovered participants, nodes and endpoints; may be read while another thread changes it."""
 
     def __init__(self, own_participant: bytes = b"") -> None:
+        super().__init__()
         self._own_participant = own_participant
-        self.version = 0
-        self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
         self._participants: dict[bytes, _Participant] = {}
-        self._by_topic_key: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
 
     def apply(self, event: DiscoveryEvent) -> DiscoveredEndpoint | None:
         """Apply an event; return the endpoint if it is a new one."""
@@ -162,31 +160,17 @@ class Graph:
                 self._participants[event.guid].is_humble = event.is_humble
             case DiscoveredEndpoint():
                 new_endpoint = None if event.guid in self.endpoints else event
-                self.endpoints[event.guid] = event
-                self._by_topic_key[event.topic_key][event.guid] = event
+                self.add(event)
             case EntityLost():
-                self._remove(event.guid)
-        self.version += 1  # last, because other threads cache what they have read by the version
+                self.remove(event.guid)
+                self._participants.pop(event.guid, None)
+        self.version += 1
         return new_endpoint
-
-    def _remove(self, guid: bytes) -> None:
-        endpoint = self.endpoints.pop(guid, None)
-        if endpoint is not None:
-            others = self._by_topic_key[endpoint.topic_key]
-            others.pop(guid, None)
-            if not others:
-                del self._by_topic_key[endpoint.topic_key]
-        self._participants.pop(guid, None)
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
         """Replace the nodes of a participant."""
         self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
         self.version += 1
-
-    def endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """Return the writers or readers of a topic."""
-        endpoints = self._by_topic_key.get(topic_key, {})
-        return [endpoint for endpoint in list(endpoints.values()) if endpoint.is_writer is writers]
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
         """Return namespace and name of an endpoint's node, or one of rmw's two placeholders."""

@@ -347,8 +347,7 @@ class EndpointSpec:
 class Participant(Protocol):
     """Member of a domain: creates endpoints, reports discovery and received samples.
 
-    `node` is the number of the announced node that an endpoint belongs to; 0 for none. The `create_` methods raise
-    `TransportError` if the middleware refuses.
+    The `create_` methods raise `TransportError` if the middleware refuses.
     """
 
     @property
@@ -382,10 +381,10 @@ class Participant(Protocol):
     def create_reader(self, spec: EndpointSpec) -> Reader:
         """Create a reader."""
 
-    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> TransportClient:
+    def create_client(self, service: ServiceSpec) -> TransportClient:
         """Create a client."""
 
-    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> TransportServer:
+    def create_server(self, service: ServiceSpec) -> TransportServer:
         """Create a server."""
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:

@@ -12,9 +12,7 @@ import itertools
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, TypeAlias
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import (
@@ -32,19 +30,15 @@ from rosidl_py_gen.runtime.transport.api import (
     ReceiveQueue,
     Sample,
     Sink,
-    Writer,
     pad_to_4_bytes,
 )
+from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity, embed_identity
+from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
+from rosidl_py_gen.runtime.transport.endpoint_index import ServicePeers
 from rosidl_py_gen.runtime.transport.matching import check_compatible, qos_incompatibility
-from rosidl_py_gen.runtime.transport.qos import Durability, History, QoSProfile, effective
+from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
 from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
-from rosidl_py_gen.runtime.transport.service_api import Reply, Request, ServerAvailability, ServiceSpec
-from rosidl_py_gen.runtime.transport.service_endpoints import (
-    EndpointPairClient,
-    EndpointPairServer,
-    ServicePeers,
-    fair_queue_share,
-)
+from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _VENDOR = b"\x01\x10"
 """Vendor id of Cyclone DDS: other code must not apply the rules for other vendors to these endpoints."""
@@ -126,21 +120,17 @@ class MemoryParticipant:
                         writer.replay(reader)
             return reader
 
-    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
-        requests, replies = service.endpoints(qos)
-        with self.lock:
-            gid = self._next_guid(b"\xc5")
-            reader = self.create_reader(replace(replies, client_id=gid.hex()))
-            writer = self.create_writer(replace(requests, client_id=gid.hex()))
-        return MemoryClient(service, self.service_peers, reader, writer, gid)
+    def create_client(self, service: ServiceSpec) -> DdsClient:
+        return DdsClient(self, service)
 
-    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
-        requests, replies = service.endpoints(qos)
-        with self.lock:
-            gid = self._next_guid(b"\xc4")
-            writer = self.create_writer(replace(replies, service_id=gid.hex()))
-            reader = self.create_reader(replace(requests, service_id=gid.hex()))
-        return MemoryServer(reader, writer, gid)
+    def create_server(self, service: ServiceSpec) -> DdsServer:
+        return DdsServer(self, service)
+
+    def next_gid(self) -> bytes:
+        return self._next_guid(b"\xc5")
+
+    def service_refusal(self, service: ServiceSpec) -> str | None:
+        return None
 
     def _info(self, spec: EndpointSpec, *, is_writer: bool) -> DiscoveredEndpoint:
         guid, qos = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(spec.qos, is_writer=is_writer)
@@ -239,13 +229,10 @@ class MemoryWriter(_MemoryEndpoint):
         self._history: deque[Sample] = deque(maxlen=depth)
         self._numbers = itertools.count(1)
 
-    def write(self, data: Payload) -> bool:
-        return self.deliver(pad_to_4_bytes(data))
-
-    def deliver(self, payload: Any) -> bool:
-        """Deliver a sample, or a request object, to all matched readers."""
+    def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool:
         if self.closed:
             raise ClosedError("this writer is closed")
+        payload = pad_to_4_bytes(data if identity is None else embed_identity(data, identity))
         now = self.owner.time_ns()
         with self.owner.lock:
             sample = (payload, now, self.handle, now, next(self._numbers))
@@ -298,12 +285,6 @@ class MemoryReader(_MemoryEndpoint):
         if self._sink is not None:
             self.owner.mark_ready(self._sink)
 
-    def enqueue(self, payload: Any, sender: Writer) -> None:
-        """Add an object that is for this reader alone."""
-        with self.owner.lock:
-            now = self.owner.time_ns()
-            self.receive((payload, now, sender.handle, now, None))
-
     def set_sink(self, sink: Sink | None) -> None:
         with self.owner.lock:
             self._sink = sink
@@ -338,68 +319,3 @@ def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
         return False
     has_same_names = writer.info.topic_key == reader.info.topic_key and writer.info.type == reader.info.type
     return has_same_names and check_compatible(writer.qos, reader.qos).matches
-
-
-class MemoryClient(EndpointPairClient):
-    """Client of a `MemoryTransport`: a request contains its client, to which the response is delivered."""
-
-    def __init__(
-        self, service: ServiceSpec, peers: ServicePeers, reader: MemoryReader, writer: MemoryWriter, gid: bytes
-    ) -> None:
-        super().__init__(service, peers, reader, writer, gid)
-        self._request_writer = writer
-        self.inbox = reader
-        self._sent = 0
-
-    def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
-        self._request_writer.deliver((self, self._sent + 1, data))
-        self._sent += 1
-        self._in_flight[self._sent] = self.server_endpoints()
-        return self._sent
-
-    def take(self) -> Reply | None:
-        items: Any = self._reader.queue.items
-        if not items:
-            return self._next_lost()
-        (number, data), _, handle, _, _ = items.popleft()
-        return number, data, self._reader.writer_guid(handle)
-
-    def _find(self, _: object) -> ServerAvailability:
-        readers = self._peers.known(self._writer.matched_readers())
-        writers = self._peers.known(self._reader.matched_writers())
-        reader_ids, writer_ids = (
-            {endpoint.service_id for endpoint in endpoints if self._service.is_compatible(endpoint)}
-            for endpoints in (readers, writers)
-        )
-        clients = self._peers.on(self._requests, writers=True)
-        depth = fair_queue_share((reader.qos for reader in readers), clients)
-        return ServerAvailability(not reader_ids.isdisjoint(writer_ids), depth)
-
-
-_RequestOrigin: TypeAlias = "tuple[MemoryClient, int]"
-
-
-class MemoryServer(EndpointPairServer):
-    """Server of a `MemoryTransport`."""
-
-    def take(self) -> Request | None:
-        items: Any = self._reader.queue.items
-        if not items:
-            return None
-        (client, number, data), source_ns, handle, received_ns, _ = items.popleft()
-        return (client, number), data, self._reader.writer_guid(handle), source_ns, received_ns
-
-    def send(self, to: _RequestOrigin, data: bytes) -> bool:
-        client, number = to
-        if self._is_connected(client):
-            client.inbox.enqueue((number, data), self._writer)
-        return True
-
-    def can_reach_client(self, to: _RequestOrigin) -> bool:
-        return to[0].inbox.closed or self._is_connected(to[0])
-
-    def _is_connected(self, client: MemoryClient) -> bool:
-        return client.inbox.guid in self._writer.matched_readers()
-
-    def request_origin(self, to: _RequestOrigin) -> tuple[bytes, int]:
-        return to[0].gid, to[1]

@@ -40,6 +40,7 @@ class ServiceSpec:
         name: fully qualified.
         type: ``pkg/srv/Name``.
         type_hash: RIHS01 text of the service; may be empty, as those of its messages.
+        node: number of the announced node that the client or server belongs to; 0 for none.
         is_compatible: returns False for an endpoint of the other side that must not be used, because it has another
             definition.
         conversion: returns the conversion for peers with another hash of the service; None if there is none. Used by
@@ -51,23 +52,26 @@ class ServiceSpec:
     type_hash: str
     request_hash: str
     response_hash: str
-    avoid_ros_namespace_conventions: bool = False
+    qos: QoSProfile
+    node: int = 0
     is_compatible: Callable[[DiscoveredEndpoint], bool] = lambda _: True
     conversion: Callable[[str], ServiceConversion | None] = no_conversion
 
     @property
     def topic_keys(self) -> tuple[TopicKey, TopicKey]:
         """Topics of the requests and of the replies."""
-        if self.avoid_ros_namespace_conventions:
+        if self.qos.avoid_ros_namespace_conventions:
             return TopicKey("unmangled", f"{self.name}Request"), TopicKey("unmangled", f"{self.name}Reply")
         return TopicKey("request", self.name), TopicKey("reply", self.name)
 
-    def endpoints(self, qos: QoSProfile) -> tuple[EndpointSpec, EndpointSpec]:
-        """Return the endpoints for the requests and for the replies."""
+    @property
+    def endpoints(self) -> tuple[EndpointSpec, EndpointSpec]:
+        """Endpoints for the requests and for the replies."""
         requests, replies = self.topic_keys
+        hash = self.type_hash
         return (
-            EndpointSpec(requests, f"{self.type}_Request", qos, self.request_hash, service_hash=self.type_hash),
-            EndpointSpec(replies, f"{self.type}_Response", qos, self.response_hash, service_hash=self.type_hash),
+            EndpointSpec(requests, f"{self.type}_Request", self.qos, self.request_hash, service_hash=hash),
+            EndpointSpec(replies, f"{self.type}_Response", self.qos, self.response_hash, service_hash=hash),
         )
 
 

@@ -26,8 +26,8 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     parse_request_header,
     strip_request_header,
 )
+from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, ServicePeers
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
-from rosidl_py_gen.runtime.transport.service_endpoints import MatchCache, ServicePeers
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
@@ -309,4 +309,4 @@ def test_nothing_is_retained_of_services_that_went() -> None:
     peers = ServicePeers()
     peers.apply([*CYCLONE, *OTHER])
     peers.apply([EntityLost(lost.guid) for lost in (*CYCLONE, *OTHER)])
-    assert (peers.version, peers._known, peers._by_topic_key) == (8, {}, {})
+    assert (peers.version, peers.endpoints, peers._by_topic_key) == (8, {}, {})

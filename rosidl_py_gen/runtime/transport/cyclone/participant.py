@@ -63,12 +63,12 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds, is_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC, DiscoveryInfoTopic
-from rosidl_py_gen.runtime.transport.dds.names import entity_id, participant_user_data, wire_name, wire_type
+from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
+from rosidl_py_gen.runtime.transport.endpoint_index import ServicePeers
 from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
-from rosidl_py_gen.runtime.transport.qos import QoSProfile, Reliability, effective
+from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
-from rosidl_py_gen.runtime.transport.service_endpoints import ServicePeers
 
 _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002
@@ -131,11 +131,7 @@ def _configuration(settings: DomainSettings) -> str:
 
 
 class CycloneParticipant:
-    """Participant of the DDS transport.
-
-    A client or server consists of a reader and a writer. That of the reply topic is created first: a server may reply
-    as soon as it knows the client's request writer (docs/internals/protocol.md 5.2).
-    """
+    """Participant of the DDS transport."""
 
     middleware = "DDS"
     incompatibility_reason = staticmethod(qos_incompatibility)
@@ -256,25 +252,15 @@ class CycloneParticipant:
             entity = self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
         return CycloneReader(self, entity, *names, spec.qos)
 
-    def _next_gid(self) -> bytes:
+    def next_gid(self) -> bytes:
         """Return the 16 bytes that rmw_get_gid_for_client returns."""
         return self.guid[:GUID_PREFIX_BYTES] + next(self._entity_numbers).to_bytes(4, "big")
 
-    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsClient:
-        gid = self._next_gid()
-        request, reply = service.endpoints(qos)
-        reader = self.create_reader(replace(reply, client_id=entity_id(gid)))
-        with _closed_on_failure(reader):
-            writer = self.create_writer(replace(request, client_id=entity_id(gid)))
-        return DdsClient(self, service, reader, writer, gid)
+    def create_client(self, service: ServiceSpec) -> DdsClient:
+        return DdsClient(self, service)
 
-    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> DdsServer:
-        gid = self._next_gid()
-        request, reply = service.endpoints(qos)
-        writer = self.create_writer(replace(reply, service_id=entity_id(gid)))
-        with _closed_on_failure(writer):
-            reader = self.create_reader(replace(request, service_id=entity_id(gid)))
-        return DdsServer(self, service, reader, writer, gid)
+    def create_server(self, service: ServiceSpec) -> DdsServer:
+        return DdsServer(self, service)
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         if self._discovery_info is not None:
@@ -426,13 +412,3 @@ class CycloneParticipant:
         self.discovery.stop()
         self._undo.close()
         self.discovery.close()
-
-
-@contextmanager
-def _closed_on_failure(endpoint: CycloneReader | CycloneWriter) -> Iterator[None]:
-    """Close an endpoint if the other one of its pair cannot be created, because permissions may allow only one."""
-    try:
-        yield
-    except BaseException:
-        endpoint.close()
-        raise

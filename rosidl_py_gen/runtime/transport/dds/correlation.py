@@ -20,9 +20,9 @@ from typing import TypeAlias
 from rosidl_py_gen.cdr.layout import HEADER_BYTES, NETWORK_ALIGN, PADDING
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.transport.api import GUID_PREFIX_BYTES, DiscoveredEndpoint, Payload
+from rosidl_py_gen.runtime.transport.endpoint_index import fair_queue_share
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
-from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
 """GUID of a client and number of its request; sent with the request and with its reply."""

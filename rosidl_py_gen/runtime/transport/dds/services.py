@@ -1,18 +1,21 @@
-"""Clients and servers on DDS, without calls of the DDS library; `correlation.py` identifies requests and replies."""
+"""Clients and servers on DDS and in memory: a reader and a writer each, without calls of the DDS library.
+
+`correlation.py` identifies requests and replies. A client finds its servers among the discovered endpoints, and reports
+the requests that are lost: those that were sent to servers of which none is left.
+"""
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import (
-    Payload,
-    Reader,
-    Writer,
-)
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Reader, Writer
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
     ClientId,
@@ -26,23 +29,18 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     strip_request_header,
     uses_sample_identity,
 )
+from rosidl_py_gen.runtime.transport.dds.names import entity_id
+from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, ServicePeers
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
     IncompatiblePeer,
+    NoReply,
     Reply,
     Request,
     ServerAvailability,
     ServiceSpec,
 )
-from rosidl_py_gen.runtime.transport.service_endpoints import (
-    EndpointPairClient,
-    EndpointPairServer,
-    MatchCache,
-)
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
 """Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before
@@ -55,15 +53,69 @@ class ServiceWriter(Writer, Protocol):
     def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool: ...
 
 
-class DdsClient(EndpointPairClient):
-    """Client of a service on DDS."""
+class ServiceParticipant(Protocol):
+    """Participant whose clients and servers these are."""
+
+    service_peers: ServicePeers
+
+    @property
+    def services_unavailable_reason(self) -> str | None:
+        """See `api.Participant`."""
+
+    def service_refusal(self, service: ServiceSpec) -> str | None:
+        """Return why servers of one service on Fast DDS cannot be used; None if they can."""
+
+    def next_gid(self) -> bytes:
+        """Return the 16 bytes that identify a new client or server in ROS."""
+
+    def create_reader(self, spec: EndpointSpec) -> Reader: ...
+
+    def create_writer(self, spec: EndpointSpec) -> ServiceWriter: ...
+
+
+class _EndpointPair:
+    """Reader and writer of a client or a server.
+
+    That of the reply topic is created first: a server may reply as soon as it knows the client's request writer
+    (docs/internals/protocol.md 5.2).
+    """
+
+    matches_by_hash = False
 
     def __init__(
-        self, participant: CycloneParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
+        self, participant: ServiceParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
     ) -> None:
-        super().__init__(service, participant.service_peers, reader, writer, gid)
-        self._request_writer = writer
-        self._fast_dds = participant.fast_dds
+        self._participant = participant
+        self._peers = participant.service_peers
+        self._service = service
+        self._requests, self._replies = service.topic_keys
+        self._gid = gid
+        self.is_introspected = False
+        self.endpoints = reader.guid, writer.guid
+        self._reader = reader
+        self._writer = writer
+        self.connected = reader.matched_writers
+        self.all_acknowledged = writer.all_acknowledged
+        self.set_sink = reader.set_sink
+
+    @property
+    def gid(self) -> bytes:
+        """16 bytes that identify the client or server in ROS."""
+        return self._gid
+
+    def accept_type_hash(self, type_hash: str) -> None:
+        """Do nothing: definitions do not keep endpoints apart."""
+
+
+class DdsClient(_EndpointPair):
+    """Client of a service."""
+
+    def __init__(self, participant: ServiceParticipant, service: ServiceSpec) -> None:
+        gid, (request, reply) = participant.next_gid(), service.endpoints
+        reader = participant.create_reader(replace(reply, client_id=entity_id(gid)))
+        with _closed_on_failure(reader):
+            writer = participant.create_writer(replace(request, client_id=entity_id(gid)))
+        super().__init__(participant, service, reader, writer, gid)
         self._find_refusal = partial(participant.service_refusal, service)
         self._refusal: str | None = None
         """Result of `_find_refusal` that the result of `servers` is based on."""
@@ -71,6 +123,11 @@ class DdsClient(EndpointPairClient):
         """Version of the peers whose servers `_correlation` has; -1 to find the servers with each request."""
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
         self._sent = 0
+        self._in_flight: dict[int, frozenset[bytes]] = {}
+        """Endpoints of the servers that existed when a request was sent, by the number of the request."""
+        self._lost: deque[int] = deque()
+        self._servers: MatchCache[ServerAvailability] = MatchCache(self._peers, self._find_servers)
+        self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(self._peers, self._find_server_endpoints)
 
     @property
     def gid(self) -> bytes:
@@ -80,10 +137,10 @@ class DdsClient(EndpointPairClient):
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._servers_version != self._peers.version:
             self.servers()
-        number, writer = self._sent + 1, self._request_writer
+        number = self._sent + 1
         message, identity = self._correlation.request(data, number, always_identified=self.is_introspected)
         try:
-            is_sent = writer.write(message, identity)
+            is_sent = self._writer.write(message, identity)
         except Exception:
             raise
         except BaseException:  # a signal handler raised after the sample was written
@@ -94,6 +151,9 @@ class DdsClient(EndpointPairClient):
         self._sent = number
         self._in_flight[number] = self.server_endpoints()
         return number
+
+    def cancel(self, number: int) -> None:
+        self._in_flight.pop(number, None)
 
     def take(self) -> Reply | None:
         items = self._reader.queue.items
@@ -107,7 +167,15 @@ class DdsClient(EndpointPairClient):
                 continue
             if reply is not None:
                 return *reply, server
-        return self._next_lost()
+        return (self._lost.popleft(), NoReply(), None) if self._lost else None
+
+    def report_lost_requests(self) -> None:
+        endpoints = self.server_endpoints()
+        self._reader.fetch()
+        lost = [number for number, servers in self._in_flight.items() if servers and servers.isdisjoint(endpoints)]
+        for number in lost:
+            del self._in_flight[number]
+        self._lost.extend(lost)
 
     def servers(self) -> ServerAvailability:
         refusal = self._find_refusal()
@@ -116,36 +184,47 @@ class DdsClient(EndpointPairClient):
             self._servers.clear()
         return self._servers.get()
 
-    def _find(self, _: object) -> ServerAvailability:
+    def server_endpoints(self) -> frozenset[bytes]:
+        return self._server_endpoints.get()
+
+    def _find_server_endpoints(self, _: object) -> frozenset[bytes]:
+        on = self._peers.endpoints_on
+        endpoints = *on(self._requests, writers=False), *on(self._replies, writers=True)
+        return frozenset(endpoint.guid for endpoint in endpoints)
+
+    def _find_servers(self, _: object) -> ServerAvailability:
         peers, refusal = self._peers, self._refusal
         version = peers.version
         matched, matched_writers = self._writer.matched_readers(), self._reader.matched_writers()
-        announced, clients = (peers.on(self._requests, writers=writers) for writers in (False, True))
+        announced, clients = (peers.endpoints_on(self._requests, writers=writers) for writers in (False, True))
         pairs = peers.known(matched), peers.known(matched_writers)
         servers, needs_identity = find_servers(*pairs, announced, clients, refusal, self._service.is_compatible)
         readers = {*matched, *(reader.guid for reader in announced)}
         self._correlation.update_servers(readers, uses_sample_identity=needs_identity)
         self._servers_version = version if servers.is_available else -1
         unusable = servers.incompatible_server
-        if unusable is not None and self._fast_dds.refusal is None:  # because of the rules of a secured domain
+        if unusable is not None and self._participant.services_unavailable_reason is None:
+            # Because of the rules of a secured domain.
             servers = replace(servers, incompatible_server=unusable._replace(has_topics=False))
         return servers
 
+    def close(self) -> None:
+        self._writer.close()
+        self._reader.close()
 
-class DdsServer(EndpointPairServer):
-    """Server of a service on DDS."""
 
-    def __init__(
-        self, participant: CycloneParticipant, service: ServiceSpec, reader: Reader, writer: ServiceWriter, gid: bytes
-    ) -> None:
-        super().__init__(reader, writer, gid)
-        self._peers = participant.service_peers
-        self._reply_writer = writer
-        self._fast_dds = participant.fast_dds
+class DdsServer(_EndpointPair):
+    """Server of a service."""
+
+    def __init__(self, participant: ServiceParticipant, service: ServiceSpec) -> None:
+        gid, (request, reply) = participant.next_gid(), service.endpoints
+        writer = participant.create_writer(replace(reply, service_id=entity_id(gid)))
+        with _closed_on_failure(writer):
+            reader = participant.create_reader(replace(request, service_id=entity_id(gid)))
+        super().__init__(participant, service, reader, writer, gid)
         self._reachable_clients: MatchCache[bool] = MatchCache(self._peers, self._is_reachable)
         """Results by client and the GUID of its request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
-        self._replies = service.topic_keys[1]
         self._window_version = -1
 
     def take(self) -> Request | None:
@@ -155,7 +234,8 @@ class DdsServer(EndpointPairServer):
         data, source_ns, handle, received_ns, _ = items.popleft()
         writer = self._reader.writer_guid(handle)
         if writer is not None and uses_sample_identity(writer) and extract_identity(data) is None:
-            return None, IncompatiblePeer(writer, self._fast_dds.refusal or ""), writer, source_ns, received_ns
+            reason = self._participant.services_unavailable_reason or ""
+            return None, IncompatiblePeer(writer, reason), writer, source_ns, received_ns
         try:
             client, number, begin = parse_request_header(data)
         except DecodeError as err:
@@ -177,7 +257,7 @@ class DdsServer(EndpointPairServer):
         peers = self._peers
         if peers.version != self._window_version:
             self._window_version = peers.version
-            readers = peers.on(self._replies, writers=False)
+            readers = peers.endpoints_on(self._replies, writers=False)
             # Fast DDS does not announce the depth of its queue: the default of ROS is assumed.
             self._window.set_readers(
                 SERVICES_DEFAULT if uses_sample_identity(reader.guid) else reader.qos for reader in readers
@@ -186,8 +266,8 @@ class DdsServer(EndpointPairServer):
 
     def _write(self, data: bytes, client: ClientId, number: int) -> bool:
         if isinstance(client, bytes):
-            return self._reply_writer.write(data, (client, number))
-        return self._reply_writer.write(add_request_header(data, client, number))
+            return self._writer.write(data, (client, number))
+        return self._writer.write(add_request_header(data, client, number))
 
     def release(self) -> None:
         self._window.release()
@@ -198,9 +278,24 @@ class DdsServer(EndpointPairServer):
 
     def _is_reachable(self, key: Any) -> bool:
         client, guid = key
-        writer = None if guid is None else self._peers.get(guid)
-        return is_reply_reader_matched(client, writer, self._writer.matched_readers, self._peers.get)
+        find = self._peers.endpoints.get
+        writer = None if guid is None else find(guid)
+        return is_reply_reader_matched(client, writer, self._writer.matched_readers, find)
 
     def request_origin(self, to: _RequestOrigin) -> tuple[bytes, int]:
         client, number, _, handle = to
         return client_gid(client, handle), number
+
+    def close(self) -> None:
+        self._reader.close()
+        self._writer.close()
+
+
+@contextmanager
+def _closed_on_failure(endpoint: Reader | Writer) -> Iterator[None]:
+    """Close an endpoint if the other one of its pair cannot be created, because permissions may allow only one."""
+    try:
+        yield
+    except BaseException:
+        endpoint.close()
+        raise

@@ -27,7 +27,7 @@ from rosidl_py_gen.runtime.transport.api import (
     TransportError,
 )
 from rosidl_py_gen.runtime.transport.dds.names import wire_type
-from rosidl_py_gen.runtime.transport.qos import Durability, QoSProfile
+from rosidl_py_gen.runtime.transport.qos import Durability
 from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, leak_after_fork, zenoh_handler
@@ -101,22 +101,18 @@ class ZenohParticipant:
         description = self._describe_topic(EntityKind.SUBSCRIPTION, spec, CPU_BACKEND if has_buffer else "")
         return self._create(ZenohReader, description, ignore_local=spec.ignore_local, has_buffer=has_buffer)
 
-    def create_client(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohClient:
-        description = self._describe_service(EntityKind.CLIENT, service, qos, node)
-        return self._create(ZenohClient, description, service=service)
+    def create_client(self, service: ServiceSpec) -> ZenohClient:
+        return self._create(ZenohClient, self._describe_service(EntityKind.CLIENT, service), service=service)
 
-    def create_server(self, service: ServiceSpec, qos: QoSProfile, *, node: int = 0) -> ZenohServer:
-        description = self._describe_service(EntityKind.SERVER, service, qos, node)
-        return self._create(ZenohServer, description, service=service)
+    def create_server(self, service: ServiceSpec) -> ZenohServer:
+        return self._create(ZenohServer, self._describe_service(EntityKind.SERVER, service), service=service)
 
     def _describe_topic(self, kind: EntityKind, spec: EndpointSpec, backends: str = "") -> _Description:
-        name = (
-            f"/{spec.topic_key.name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
-        )
-        return self._describe(kind, name, spec.type, spec.type_hash, spec.qos, spec.node, backends)
+        # Zenoh has no prefixes: an unmangled name is that of a topic.
+        return self._describe(kind, f"/{spec.topic_key.name.removeprefix('/')}", spec, backends)
 
-    def _describe_service(self, kind: EntityKind, service: ServiceSpec, qos: QoSProfile, node: int) -> _Description:
-        key, token, infos = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
+    def _describe_service(self, kind: EntityKind, service: ServiceSpec) -> _Description:
+        key, token, infos = self._describe(kind, service.name, service)
         # Only our own graph knows the hashes of the messages; tokens do not contain them.
         hashes = [service.request_hash, service.response_hash]
         if kind is EntityKind.CLIENT:
@@ -125,16 +121,14 @@ class ZenohParticipant:
         return key, token, tuple(replace(info, type_hash=type_hash) for info, type_hash in pairs)
 
     def _describe(
-        self, kind: EntityKind, name: str, type: str, type_hash: str, qos: QoSProfile, node: int, backends: str = ""
+        self, kind: EntityKind, name: str, spec: EndpointSpec | ServiceSpec, backends: str = ""
     ) -> _Description:
         if self._closed:
             raise ClosedError("this participant is closed")
-        if self.is_humble:
-            type_hash = ""
-        profile = read_qos(qos_text(qos))
+        type, type_hash = wire_type(spec.type), "" if self.is_humble else spec.type_hash
+        profile = read_qos(qos_text(spec.qos))
         assert profile is not None
-        owner = self._nodes.get(node)
-        type = wire_type(type)
+        owner = self._nodes.get(spec.node)
         token = EndpointToken(owner or self._no_node, next(self._ids), kind, name, type, type_hash, profile, backends)
         text = str(token)
         key = data_key(self._domain_id, name, type, type_hash)

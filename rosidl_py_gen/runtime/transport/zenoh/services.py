@@ -25,6 +25,7 @@ import zenoh
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import ClosedError, DecodeError, printable
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TransportError
+from rosidl_py_gen.runtime.transport.endpoint_index import fair_queue_share
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
     NoReply,
@@ -33,7 +34,6 @@ from rosidl_py_gen.runtime.transport.service_api import (
     ServiceSpec,
     no_conversion,
 )
-from rosidl_py_gen.runtime.transport.service_endpoints import fair_queue_share
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos, paired_gid, participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Participant
 
 TOPIC = EndpointSpec(TopicKey("topic", "/t"), "T", DEFAULT)
-SERVICE = ServiceSpec("/s", "p/srv/X", "", "", "")
+SERVICE = ServiceSpec("/s", "p/srv/X", "", "", "", DEFAULT)
 
 
 class Session:
@@ -52,8 +52,8 @@ class Session:
     [
         ("declare_publisher", lambda one: one.create_writer(TOPIC)),
         ("declare_subscriber", lambda one: one.create_reader(TOPIC)),
-        ("declare_querier", lambda one: one.create_client(SERVICE, DEFAULT)),
-        ("declare_queryable", lambda one: one.create_server(SERVICE, DEFAULT)),
+        ("declare_querier", lambda one: one.create_client(SERVICE)),
+        ("declare_queryable", lambda one: one.create_server(SERVICE)),
         ("declare_token", lambda one: one.create_writer(replace(TOPIC, node=1))),
     ],
 )

@@ -1,0 +1,104 @@
+"""Discovered endpoints by GUID and topic, results that are cached until these change, and the share of a queue."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable
+from typing import Generic, Protocol, TypeVar
+
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, DiscoveryEvent, EntityLost, TopicKey
+from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
+
+ResultT = TypeVar("ResultT")
+
+
+class Versioned(Protocol):
+    """A set of endpoints whose `version` grows with each change."""
+
+    version: int
+
+
+class MatchCache(Generic[ResultT]):
+    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same.
+
+    DDS does not report when discovered endpoints become matched: a negative result may be outdated a moment later.
+    """
+
+    def __init__(self, endpoints: Versioned, check: Callable[[Hashable], ResultT]) -> None:
+        self._endpoints = endpoints
+        self._check = check
+        self._positive: dict[Hashable, ResultT] = {}
+        self._version = -1
+
+    def get(self, key: Hashable = None) -> ResultT:
+        """Return the cached result for `key`, or check."""
+        version = self._endpoints.version
+        if version != self._version:
+            self._positive.clear()
+            self._version = version
+        result = self._positive.get(key)
+        if result is None:
+            result = self._check(key)
+            if result and version == self._version:  # else another thread has seen a newer version
+                self._positive[key] = result
+        return result
+
+    def clear(self) -> None:
+        """Discard all results."""
+        self._positive.clear()
+
+
+def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
+    """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.
+
+    `clients` are the request writers of all clients, own ones included. They share the queue of a server, so the
+    smallest keep-last depth is divided by the number of their participants; each of these gets at least 1.
+    """
+    depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
+    return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))
+
+
+class EndpointIndex:
+    """Discovered endpoints; may be read while another thread changes them."""
+
+    def __init__(self) -> None:
+        self.version = 0
+        """Grows with each change, after it: other threads cache what they have read by the version."""
+        self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
+        self._by_topic_key: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
+
+    def add(self, endpoint: DiscoveredEndpoint) -> None:
+        """Add an endpoint, or replace its data."""
+        self.endpoints[endpoint.guid] = self._by_topic_key[endpoint.topic_key][endpoint.guid] = endpoint
+        self.version += 1
+
+    def remove(self, guid: bytes) -> None:
+        """Remove an endpoint, if it is known."""
+        endpoint = self.endpoints.pop(guid, None)
+        if endpoint is not None:
+            others = self._by_topic_key[endpoint.topic_key]
+            others.pop(guid, None)
+            if not others:  # else the name of each topic that ever existed would be retained
+                del self._by_topic_key[endpoint.topic_key]
+            self.version += 1
+
+    def endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
+        """Return the writers or readers of a topic."""
+        endpoints = list(self._by_topic_key.get(topic_key, {}).values())  # copied at once: another thread may add some
+        return [endpoint for endpoint in endpoints if endpoint.is_writer is writers]
+
+
+class ServicePeers(EndpointIndex):
+    """Discovered endpoints of services."""
+
+    def apply(self, events: Iterable[DiscoveryEvent]) -> None:
+        """Record discovery events."""
+        for event in events:
+            if isinstance(event, EntityLost):
+                self.remove(event.guid)
+            elif isinstance(event, DiscoveredEndpoint) and event.service_type is not None:
+                self.add(event)
+
+    def known(self, guids: Iterable[bytes]) -> list[DiscoveredEndpoint]:
+        """Return the endpoints with these GUIDs, without those that are not discovered."""
+        return [self.endpoints[guid] for guid in guids if guid in self.endpoints]
