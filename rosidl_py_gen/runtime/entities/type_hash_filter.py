@@ -101,7 +101,7 @@ def _warn_once(
     if type_hash not in reported and len(reported) < _MAX_ACCEPTED_WRITERS:
         reported.add(type_hash)
         graph, logger = scope.graph, scope.logger
-        scope.discovery.call_when_named(endpoint, lambda: logger.warning(text(graph.describe_node(endpoint))))
+        scope.discovery.call_when_named(lambda: logger.warning(text(graph.describe_node(endpoint))), endpoint)
 
 
 class MessageConverters(PeerConverters["SampleConverter"]):

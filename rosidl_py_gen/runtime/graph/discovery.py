@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.callbacks import RegistrationSet
@@ -36,15 +36,6 @@ _NODE_NAME_GRACE_PERIOD_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
 
 
-@dataclass(frozen=True, slots=True)
-class _PendingWarning:
-    """Incompatibility that is logged when the names of both nodes are known."""
-
-    incompatibility: Incompatibility
-    is_delivered: bool
-    """True if messages are delivered in spite of it."""
-
-
 class Discovery:
     """Graph of one context, with the announcement of its own nodes."""
 
@@ -66,9 +57,8 @@ class Discovery:
         self._closed = False
         self._reported_pairs: set[tuple[bytes, bytes]] = set()
         self._reported_services: set[tuple[str, bytes, bytes]] = set()
-        self._warnings: list[_PendingWarning] = []
-        self._deferred: list[tuple[DiscoveredEndpoint, Callable[[], None]]] = []
-        """Functions to call when the node of an endpoint is known."""
+        self._deferred: list[tuple[Callable[[], None], tuple[DiscoveredEndpoint, ...]]] = []
+        """Functions to call when the nodes of endpoints are known."""
         self.on_incompatible_endpoint: Callable[[str, str], None] | None = None
         """Function of `Context.on_incompatible_endpoint`."""
         self.type_hash_checks: dict[bytes, str] = {}
@@ -163,18 +153,14 @@ class Discovery:
             self._loop_binding.call_soon(self._changed)
             return
         self.changes.wake()
-        if self._warnings:
-            self._warn_incompatible(final=False)
         if self._deferred:
             self._call_deferred(final=False)
 
     def incompatibility(self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> Incompatibility | None:
         """Return the incompatibility of a writer and a reader of one topic; None if they match."""
-        kind = (
-            IncompatibilityKind.TYPE
-            if writer.type != reader.type
-            else self._participant.incompatibility_reason(writer, reader)
-        )
+        if writer.type != reader.type:
+            return Incompatibility(IncompatibilityKind.TYPE, writer, reader)
+        kind = self._participant.incompatibility_reason(writer, reader)
         if kind is None and type_hashes_differ(writer, reader.type_hash, reader.service_hash):
             kind = IncompatibilityKind.DEFINITION
         return None if kind is None else Incompatibility(kind, writer, reader)
@@ -209,18 +195,20 @@ class Discovery:
             if not self._is_first_report(writer, reader):
                 continue
             is_delivered = is_definition and reader in own and modes <= {"warn", "off"}
-            self._warnings.append(_PendingWarning(result, is_delivered))
-            loop = self._loop_binding.loop
-            if loop is not None:
-                loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._warn_incompatible)
+            self.call_when_named(partial(self._warn, result, is_delivered), writer, reader)
 
-    def call_when_named(self, endpoint: DiscoveredEndpoint, function: Callable[[], None]) -> None:
-        """Call a function when the node of an endpoint is known, at the latest after a second. Thread: any."""
-        loop = self._loop_binding.loop
-        if loop is None or self.graph.has_named_node(endpoint):
+    def call_when_named(self, function: Callable[[], None], *endpoints: DiscoveredEndpoint) -> None:
+        """Call a function when the nodes of endpoints are known; at the latest after a second on a loop, or at `close`.
+
+        Thread: any.
+        """
+        if all(map(self.graph.has_named_node, endpoints)):
             function()
             return
-        self._deferred.append((endpoint, function))
+        self._deferred.append((function, endpoints))
+        loop = self._loop_binding.loop
+        if loop is None:
+            return
 
         def start_grace_period() -> None:
             loop.call_later(_NODE_NAME_GRACE_PERIOD_S, self._call_deferred)
@@ -228,11 +216,11 @@ class Discovery:
         self._loop_binding.call_soon(start_grace_period)
 
     def _call_deferred(self, *, final: bool = True) -> None:
-        for endpoint, function in [self._deferred.pop(0) for _ in range(len(self._deferred))]:  # threads may append
-            if final or self.graph.has_named_node(endpoint):
+        for function, endpoints in [self._deferred.pop(0) for _ in range(len(self._deferred))]:  # threads may append
+            if final or all(map(self.graph.has_named_node, endpoints)):
                 function()
             else:
-                self._deferred.append((endpoint, function))
+                self._deferred.append((function, endpoints))
 
     def is_converted(self, incompatibility: Incompatibility) -> bool:
         """Return True if one of two endpoints with different definitions is an own one that converts."""
@@ -252,27 +240,24 @@ class Discovery:
         self._reported_services.add(key)
         return is_first
 
-    def _warn_incompatible(self, *, final: bool = True) -> None:
-        pending, self._warnings = self._warnings, []
-        for warning in pending:
-            incompatibility = warning.incompatibility
-            writer, reader = incompatibility.writer, incompatibility.reader
-            if not final and not (self.graph.has_named_node(writer) and self.graph.has_named_node(reader)):
-                self._warnings.append(warning)
-                continue
-            own = writer if writer.participant_guid == self._participant.guid else reader
-            effect = "messages that may be decoded wrongly" if warning.is_delivered else "no messages"
-            if self._may_be_misread(incompatibility):
-                effect = "messages that the other side may misread"
-            names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
-            text = f"{effect} on {own.topic_key.name} {names}: {incompatibility.reason}"
-            if incompatibility.kind is IncompatibilityKind.DEFINITION:
-                text += _STILL_DELIVERED if warning.is_delivered else _ADVICE
-            if self.on_incompatible_endpoint is not None:
-                self.on_incompatible_endpoint(text, own.topic_key.name)
-                continue
-            namespace, node_name = self.graph.node_of(own)
-            get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
+    def _warn(self, incompatibility: Incompatibility, is_delivered: bool) -> None:
+        """Log an incompatibility; `is_delivered` is True if messages are delivered in spite of it."""
+        if self._closed:
+            return
+        writer, reader = incompatibility.writer, incompatibility.reader
+        own = writer if writer.participant_guid == self._participant.guid else reader
+        effect = "messages that may be decoded wrongly" if is_delivered else "no messages"
+        if self._may_be_misread(incompatibility):
+            effect = "messages that the other side may misread"
+        names = f"from {self.graph.describe_node(writer)} to {self.graph.describe_node(reader)}"
+        text = f"{effect} on {own.topic_key.name} {names}: {incompatibility.reason}"
+        if incompatibility.kind is IncompatibilityKind.DEFINITION:
+            text += _STILL_DELIVERED if is_delivered else _ADVICE
+        if self.on_incompatible_endpoint is not None:
+            self.on_incompatible_endpoint(text, own.topic_key.name)
+            return
+        namespace, node_name = self.graph.node_of(own)
+        get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
 
     def _may_be_misread(self, incompatibility: Incompatibility) -> bool:
         """Return True for an own publisher whose messages arrive at a subscription with another definition."""
@@ -286,7 +271,6 @@ class Discovery:
 
     def close(self) -> None:
         """Announce nothing more, and wake up the waiters."""
-        self._call_deferred()
         self._closed = True
-        self._warnings.clear()
+        self._call_deferred()
         self._changed()
