@@ -179,13 +179,6 @@ def test_wrong_files_are_named(keystore: Keystore) -> None:
     assert "rror occurred" not in log, "Cyclone's lines are in the errors"
 
 
-def test_a_domain_that_the_governance_does_not_have(keystore: Keystore) -> None:
-    keystore.enclave("/good")
-    keystore.write_governance(domain_id() + 1)
-    result, _ = results("watch", "/good", keystore.environment())
-    assert f"governance.p7s has no rule for domain {domain_id()}; add the domain" in result["error"]
-
-
 def test_a_process_has_one_enclave_for_each_domain(keystore: Keystore) -> None:
     for name in ("/one", "/two"):
         keystore.enclave(name)
@@ -286,25 +279,6 @@ def _resident_bytes(pid: int) -> int:
 
 
 # ------------------------------------------------------------------------------------------------------- permissive
-
-
-def test_where_rcl_stays_unsecured_without_a_word_there_is_a_warning(keystore: Keystore) -> None:
-    keystore.enclave("/good")
-    secured = keystore.environment()
-    cases = [
-        ({**secured, "ROS_SECURITY_ENABLE": "1"}, "ROS_SECURITY_ENABLE='1' does not enable security"),
-        ({**secured, "ROS_SECURITY_STRATEGY": "enforce"}, "ROS_SECURITY_STRATEGY='enforce' does not enforce security"),
-        ({**secured, "ROS_SECURITY_STRATEGY": "", "ROS_SECURITY_KEYSTORE": ""}, "ROS_SECURITY_KEYSTORE is not set"),
-        (
-            {**secured, "ROS_SECURITY_STRATEGY": "Permissive", "ROS_SECURITY_ENCLAVE_OVERRIDE": "bad"},
-            "ROS_SECURITY_ENCLAVE_OVERRIDE='bad', which must begin with '/'",
-        ),
-    ]
-    found = side_by_side(*(lambda environ=environ: results("watch", "/good", environ) for environ, _ in cases))
-    for (_, text), (result, log) in zip(cases, found, strict=True):
-        assert "error" not in result and text in log, (text, log)
-    assert ["communicates unencrypted" in log for _, log in found] == [True, False, True, True]
-    assert "found security directory" in found[1][1]
 
 
 def test_the_override_chooses_the_folder_and_not_the_name(keystore: Keystore) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import os
 import signal
-import threading
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -17,17 +15,10 @@ from support.node_fixtures import python_process, rests, until
 
 from rosidl_py_gen import compile_definition
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, TransportError
-from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.runtime import CallTimeoutError, TransportError
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
-
-
-def cancelled_future() -> asyncio.Future[None]:
-    future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-    future.cancel()
-    return future
 
 
 async def test_waiting_on_something_closed_is_an_error_and_costs_nothing(world: World) -> None:
@@ -45,16 +36,6 @@ async def test_waiting_on_something_closed_is_an_error_and_costs_nothing(world: 
         with pytest.raises(ClosedError):
             await attempt
     assert await rests(0.5, cpu_s=0.2)
-
-
-async def test_entering_a_closed_node_of_an_open_context_is_an_error(memory: World) -> None:
-    node = memory.node("gone")
-    node.close()
-    with pytest.raises(ClosedError):
-        async with node:
-            pass
-    with pytest.raises(ClosedError), node:
-        pass
 
 
 def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
@@ -137,95 +118,6 @@ async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any,
     assert client.in_flight_count == 0
 
 
-async def test_a_file_descriptor_that_is_always_ready_does_not_starve_messages(dds: World) -> None:
-    alice, bob = dds.pair()
-    publisher, heard = alice.create_publisher(String, "t"), []
-    bob.create_subscription(String, "t", heard.append)
-    await publisher.wait_for_subscribers(timeout_s=5)
-    readable, writable = os.pipe()
-    os.write(writable, b"x")
-    loop = asyncio.get_running_loop()
-    loop.add_reader(readable, lambda: None)
-    try:
-        for number in range(5):
-            await asyncio.to_thread(publisher.publish, String(data=str(number)))
-        await until(lambda: len(heard) == 5)
-    finally:
-        loop.remove_reader(readable)
-        os.close(readable)
-        os.close(writable)
-
-
-@pytest.mark.parametrize("style", ["plain", "async"])
-async def test_a_cancelled_future_in_a_callback_changes_nothing_else(
-    world: World, caplog: pytest.LogCaptureFixture, style: str
-) -> None:
-    future, seen = cancelled_future(), []
-
-    def plain(message: String) -> None:
-        seen.append(message.data)
-        if message.data == "bad":
-            future.result()
-
-    async def waiting(message: String) -> None:
-        seen.append(message.data)
-        if message.data == "bad":
-            await future
-
-    publisher, _ = await world.connected(String, "t", callback=plain if style == "plain" else waiting)
-    for text in ("bad", "good"):
-        publisher.publish(String(data=text))
-    await until(lambda: seen == ["bad", "good"])
-    assert "the callback of /t failed" in caplog.text
-
-
-@pytest.mark.parametrize("style", ["plain", "async"])
-async def test_a_cancelled_future_in_a_handler_changes_nothing_else(
-    world: World, caplog: pytest.LogCaptureFixture, style: str
-) -> None:
-    alice, bob = world.pair()
-    future = cancelled_future()
-
-    def plain(request: SetBool.Request) -> SetBool.Response:
-        return SetBool.Response(success=True) if request.data else future.result()  # type: ignore[return-value]
-
-    async def waiting(request: SetBool.Request) -> SetBool.Response:
-        if not request.data:
-            await future
-        return SetBool.Response(success=True)
-
-    alice.create_service(SetBool, "s", plain if style == "plain" else waiting)
-    client = bob.create_client(SetBool, "s")
-    assert await client.wait_for_service(timeout_s=5)
-    with pytest.raises(CallTimeoutError):
-        await client.call(SetBool.Request(data=False), timeout_s=0.5)
-    assert (await client.call(SetBool.Request(data=True), timeout_s=5)).success
-    await until(lambda: "the handler of service /s failed" in caplog.text)
-
-
-async def test_a_lambda_that_returns_a_coroutine_is_an_async_callback(world: World) -> None:
-    alice, bob = world.pair()
-    seen: list[str] = []
-
-    async def slow(message: String, suffix: str) -> None:
-        await asyncio.sleep(0.01)
-        seen.append(message.data + suffix)
-
-    async def answer(request: SetBool.Request) -> SetBool.Response:
-        await asyncio.sleep(0)
-        return SetBool.Response(success=request.data)
-
-    bob.create_subscription(String, "t", lambda message: slow(message, "!"), QoSProfile().keep_all())
-    bob.create_service(SetBool, "s", lambda request: answer(request))
-    publisher = alice.create_publisher(String, "t")
-    await publisher.wait_for_subscribers(timeout_s=5)
-    for number in range(5):
-        publisher.publish(String(data=str(number)))
-    await until(lambda: len(seen) == 5)
-    assert seen == ["0!", "1!", "2!", "3!", "4!"]
-    assert (await alice.create_client(SetBool, "s").call(SetBool.Request(data=True), timeout_s=5)).success
-
-
 def test_what_is_no_function_is_refused_with_a_hint(memory: World) -> None:
     node = memory.node("n")
     with pytest.raises(TypeError, match=r"the callback of /t must be a function, got 10; QoS is given as qos="):
@@ -248,44 +140,3 @@ def test_a_type_name_that_crashes_the_library_is_refused(dds: World) -> None:
         else:
             with pytest.raises(TransportError, match="expected at most 255 characters, got"):
                 node.create_publisher(message, "long")
-
-
-def test_a_context_that_is_closed_runs_nothing(memory: World) -> None:
-    context = memory.context()
-    node = memory.node("n", context=context)
-    client = node.create_client(SetBool, "s")
-    context.close()
-    with pytest.raises(ClosedError):
-        client.call_sync(SetBool.Request(), timeout_s=1)
-    assert Context is type(context)
-
-
-@pytest.mark.every_transport
-def test_what_threads_make_while_a_node_closes_is_closed_too(world: World) -> None:
-    watcher = world.node("watcher")
-    context = world.context()
-    for number in range(10):
-        node = world.node(f"n{number}", context=context)
-
-        made = list[int]()
-
-        def make(node: Node = node, number: int = number, made: list[int] = made) -> None:
-            try:
-                for index in range(1000):
-                    node.create_publisher(String, f"left_{number}_{threading.get_ident()}_{index}")
-                    made.append(index)
-            except ClosedError:
-                pass
-
-        threads = [threading.Thread(target=make) for _ in range(3)]
-        for thread in threads:
-            thread.start()
-        while len(made) < 10:
-            time.sleep(0.001)
-        node.close()
-        for thread in threads:
-            thread.join(20)
-    deadline = time.monotonic() + 20
-    while left := [name for name, _ in watcher.get_topic_names_and_types() if name.startswith("/left_")]:
-        assert time.monotonic() < deadline, f"{len(left)} topics are left"
-        time.sleep(0.05)

@@ -52,12 +52,6 @@ def test_memory_that_is_not_there_is_no_crash() -> None:
             assert peek(address, 100) == b"" and peek.word(address) == 0
 
 
-def test_slots_of_functions_are_found() -> None:
-    slots = private_layout.probe_vtable_slots(API)
-    assert slots is not None and len(set(slots[:2])) == 2
-    assert slots == private_layout.probe_vtable_slots(API)
-
-
 def test_the_type_of_a_topic_is_found_by_its_name(participant: Any, pinned: Any) -> None:
     topic = pinned(participant._topics["rt/topic", TEXT][0])
     address = participant.domain.types[TEXT].address
@@ -89,14 +83,6 @@ def test_flags_that_contradict_the_profile_are_not_touched(participant: Any, pin
     assert offsets is not None
     unexpected = private_layout.set_requests_history(pinned(reader.entity), offsets, reader.guid, False)
     assert unexpected is not None and unexpected.startswith("the flags of a reader")
-
-
-def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
-    known = participant.domain.types[TEXT]
-    assert (
-        known.payload_offset == private_layout.probe_payload_offset(API, known.address)
-        and known.payload_offset % 8 == 4
-    )
 
 
 def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import re
 import struct
-import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,7 +11,7 @@ from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
-from support.node_fixtures import ROOT, start_process, until, zenoh_environment
+from support.node_fixtures import until, zenoh_environment
 from support.zenoh_peer import CDR, PlainPublisher
 
 from rosidl_py_gen import type_hash
@@ -127,36 +124,11 @@ async def test_without_its_format_nothing_comes_of_humble_and_a_warning_says_why
     assert (await subscription.receive(5)).data == "hash"
 
 
-async def test_another_definition_is_a_warning_and_the_same_one_is_none(
-    zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
-) -> None:
-    publisher = zenoh.node("ours").create_publisher(String, "/chatter")
-    peer.tell("MS", "/chatter", f"std_msgs::msg::dds_::String_/{type_hash(String)}")
-    peer.tell("MS", "/chatter", f"std_msgs::msg::dds_::String_/RIHS01_{0:064x}")
-    warning = "no messages on /chatter from node /ours to node /peer: their definitions of std_msgs/msg/String differ"
-    await until(lambda: warning in caplog.text)
-    assert caplog.text.count("no messages on") == 1 and len(publisher._writer.matched_readers()) == 1
-
-
 def test_a_format_that_is_not_known_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {**zenoh_environment(), FORMAT: "Humble"}.items():
         monkeypatch.setenv(name, value)
     with pytest.raises(ZenohConfigError, match=r"ROSIDL_PY_GEN_ZENOH_FORMAT must be 'humble'.*got 'Humble'"):
         Context(transport="zenoh")
-
-
-async def test_the_command_line_listens_to_humble(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
-    publisher = PlainPublisher(peer, "/chatter", TEXT)
-    monkeypatch.setenv(FORMAT, "humble")
-    process = await start_process(
-        *(sys.executable, "-m", "rosidl_py_gen.ros_cli", "topic", "echo", "/chatter", "--once", "--json"),
-        cwd=ROOT,
-        stdout=asyncio.subprocess.PIPE,
-    )
-    await until(lambda: len(peer.of_others("MS", "/chatter")) == 1, 20)
-    publisher.publish(text_message("from humble"))
-    output, _ = await asyncio.wait_for(process.communicate(), 20)
-    assert json.loads(output) == {"data": "from humble"}
 
 
 @pytest.mark.usefixtures("humble")

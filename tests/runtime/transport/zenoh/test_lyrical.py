@@ -15,7 +15,6 @@ import xxhash
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import Image
 from std_msgs.msg import ByteMultiArray, Empty, String, UInt8MultiArray
-from support import raw_endpoints
 from support.node_fixtures import until
 from support.zenoh_peer import PLAIN, PlainPublisher
 from visualization_msgs.msg import MarkerArray
@@ -91,18 +90,6 @@ async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, pe
         assert info.publisher_gid == publisher.gid
         received.append(list(message.data))
     assert received[-3:] == [[1, 2], [3], [4]] and received[:-3] in ([], [[0]])
-
-
-async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_nothing(zenoh: World, peer: Peer) -> None:
-    node = zenoh.node("ours")
-    reader = raw_endpoints.reader(node, "rt/bytes", BYTES.split("/")[0], QoSProfile(), type_hash(UInt8MultiArray))
-    publisher = LyricalPublisher(peer, "/bytes", BYTES)
-    await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
-    publisher.publish(bytes_message(1))
-    publisher.publish_serialized(bytes_message(2))
-    await until(lambda: len(reader.queue.items) > 0)
-    assert [sample[0][-1] for sample in reader.queue.items] == [2]
-    reader.close()
 
 
 async def test_a_subscription_without_fields_hears_a_publisher_of_lyrical(zenoh: World, peer: Peer) -> None:

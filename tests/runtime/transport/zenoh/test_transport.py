@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from support.node_fixtures import ROOT, World, until, zenoh_environment, zenoh_router
 
 from rosidl_py_gen import compile_definition, type_hash
-from rosidl_py_gen.runtime import Context, Node, QoSProfile, ServerLostError
+from rosidl_py_gen.runtime import Context, Node, QoSProfile
 from rosidl_py_gen.runtime.node.context import resolve_transport
 from rosidl_py_gen.runtime.transport.api import TransportError
 from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
@@ -107,50 +107,6 @@ def test_a_client_without_router_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
 # --------------------------------------------------------------------------------------------------------------- calls
 
 
-async def test_a_call_ends_early_when_its_server_closes(zenoh: World) -> None:
-    alice, bob = zenoh.pair()
-    server = alice.create_service(AddTwoInts, "add")
-    client = bob.create_client(AddTwoInts, "add")
-    calling = asyncio.ensure_future(client.call(AddTwoInts.Request(a=1, b=2), timeout_s=20))
-    await anext(server)
-    server.close()
-    with pytest.raises(ServerLostError, match="the server of /add went away before it answered"):
-        await calling
-    assert client.in_flight_count == 0
-
-
-async def test_a_call_ends_early_when_the_process_of_its_server_is_killed(zenoh: World) -> None:
-    process = program(
-        "import asyncio\nfrom example_interfaces.srv import AddTwoInts\nfrom rosidl_py_gen.runtime import Node\n"
-        "async def main():\n"
-        "    async with Node('server') as node:\n"
-        "        async for request in node.create_service(AddTwoInts, 'add'):\n"
-        "            print('asked', flush=True)\n"
-        "asyncio.run(main())\n"
-    )
-    try:
-        client = zenoh.node().create_client(AddTwoInts, "add")
-        calling = asyncio.ensure_future(client.call(AddTwoInts.Request(a=1, b=2), timeout_s=25))
-        assert process.stdout is not None and await asyncio.to_thread(process.stdout.readline) == "asked\n"
-        process.kill()
-        with pytest.raises(ServerLostError):
-            await calling
-    finally:
-        process.kill()
-        process.communicate()
-
-
-async def test_of_two_servers_the_first_answer_counts(zenoh: World) -> None:
-    for name, factor in (("one", 1), ("two", 2)):
-        zenoh.node(name).create_service(
-            AddTwoInts, "add", lambda request, factor=factor: AddTwoInts.Response(sum=request.a * factor)
-        )
-    client = zenoh.node().create_client(AddTwoInts, "add")
-    await until(lambda: client._scope.graph is not None and len(client._transport_client.connected()) == 2)
-    assert (await client.call(AddTwoInts.Request(a=5), timeout_s=5)).sum in (5, 10)
-    assert client.in_flight_count == 0
-
-
 async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -> None:
     server = zenoh.node("server").create_service(AddTwoInts, "add")
     caller = zenoh.node("caller")
@@ -238,20 +194,6 @@ def test_processes_end_at_once_however_they_end(name: str) -> None:
     assert time.monotonic() - began < 15
 
 
-async def test_a_node_that_died_is_gone_from_the_graph(zenoh: World) -> None:
-    process = program(f"{NODE}\nprint('ready', flush=True)\nsignal.pause()")
-    try:
-        node = zenoh.node("watcher")
-        assert await node.wait_for_node("/left", 20)
-        await until(lambda: len(node.get_publishers_info_by_topic("t")) == 1)
-        process.kill()
-        await until(lambda: "/left" not in node.get_node_names(), 10)
-        assert node.get_publishers_info_by_topic("t") == []
-    finally:
-        process.kill()
-        process.communicate()
-
-
 # ----------------------------------------------------------------------------------------------------------------- QoS
 
 
@@ -262,20 +204,6 @@ async def test_endpoints_of_any_quality_of_service_exchange_messages(zenoh: Worl
     assert await best_effort.wait_for_subscribers(5) and await subscription.wait_for_publishers(5)
     best_effort.publish(String(data="arrives"))
     assert (await subscription.receive(5)).data == "arrives"
-
-
-async def test_a_late_subscription_of_a_transient_local_topic_gets_what_both_keep(zenoh: World) -> None:
-    alice, bob = zenoh.pair()
-    publisher = alice.create_publisher(String, "t", qos=QoSProfile().keep_last(3).transient_local())
-    early = bob.create_subscription(String, "t")
-    assert await publisher.wait_for_subscribers(5) and await early.wait_for_publishers(5)
-    for number in range(5):
-        publisher.publish(String(data=str(number)))
-    assert [(await early.receive(5)).data for _ in range(5)] == list("01234")  # all were received
-    late = bob.create_subscription(String, "t", qos=QoSProfile().keep_last(2).transient_local())
-    assert [(await late.receive(10)).data for _ in range(2)] == ["3", "4"]
-    publisher.publish(String(data="5"))
-    assert (await late.receive(5)).data == "5"
 
 
 def test_the_router_of_the_tests_cannot_be_reached_from_elsewhere() -> None:

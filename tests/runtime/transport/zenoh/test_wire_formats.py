@@ -27,14 +27,12 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     EndpointToken,
     EntityKind,
     NodeToken,
-    cpu_buffer_key,
     data_key,
     gid_of,
     pack_attachment,
     qos_text,
     read_qos,
     read_token,
-    tokens_of,
     unpack_attachment,
     valid_hash_or_empty,
 )
@@ -75,10 +73,6 @@ def test_a_key_is_made_of_domain_name_type_and_hash(
 def test_only_a_whole_hash_counts_as_one(chunk: str) -> None:
     assert valid_hash_or_empty(HASH) == HASH
     assert valid_hash_or_empty(chunk) == ""
-
-
-def test_the_channel_of_buffers_lies_below_the_key() -> None:
-    assert cpu_buffer_key(f"0/chatter/{STRING}/{HASH}") == f"0/chatter/{STRING}/{HASH}/_buf_cpu"
 
 
 # -------------------------------------------------------------------------------------------------------- attachments
@@ -285,10 +279,6 @@ def test_tokens_are_written_as_rmw_zenoh_writes_them(token: NodeToken | Endpoint
     assert read is not None and str(read) == text
 
 
-def test_a_token_tells_all_of_an_endpoint() -> None:
-    assert read_token(TALKER) == replace(WRITER, qos=announced(WRITER.qos))
-
-
 def test_later_chunks_are_left_alone() -> None:
     assert read_token(TALKER + "/backends:cpu:/later") == replace(
         WRITER, qos=announced(WRITER.qos), backends=CPU_BACKEND
@@ -369,10 +359,6 @@ ENDPOINTS = st.builds(
 @given(st.one_of(NODES, ENDPOINTS))
 def test_a_written_token_is_read_again(token: NodeToken | EndpointToken) -> None:
     assert read_token(str(token)) == token
-
-
-def test_all_tokens_of_a_domain_have_one_key_expression() -> None:
-    assert tokens_of(3) == "@ros2_lv/3/**"
 
 
 # -------------------------------------------------------------------------------------------------------------- gids
