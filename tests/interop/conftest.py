@@ -43,56 +43,43 @@ def bound_as_the_peers_are(only_loopback: None, monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{bound}</Domain></CycloneDDS>")
 
 
-def _require(*programs: str) -> None:
+def _compiled(name: str, programs: tuple[str, ...], *commands: str) -> Path:
+    """Return a program that commands make in a folder, where SOURCES stands for that of the sources."""
     missing = [program for program in programs if shutil.which(program) is None]
     if missing:
         assert "ROSIDL_TEST_REQUIRE_PEERS" not in os.environ, f"missing: {missing}"
         pytest.skip(f"needs {', '.join(missing)}")
 
+    def make(folder: Path) -> None:
+        for command in commands:
+            subprocess.run(command, shell=True, cwd=folder, env={**os.environ, "SOURCES": str(SOURCES)}, check=True)
 
-def _compiled(name: str, make: Callable[[Path], None]) -> Path:
     return kept(name, [*sorted(SOURCES.iterdir()), Path(__file__)], make) / "peer"
 
 
 @pytest.fixture(scope="session")
 def cyclone_peer() -> Path:
     """C program on Cyclone DDS 0.10.2; with `-t` it announces no XTypes information, like endpoints of ROS."""
-    _require("idlc", "gcc")
-
-    def make(folder: Path) -> None:
-        subprocess.run(["idlc", "-t", str(SOURCES / "types.idl")], cwd=folder, check=True, capture_output=True)
-        command = ["gcc", "-O1", "-I.", "types.c", str(SOURCES / "cyclone_peer.c"), "-lddsc", "-o", "peer"]
-        subprocess.run(command, cwd=folder, check=True)
-
-    return _compiled("cyclone-peer", make)
+    generate = "idlc -t $SOURCES/types.idl"
+    return _compiled(
+        "cyclone-peer", ("idlc", "gcc"), generate, "gcc -O1 -I. types.c $SOURCES/cyclone_peer.c -lddsc -o peer"
+    )
 
 
 @pytest.fixture(scope="session")
 def fastdds_peer() -> Path:
     """C++ program on Fast DDS 2.9."""
-    _require("fastddsgen", "g++")
-
-    def make(folder: Path) -> None:
-        shutil.copy(SOURCES / "types.idl", folder)
-        subprocess.run(["fastddsgen", "types.idl"], cwd=folder, check=True, capture_output=True)
-        sources = [str(path) for path in folder.glob("*.cxx")]
-        command = ["g++", "-I.", *sources, str(SOURCES / "fastdds_peer.cpp"), "-lfastrtps", "-lfastcdr", "-o", "peer"]
-        subprocess.run(command, cwd=folder, check=True)
-
-    return _compiled("fastdds-peer", make)
+    generate = "cp $SOURCES/types.idl . && fastddsgen types.idl > fastddsgen.log"
+    compile = "g++ -I. *.cxx $SOURCES/fastdds_peer.cpp -lfastrtps -lfastcdr -o peer"
+    return _compiled("fastdds-peer", ("fastddsgen", "g++"), generate, compile)
 
 
 @pytest.fixture(scope="session")
 def fastdds_service_peer() -> Path:
     """C++ program on Fast DDS 2.9 with a server and a client like those of rmw_fastrtps of Humble."""
-    _require("fastddsgen", "g++")  # the generator proves that the packages of Fast DDS are installed
-
-    def make(folder: Path) -> None:
-        source = str(SOURCES / "fastdds_service_peer.cpp")
-        command = ["g++", "-std=c++17", source, "-lfastrtps", "-lfastcdr", "-o", "peer"]
-        subprocess.run(command, cwd=folder, check=True)
-
-    return _compiled("fastdds-service-peer", make)
+    # The generator proves that the packages of Fast DDS are installed.
+    compile = "g++ -std=c++17 $SOURCES/fastdds_service_peer.cpp -lfastrtps -lfastcdr -o peer"
+    return _compiled("fastdds-service-peer", ("fastddsgen", "g++"), compile)
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 from support.node_fixtures import until
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
-from rosidl_py_gen.runtime import CallTimeoutError, IncompatibleServiceError, Node, QoSProfile
+from rosidl_py_gen.runtime import CallTimeoutError, Node, QoSProfile
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
@@ -146,19 +145,6 @@ async def test_fast_dds_latched_samples_reach_late_joiners(
         assert await latched.receive(timeout_s=10) == String(data="kept")
 
 
-@pytest.mark.parametrize(("late", "numbers"), [(False, [(1, 2), (-5, 3), (2**62, 1)]), (True, [(20, 22)])])
-def test_fast_dds_services_as_humble_has_them(
-    fastdds_service_peer: Path, run_peer: Callable[..., Any], late: bool, numbers: list[tuple[int, int]]
-) -> None:
-    where = os.environ["ROS_DOMAIN_ID"], "humble_add"
-    call = (fastdds_service_peer, "call", *where, *(str(number) for pair in numbers for number in pair))
-    serve = (fastdds_service_peer, "serve", *where)
-    with run_peer(*(call if late else serve)) as first, run_peer(*(serve if late else call)) as second:
-        client = first if late else second
-        assert client.stdout.read().split() == [word for a, b in numbers for word in ("SUM", str(a + b))]
-        assert client.wait() == 0
-
-
 async def test_fast_dds_servers_as_humble_has_them_are_called(
     dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any]
 ) -> None:
@@ -179,17 +165,6 @@ async def test_fast_dds_clients_as_humble_has_them_are_served(
     with run_peer(fastdds_service_peer, "call", str(context.domain_id), "our_add", *numbers) as client:
         sums = (await asyncio.to_thread(client.stdout.read)).split()
     assert sums == ["SUM", "3", "SUM", "-2", "SUM", str(2**62 + 1)]
-
-
-async def test_fast_dds_servers_are_refused_by_unknown_builds_of_cyclone(
-    dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    context = dds.context()
-    monkeypatch.setattr(context._core.participant.fast_dds, "refusal", "this build is not known")
-    with run_peer(fastdds_service_peer, "serve", str(context.domain_id), "fast_add"):
-        client = dds.node("tester", context=context).create_client(AddTwoInts, "/fast_add")
-        with pytest.raises(IncompatibleServiceError, match="Fast DDS"):
-            await client.call(AddTwoInts.Request(), timeout_s=10)
 
 
 async def test_a_peer_that_is_killed_disappears_and_may_return(

@@ -179,29 +179,12 @@ def test_wrong_files_are_named(keystore: Keystore) -> None:
     assert "rror occurred" not in log, "Cyclone's lines are in the errors"
 
 
-def test_a_process_has_one_enclave_for_each_domain(keystore: Keystore) -> None:
-    for name in ("/one", "/two"):
-        keystore.enclave(name)
-    program = """
-import sys
-from rosidl_py_gen.runtime import Context, SecurityError
-with Context(enclave="/one", args=["x"]), Context(args=["x", "--ros-args", "--enclave", "/one"]):
-    try:
-        Context(enclave="/two", args=["x"])
-    except SecurityError as error:
-        print(error)
-with Context(enclave="/two", args=["x"]) as context:  # all others are closed
-    print(context.settings.security.name)
-"""
-    first, second = ended(keystore, program).stdout.splitlines()
-    assert "Use one enclave, or two processes" in first and second == "/two"
-
-
 def test_a_domain_of_a_process_is_secured_or_not(keystore: Keystore) -> None:
     """Cyclone would end the process; after a context that failed or was closed, the domain may be used otherwise."""
     keystore.enclave("/expired", days=(-10, -1))
     keystore.enclave("/foreign")
     keystore.enclave("/good")
+    keystore.enclave("/other")
     governance_file = keystore.folder / "enclaves/foreign/governance.p7s"
     governance_file.unlink()
     governance_file.write_bytes(keystore.authority.sign(governance(domain_id() + 1)))
@@ -222,18 +205,22 @@ plain.close()
 attempt("/expired")
 attempt("/foreign")
 good = attempt("/good")
+attempt("/good").close()
 attempt("")
+attempt("/other")
 good.close()
+attempt("/other").close()
 attempt("").close()
 print("end")
 """
     run = ended(keystore, program)
-    second, expired, foreign, unsecured, end = run.stdout.splitlines() or [run.stderr]
+    second, expired, foreign, unsecured, other, end = run.stdout.splitlines() or [run.stderr]
     folder = f"{keystore.folder}/enclaves/good"
     assert "with no security, and Cyclone DDS permits one enclave" in second
     assert f"got the enclave in {folder}. Use one enclave, or two processes" in second
     assert "expired/cert.pem" in expired and "has no rule for domain" in foreign
     assert f"with the enclave in {folder}, and Cyclone DDS permits" in unsecured and "got no security" in unsecured
+    assert f"with the enclave in {folder}, and Cyclone DDS permits one enclave" in other and "enclaves/other" in other
     assert (end, run.returncode) == ("end", 0)
 
 
@@ -279,15 +266,6 @@ def _resident_bytes(pid: int) -> int:
 
 
 # ------------------------------------------------------------------------------------------------------- permissive
-
-
-def test_the_override_chooses_the_folder_and_not_the_name(keystore: Keystore) -> None:
-    keystore.enclave("/good")
-    environ = keystore.environment(ROS_SECURITY_ENCLAVE_OVERRIDE="/good")
-    with talking("talk", "/", environ) as talker:
-        found, _ = results("listen", "/a/b", environ)
-        assert f"found security directory {keystore.folder}/enclaves/good" in log_of(talker)
-    assert found["enclaves"] == {"/talk": "/", "/listen": "/a/b"}
 
 
 # ------------------------------------------------------------------------------------------------------------ commands

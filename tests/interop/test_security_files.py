@@ -73,12 +73,6 @@ def output(process: subprocess.Popen[str], timeout_s: float) -> str:
     return process.stdout.readline() if ready else ""
 
 
-def test_two_enclaves_authenticate_and_talk(keystore: Path, start: Callable[..., Any]) -> None:
-    enclaves = keystore / "enclaves"
-    with start("talk", TOPIC, enclaves / "talker"), start("listen", TOPIC, enclaves / "listener") as listener:
-        assert output(listener, 20) == "GOT secret\n"
-
-
 def test_permissions_of_a_policy_allow_and_deny(keystore: Path, start: Callable[..., Any], tmp_path: Path) -> None:
     (tmp_path / "policy.xml").write_text(POLICY)
     security("generate_artifacts", "-k", str(keystore), "-p", str(tmp_path / "policy.xml"))

@@ -224,16 +224,6 @@ async def test_calls_in_the_way_of_fast_dds_between_processes(
     assert fast_dds.refusal is None
 
 
-async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds: None) -> None:
-    node = dds.node("ours")
-    _, client = node.create_service(SetBool, "silent"), node.create_client(SetBool, "silent")
-    assert await client.wait_for_service(10)
-    for _ in range(5):
-        calls = (client.call(SetBool.Request(), timeout_s=0.05) for _ in range(100))
-        assert all(isinstance(error, TimeoutError) for error in await asyncio.gather(*calls, return_exceptions=True))
-    assert client._transport_client._sent == 500 and client.in_flight_count == 0
-
-
 async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: None) -> None:
     server = dds.node("server")
     server.create_service(

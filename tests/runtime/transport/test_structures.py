@@ -189,10 +189,3 @@ def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, mo
     assert writer.write(HEADER + b"1234", (writer.guid, 1))
     assert [reference_count(sample) for sample in made] == [1]
     API.serdata_unref(made[0])
-
-
-def test_a_description_of_a_topic_is_copied(participant: Any) -> None:
-    name = "a" * 255
-    assert participant.domain.types.create_topic(participant.entity, "rt/long", name) > 0
-    with pytest.raises(TransportError, match="expected at most 255 characters"):
-        participant.domain.types.create_topic(participant.entity, "rt/longer", name + "a")

@@ -137,15 +137,6 @@ async def test_bytes_that_the_peers_definition_does_not_have(
         await client.call(ours.Request(), 5)
 
 
-async def test_services_with_different_definitions_in_one_context(zenoh: World) -> None:
-    ours, theirs = two("sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
-    context = zenoh.context()
-    alice, bob = zenoh.node("alice", context=context), zenoh.node("bob", context=context)
-    alice.create_service(theirs, "s", lambda request: theirs.Response(seen=request.seen))
-    client = bob.create_client(ours, "s")
-    assert (await client.call(ours.Request(seen=Range(range=3.0, variance=5.0)), 5)).seen == Range(range=3.0)
-
-
 @pytest.mark.parametrize("strict", ["alice", "bob", "both"])
 async def test_a_strict_end_leaves_the_conversion_to_the_other_one(
     zenoh: World, strict: str, caplog: pytest.LogCaptureFixture
