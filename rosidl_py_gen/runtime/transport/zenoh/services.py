@@ -81,7 +81,17 @@ class _ZenohServiceEndpoint(ZenohReader):
 
     def take(self) -> Any:
         items = self.queue.items
-        return items.popleft() if items else None
+        if not items:
+            return None
+        received: Any = items.popleft()
+        data = received[1]
+        if data.__class__ is _OfPeer:
+            try:
+                data = self._conversion(data.type_hash).received(data.data)
+            except DecodeError as error:
+                data = error
+            return received[0], data, *received[2:]
+        return received
 
     def connected(self) -> list[bytes]:
         return list(self._connected(self.info))
@@ -105,13 +115,6 @@ class _ZenohServiceEndpoint(ZenohReader):
     def close(self) -> None:
         super().close()
         self._find_conversion = no_conversion  # Zenoh may retain handlers, and with them the node
-
-    def _received(self, received: _OfPeer) -> bytes | DecodeError:
-        """Return a message in the own definition."""
-        try:
-            return self._conversion(received.type_hash).received(received.data)
-        except DecodeError as error:
-            return error
 
     def all_acknowledged(self) -> bool:
         return True
@@ -147,12 +150,6 @@ class ZenohClient(_ZenohServiceEndpoint):
     def accept_type_hash(self, type_hash: str) -> None:
         super().accept_type_hash(type_hash)
         self._servers_version = self._matching_version = -1
-
-    def take(self) -> Any:
-        reply = super().take()
-        if reply is not None and reply[1].__class__ is _OfPeer:
-            return reply[0], self._received(reply[1]), reply[2]
-        return reply
 
     def _find_reachable(self) -> str | None:
         """Return the hash of the key of a reachable server, None if none is reachable.
@@ -342,12 +339,8 @@ class ZenohServer(_ZenohServiceEndpoint):
 
     def take(self) -> Any:
         request = super().take()
-        if request is None:
-            return None
-        if self._is_limited():
+        if request is not None and self._is_limited():
             self._window.on_request(request[0][0])
-        if request[1].__class__ is _OfPeer:
-            return request[0], self._received(request[1]), *request[2:]
         return request
 
     def _is_limited(self) -> bool:
