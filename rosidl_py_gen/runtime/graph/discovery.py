@@ -55,8 +55,8 @@ class Discovery:
         # Held from a change of own nodes until it is announced, so that no older state is announced after it.
         self._lock = threading.RLock()
         self._closed = False
-        self._reported_pairs: set[tuple[bytes, bytes]] = set()
-        self._reported_services: set[tuple[str, bytes, bytes]] = set()
+        self._reported: set[tuple[object, ...]] = set()
+        """Reported incompatibilities: GUIDs of the endpoints, or name of the service and GUIDs of the participants."""
         self._deferred: list[tuple[Callable[[], None], tuple[DiscoveredEndpoint, ...]]] = []
         """Functions to call when the nodes of endpoints are known."""
         self.on_incompatible_endpoint: Callable[[str, str], None] | None = None
@@ -138,8 +138,7 @@ class Discovery:
         for event in events:
             if isinstance(event, EntityLost):
                 is_any_lost = True
-                self._reported_pairs = {pair for pair in self._reported_pairs if event.guid not in pair}
-                self._reported_services = {service for service in self._reported_services if event.guid not in service}
+                self._reported = {report for report in self._reported if event.guid not in report}
             new_endpoint = self.graph.apply(event)
             if new_endpoint is not None:
                 self._check_new_endpoint(new_endpoint)
@@ -182,17 +181,16 @@ class Discovery:
         for other in self.graph.endpoints_on(new.topic_key, writers=not new.is_writer):
             writer, reader = (new, other) if new.is_writer else (other, new)
             own = [endpoint for endpoint in (writer, reader) if endpoint.participant_guid == self._participant.guid]
-            if not own or (writer.guid, reader.guid) in self._reported_pairs:
+            if not own or (writer.guid, reader.guid) in self._reported:
                 continue
             result = self.incompatibility(writer, reader)
             if result is None:
                 continue
-            self._reported_pairs.add((writer.guid, reader.guid))
+            self._reported.add((writer.guid, reader.guid))
             modes = {self.type_hash_checks.get(endpoint.guid, DEFAULT_CHECK) for endpoint in own}
             is_definition = result.kind is IncompatibilityKind.DEFINITION
-            if self.is_converted(result) or (is_definition and modes == {"off"}):
-                continue
-            if not self._is_first_report(writer, reader):
+            is_accepted = self.is_converted(result) or (is_definition and modes == {"off"})
+            if is_accepted or not self._is_first_report(writer, reader):
                 continue
             is_delivered = is_definition and reader in own and modes <= {"warn", "off"}
             self.call_when_named(partial(self._warn, result, is_delivered), writer, reader)
@@ -234,10 +232,9 @@ class Discovery:
         kind, name = writer.topic_key
         if kind not in ("request", "reply"):
             return True
-        first, second = sorted((writer.participant_guid, reader.participant_guid))
-        key = name, first, second
-        is_first = key not in self._reported_services
-        self._reported_services.add(key)
+        key = name, *sorted((writer.participant_guid, reader.participant_guid))
+        is_first = key not in self._reported
+        self._reported.add(key)
         return is_first
 
     def _warn(self, incompatibility: Incompatibility, is_delivered: bool) -> None:
