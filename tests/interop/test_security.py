@@ -53,10 +53,12 @@ def keystore(tmp_path: Path) -> Keystore:
 Result = dict[str, Any]
 
 
-def started(role: str, enclave: str, environ: Mapping[str, str]) -> AbstractContextManager[subprocess.Popen[str]]:
+def started(
+    role: str, enclave: str, environ: Mapping[str, str], *more: str
+) -> AbstractContextManager[subprocess.Popen[str]]:
     """Run a node; without variables of security it is an unsecured one."""
     settings = {"ROSIDL_LIBDDSC": LIBRARY, "CYCLONEDDS_URI": _BOUND, **environ}
-    return running_process(sys.executable, NODE, role, enclave, **settings)
+    return running_process(sys.executable, NODE, role, enclave, *more, **settings)
 
 
 @contextmanager
@@ -69,9 +71,9 @@ def talking(role: str, enclave: str, environ: Mapping[str, str]) -> Iterator[sub
         yield process
 
 
-def results(role: str, enclave: str, environ: Mapping[str, str]) -> tuple[Result, str]:
+def results(role: str, enclave: str, environ: Mapping[str, str], *more: str) -> tuple[Result, str]:
     """Run a node to its end; return what it reports, and its log."""
-    with started(role, enclave, environ) as process:
+    with started(role, enclave, environ, *more) as process:
         out, log = process.communicate(timeout=60)
     merged: Result = {}
     for line in out.splitlines():
@@ -334,69 +336,22 @@ def test_a_library_without_security_says_what_to_install(keystore: Keystore) -> 
 # ------------------------------------------------------------------------------------------------------- other programs
 
 
-ECHO = """
-import asyncio, sys
-from rosidl_py_gen import get_message, get_service
-from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
-String, Add = get_message("std_msgs/msg/String"), get_service("example_interfaces/srv/AddTwoInts")
-
-async def main(enclave, *services):
-    async with Context(args=["x"], enclave=enclave) as context, Node("ours", context=context) as node:
-        if services[0] == "serve":
-            node.create_service(Add, "/p_add", lambda request: Add.Response(sum=request.a + request.b))
-            print("READY", flush=True)
-            await asyncio.sleep(30)
-        publisher = node.create_publisher(String, "/ask_string")
-        answers = node.create_subscription(String, "/answer_string")
-        try:
-            if services[0] == "topics":
-                await publisher.wait_for_subscribers(timeout_s=8)
-                await answers.wait_for_publishers(timeout_s=8)
-                for size in (5, 70_000):
-                    publisher.publish(String(data="x" * size))
-                    print(len((await answers.receive(timeout_s=8)).data), flush=True)
-            for name in services[1:]:
-                client = node.create_client(Add, name)
-                await client.wait_for_service(8)
-                print((await client.call(Add.Request(a=1, b=41), timeout_s=8)).sum, flush=True)
-        except RosidlError as error:
-            print(f"{type(error).__name__}: {error}", flush=True)
-
-asyncio.run(main(*sys.argv[1:]))
-assert not has_secured_fast_dds(), "peers of a closed context"
-"""
-
-
-def ours(keystore: Keystore, *arguments: str) -> AbstractContextManager[subprocess.Popen[str]]:
-    settings = {"CYCLONEDDS_URI": _BOUND, **keystore.environment()}
-    return running_process(sys.executable, "-c", ECHO, *arguments, **settings)
-
-
-def outcome(keystore: Keystore, *arguments: str) -> tuple[list[str], str]:
-    with ours(keystore, *arguments) as process:
-        out, log = process.communicate(timeout=60)
-    assert process.returncode == 0, log
-    return out.splitlines(), log
-
-
-def until_found(run: Callable[[], tuple[list[str], str]]) -> tuple[list[str], str]:
+def until_found(run: Callable[[], tuple[Result, str]]) -> tuple[Result, str]:
     """Start a peer on Fast DDS and a node until they find each other: docs/internals/dds.md 12."""
     for _ in range(6):
-        lines, log = run()
-        if lines and not lines[0].startswith("WaitTimeoutError"):
+        found, log = run()
+        if not found.get("error", "").startswith("WaitTimeoutError"):
             break
         assert not log or "a peer on Fast DDS was found, but no endpoints of it" in log, log
-    return lines, log
+    return found, log
 
 
 def test_a_program_on_cyclone(keystore: Keystore, run_peer: Callable[..., Any], cyclone_peer: Path) -> None:
     keystore.enclave("/ours")
     folder = keystore.enclave("/peer").folder
     with run_peer(cyclone_peer, enclave=folder):
-        lines, log = outcome(keystore, "/ours", "topics", "/c_add")
-    assert lines == ["5", "70000", "42"], log
+        found, log = results("use", "/ours", keystore.environment(), "topics", "/c_add")
+    assert found == {"sizes": [5, 70_000], "sums": [42]}, log
 
 
 # The hash of /talker is smaller than that of /listener, so whoever has it begins the handshake.
@@ -417,31 +372,33 @@ def test_services_with_fast_dds(
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
 
-    def call() -> tuple[list[str], str]:
+    def call() -> tuple[Result, str]:
         with run_peer(fastdds_service_peer, "serve", domain, "f_add", enclave=folder):
-            return outcome(keystore, "/talker", "calls", "/f_add")
+            return results("use", "/talker", keystore.environment(), "/f_add")
 
-    def serve() -> tuple[list[str], str]:
-        with ours(keystore, "/talker", "serve") as server:
-            assert server.stdout is not None and server.stdout.readline() == "READY\n"
-            with run_peer(fastdds_service_peer, "call", domain, "p_add", "1", "2", "3", "4", enclave=folder) as peer:
-                return [line.strip() for line in peer.stdout], ""
+    def serve() -> tuple[Result, str]:
+        with (
+            talking("talk", "/talker", keystore.environment()),
+            run_peer(fastdds_service_peer, "call", domain, "add", "1", "2", "3", "4", enclave=folder) as peer,
+        ):
+            lines = [line.strip() for line in peer.stdout]
+            return {"lines": lines} if lines else {"error": "WaitTimeoutError"}, ""
 
-    lines, log = until_found(call)
-    assert lines == ["42"], log
-    assert until_found(serve)[0] == ["SUM 3", "SUM 7"]
+    found, log = until_found(call)
+    assert found["sums"] == [42], log
+    assert until_found(serve)[0] == {"lines": ["SUM 3", "SUM 7"]}
 
 
 def test_topics_with_fast_dds(keystore: Keystore, run_peer: Callable[..., Any], fastdds_peer: Path) -> None:
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
 
-    def echo() -> tuple[list[str], str]:
+    def echo() -> tuple[Result, str]:
         with run_peer(fastdds_peer, "echo", str(domain_id()), enclave=folder):
-            return outcome(keystore, "/talker", "topics")
+            return results("use", "/talker", keystore.environment(), "topics")
 
-    lines, log = until_found(echo)
-    assert lines == ["5", "70000"], log
+    found, log = until_found(echo)
+    assert found["sizes"] == [5, 70_000], log
 
 
 def test_fast_dds_that_begins_the_handshake_is_reported(
@@ -450,8 +407,8 @@ def test_fast_dds_that_begins_the_handshake_is_reported(
     folder = keystore.enclave("/talker").folder
     keystore.enclave("/listener")
     with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
-        lines, log = outcome(keystore, "/listener", "calls", "/f_add")
-    assert lines[0].startswith("WaitTimeoutError"), lines
+        found, log = results("use", "/listener", keystore.environment(), "/f_add")
+    assert found["error"].startswith("WaitTimeoutError"), found
     assert log.count("they authenticate each other only if Cyclone DDS begins the handshake") == 1, log
 
 
@@ -462,36 +419,19 @@ def test_services_that_governance_makes_impossible_are_refused(
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
 
-    def call() -> tuple[list[str], str]:
+    def call() -> tuple[Result, str]:
         with run_peer(fastdds_service_peer, "serve", str(domain_id()), "f_add", enclave=folder):
-            return outcome(keystore, "/talker", "calls", "/f_add")
+            return results("use", "/talker", keystore.environment(), "/f_add")
 
-    lines, log = until_found(call)
-    assert lines[0].startswith("IncompatibleServiceError") and "protects data but not metadata" in lines[0], lines
+    found, log = until_found(call)
+    error = found["error"]
+    assert error.startswith("IncompatibleServiceError") and "protects data but not metadata" in error, found
     assert log.count("a peer on Fast DDS was found, and the governance rule '*' protects data") == 1, log
 
 
 # ----------------------------------------------------------------------------------------------------- rclpy programs
 
 
-RCLPY_TALKER = """
-import rclpy
-from example_interfaces.srv import AddTwoInts
-from rclpy.node import Node
-from std_msgs.msg import String
-
-def add(request, response):
-    response.sum = request.a + request.b
-    return response
-
-rclpy.init()
-node = Node("talk")
-publisher = node.create_publisher(String, "chatter", 10)
-node.create_timer(0.2, lambda: publisher.publish(String(data="secret")))
-node.create_service(AddTwoInts, "add", add)
-print('{"ready": true}', flush=True)
-rclpy.spin(node)
-"""
 RCLPY_LISTENER = """
 import sys, rclpy
 from example_interfaces.srv import AddTwoInts
@@ -517,7 +457,6 @@ rclpy.shutdown()
 def test_programs_for_rclpy_are_secured(keystore: Keystore, tmp_path: Path) -> None:
     for name in ("/talker", "/listener"):
         keystore.enclave(name)
-    (tmp_path / "talker.py").write_text(RCLPY_TALKER)
     (tmp_path / "listener.py").write_text(RCLPY_LISTENER)
 
     def listener(timeout_s: int, *arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
@@ -526,15 +465,13 @@ def test_programs_for_rclpy_are_secured(keystore: Keystore, tmp_path: Path) -> N
             environ={**keystore.environment(), **more},
         )
 
-    words = sys.executable, "-m", "rosidl_py_gen.ros_cli", "run", "talker.py", "--ros-args", "--enclave", "/talker"
-    environ = {"CYCLONEDDS_URI": _BOUND, **keystore.environment()}
-    with running_process(*words, cwd=tmp_path, **environ) as talker:
-        assert talker.stdout is not None and talker.stdout.readline() == '{"ready": true}\n'
+    with talking("talk", "/talker", keystore.environment()):
         secured, plain, missing = side_by_side(
             lambda: listener(20, "--ros-args", "--enclave", "/listener"),
             lambda: listener(2, ROS_SECURITY_ENABLE="false"),
             lambda: listener(2, "--ros-args", "--enclave", "/nowhere"),
         )
-    assert secured.stdout == "5 secret\n[('listen', '/', '/listener'), ('talk', '/', '/talker')]\n", secured
+    assert secured.stdout.startswith("5 secret "), secured
+    assert secured.stdout.endswith("[('listen', '/', '/listener'), ('talk', '/', '/talker')]\n"), secured
     assert plain.stdout == "[('listen', '/', '/')]\n", plain
     assert "RCLError: failed to initialize rcl: ROS_SECURITY_STRATEGY=Enforce requires a secured" in missing.stderr

@@ -1,6 +1,6 @@
 """Nodes that the environment secures, for `test_security.py`: prints a line of JSON for each result.
 
-Arguments: a role, and the name of an enclave; of several for the role "open".
+Arguments: a role, and the name of an enclave; of several for the role "open". Further ones are for the role.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds
 
 String: Any = get_message("std_msgs/msg/String")
 Add: Any = get_service("example_interfaces/srv/AddTwoInts")
@@ -93,7 +94,26 @@ async def create(node: Node) -> None:
             show(**{name: f"{type(error).__name__}: {error}"})
 
 
-ROLES = {"talk": talk, "listen": listen, "watch": watch, "flood": flood, "create": create}
+async def use(node: Node) -> None:
+    """Use programs of others: call the services that further arguments name; "topics" are those that are echoed."""
+    publisher = node.create_publisher(String, "/ask_string")
+    answers = node.create_subscription(String, "/answer_string")
+    sizes, sums = [], []
+    if "topics" in sys.argv:
+        await publisher.wait_for_subscribers(timeout_s=TIMEOUT_S)
+        await answers.wait_for_publishers(timeout_s=TIMEOUT_S)
+        for size in (5, 70_000):
+            publisher.publish(String(data="x" * size))
+            sizes.append(len((await answers.receive(timeout_s=TIMEOUT_S)).data))
+    for name in sys.argv[3:]:
+        if name != "topics":
+            client = node.create_client(Add, name)
+            await client.wait_for_service(TIMEOUT_S)
+            sums.append((await client.call(Add.Request(a=1, b=41), timeout_s=TIMEOUT_S)).sum)
+    show(sizes=sizes, sums=sums)
+
+
+ROLES = {"talk": talk, "listen": listen, "watch": watch, "flood": flood, "create": create, "use": use}
 
 
 def open_each(enclaves: list[str]) -> None:
@@ -114,6 +134,7 @@ async def main(role: str, enclave: str) -> None:
             await ROLES[role](node)
     except RosidlError as error:
         show(error=f"{type(error).__name__}: {error}")
+    assert not has_secured_fast_dds(), "peers of a closed context"
 
 
-asyncio.run(main(*sys.argv[1:]))
+asyncio.run(main(*sys.argv[1:3]))

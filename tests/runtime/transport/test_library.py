@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from support.node_fixtures import ROOT
+from support.program_processes import started
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.c_api import REQUIRED_SYMBOLS, CycloneApi
@@ -150,12 +150,6 @@ def test_two_libraries_in_one_process_are_two_worlds() -> None:
         "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
         "<AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", OTHER_LIBRARY, others[0]],
-        cwd=ROOT,
-        env={**os.environ, "CYCLONEDDS_URI": uri},
-        capture_output=True,
-        text=True,
-    )
+    done = started(sys.executable, "-c", OTHER_LIBRARY, others[0], cwd=ROOT, CYCLONEDDS_URI=uri)
     assert done.returncode == 0, done.stderr
     assert done.stdout.endswith(" 0 True\n")

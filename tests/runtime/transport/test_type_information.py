@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import subprocess
-import sys
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -14,7 +11,7 @@ import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
 from std_srvs.srv import SetBool
-from support.node_fixtures import ROOT, until
+from support.node_fixtures import python_process, until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import CallTimeoutError
@@ -24,7 +21,7 @@ from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
 
     from support.node_fixtures import World
 
@@ -80,16 +77,9 @@ while True:
 """
 
 
-@contextmanager
-def true_typed_peer(**hashes: str) -> Iterator[None]:
+def true_typed_peer(**hashes: str) -> AbstractContextManager[object]:
     """Run the peer, which announces the hashes of its service."""
-    hashes = dict.fromkeys(("REQUEST", "RESPONSE", "SERVICE"), "") | hashes
-    process = subprocess.Popen([sys.executable, "-c", TRUE_TYPE], env={**os.environ, "PYTHONPATH": str(ROOT), **hashes})
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
+    return python_process(TRUE_TYPE, **dict.fromkeys(("REQUEST", "RESPONSE", "SERVICE"), "") | hashes)
 
 
 needs_cyclonedds = pytest.mark.skipif(find_spec("cyclonedds") is None, reason="the peer is made of cyclonedds")

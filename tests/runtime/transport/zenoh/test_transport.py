@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
-import subprocess
 import sys
 import threading
 import time
@@ -14,7 +12,7 @@ from typing import Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
-from support.node_fixtures import ROOT, World, until, zenoh_environment, zenoh_router
+from support.node_fixtures import ROOT, World, running_process, until, zenoh_environment, zenoh_router
 
 from rosidl_py_gen import compile_definition, type_hash
 from rosidl_py_gen.runtime import Context, Node, QoSProfile
@@ -24,12 +22,12 @@ from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
 from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
 
 
-def program(text: str, **environment: str) -> subprocess.Popen[str]:
+def ended(text: str) -> tuple[int, str, str]:
+    """Run a program to its end; return its code, output and errors."""
     path = os.pathsep.join((str(ROOT), *(entry for entry in sys.path if "runtime-tests-" in entry)))
-    variables = {**os.environ, **zenoh_environment(), "PYTHONPATH": path, **environment}
-    return subprocess.Popen(
-        [sys.executable, "-c", text], env=variables, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    with running_process(sys.executable, "-c", text, **zenoh_environment(), PYTHONPATH=path) as process:
+        output, errors = process.communicate(timeout=30)
+    return process.returncode, output, errors
 
 
 # -------------------------------------------------------------------------------------------------------------- choice
@@ -80,9 +78,8 @@ _CYCLONE = "rosidl_py_gen.runtime.transport.cyclone.participant"
     ],
 )
 def test_only_the_middleware_that_is_used_is_imported(text: str, unwanted: tuple[str, ...]) -> None:
-    process = program(f"{text}\nimport sys\nprint(sorted(sys.modules.keys() & set({unwanted!r})))")
-    output, errors = process.communicate(timeout=30)
-    assert (process.returncode, output) == (0, "[]\n"), errors
+    code, output, errors = ended(f"{text}\nimport sys\nprint(sorted(sys.modules.keys() & set({unwanted!r})))")
+    assert (code, output) == (0, "[]\n"), errors
 
 
 def test_without_a_router_a_context_opens_and_says_what_is_missing(
@@ -163,7 +160,6 @@ latched = node.create_publisher(String, "t2")
 """
 ENDS = {
     "nothing is closed": ("", 0),
-    "an exception": ("raise SystemExit(3)", 3),
     "an exception in the loop": ("async def main():\n    raise SystemExit(4)\nasyncio.run(main())", 4),
     "a forked child that ends": ("pid = os.fork()\nif pid: sys.exit(os.waitpid(pid, 0)[1])", 0),
     "a forked child that opens a context": (
@@ -172,7 +168,6 @@ ENDS = {
         "try: Context()\nexcept Exception as error: sys.exit(5 if 'forked' in str(error) else 6)",
         5,
     ),
-    "SIGTERM": ("os.kill(os.getpid(), signal.SIGTERM)\nsignal.pause()", -signal.SIGTERM),
     "SIGTERM of run": (
         "async def main():\n    os.kill(os.getpid(), signal.SIGTERM)\n    await asyncio.Event().wait()\nrun(main)",
         None,
@@ -184,12 +179,8 @@ ENDS = {
 def test_processes_end_at_once_however_they_end(name: str) -> None:
     text, expected = ENDS[name]
     began = time.monotonic()
-    process = program(f"{NODE}\n{text}")
-    try:
-        _, errors = process.communicate(timeout=20)
-    finally:
-        process.kill()
-    assert expected is None or process.returncode == expected, errors
+    code, _, errors = ended(f"{NODE}\n{text}")
+    assert expected is None or code == expected, errors
     assert "Traceback" not in errors and "panicked" not in errors
     assert time.monotonic() - began < 15
 
