@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,36 +15,27 @@ from rosidl_py_gen.runtime import QoSProfile, ServerLostError
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import gid_of
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable
+    from collections.abc import Callable
+    from contextlib import AbstractAsyncContextManager
 
     from conftest import Peer
     from support.node_fixtures import World
 
-    Start = Callable[..., Awaitable[Peer]]
+    Running = Callable[..., AbstractAsyncContextManager[Peer]]
 
 STRING = "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 LATCHED = QoSProfile().keep_last(5).transient_local()
 
 
-@asynccontextmanager
-async def running(start: Start, name: str, *arguments: str) -> AsyncIterator[Peer]:
-    peer = await start(name, *arguments)
-    try:
-        await peer.wait_for("ready")
-        yield peer
-    finally:
-        await peer.end()
-
-
 @pytest.mark.parametrize("name", ["raw", "sdk", "zeros"])
-async def test_topics_and_services_work_both_ways(world: World, start_peer: Start, name: str) -> None:
+async def test_topics_and_services_work_both_ways(world: World, running: Running, name: str) -> None:
     node = world.node("ours")
     heard = node.create_subscription(String, "/from/peer", qos=100)
     node.create_subscription(UInt8MultiArray, "/bytes")  # its token has more chunks than they know
     publisher = node.create_publisher(String, "/to/peer")
     node.create_service(SetBool, "/ours/set", lambda request: SetBool.Response(success=request.data, message="ours"))
     client = node.create_client(SetBool, "/peer/set")
-    async with running(start_peer, name) as peer:
+    async with running(name) as peer:
         first, second = (await heard.receive(15)).data, (await heard.receive(5)).data
         assert (first.split()[0], int(second.split()[1])) == (name, int(first.split()[1]) + 1)
         assert await publisher.wait_for_subscribers(10)
@@ -65,22 +55,22 @@ async def test_topics_and_services_work_both_ways(world: World, start_peer: Star
     await until(lambda: node.count_publishers("/from/peer") == 0)
 
 
-async def test_late_joiners_get_what_is_kept(world: World, start_peer: Start) -> None:
+async def test_late_joiners_get_what_is_kept(world: World, running: Running) -> None:
     node = world.node("ours")
     publisher = node.create_publisher(String, "/latched/by_us", LATCHED)
     for number in range(8):
         publisher.publish(String(data=f"ours {number}"))
-    async with running(start_peer, "raw") as peer:
+    async with running("raw") as peer:
         late = node.create_subscription(String, "/latched/by_peer", qos=LATCHED)
         assert [(await late.receive(10)).data for _ in range(5)] == [f"latched {number}" for number in range(4, 9)]
         peer.tell("latch")
         assert await peer.wait_for("latched", 5) == [f"ours {number}" for number in range(3, 8)]
 
 
-async def test_the_peer_reads_our_tokens(world: World, start_peer: Start) -> None:
+async def test_the_peer_reads_our_tokens(world: World, running: Running) -> None:
     node = world.node("ours", "/arm")
     publisher = node.create_publisher(String, "/to/peer", LATCHED.deadline(0.5))
-    async with running(start_peer, "raw") as peer:
+    async with running("raw") as peer:
         peer.tell("tokens")
         await until(lambda: any("/%to%peer/" in token and "/MP/" in token for token in peer.printed("token")), 10)
         (token,) = [token for token in peer.printed("token") if "/MP/" in token and "/%to%peer/" in token]
@@ -95,10 +85,10 @@ async def test_the_peer_reads_our_tokens(world: World, start_peer: Start) -> Non
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-async def test_a_peer_that_dies_is_gone_and_ends_its_calls(world: World, start_peer: Start, number: int) -> None:
+async def test_a_peer_that_dies_is_gone_and_ends_its_calls(world: World, running: Running, number: int) -> None:
     node = world.node("ours")
     client = node.create_client(SetBool, "/peer/set")
-    async with running(start_peer, "raw", "silent") as peer:
+    async with running("raw", "silent") as peer:
         assert await client.wait_for_service(10)
         call = asyncio.ensure_future(client.call(SetBool.Request(data=True), timeout_s=20))
         await peer.wait_for("asked")
@@ -109,11 +99,11 @@ async def test_a_peer_that_dies_is_gone_and_ends_its_calls(world: World, start_p
         await until(lambda: "/raw" not in node.get_node_names() and node.count_publishers("/from/peer") == 0, 5)
 
 
-async def test_a_frozen_peer_is_gone_after_its_lease(world: World, start_peer: Start) -> None:
+async def test_a_frozen_peer_is_gone_after_its_lease(world: World, running: Running) -> None:
     # Its return is not tested: it depends on the router's gossip, and failed in 3 of some 80 runs. A token that appears
     # again is tested in `runtime/transport/zenoh/test_graph.py`.
     node = world.node("ours")
-    async with running(start_peer, "raw", "2000") as peer:
+    async with running("raw", "2000") as peer:
         await until(lambda: node.count_publishers("/from/peer") == 1, 10)
         peer.process.send_signal(signal.SIGSTOP)
         try:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
 from xml.etree import ElementTree
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, OPTIONAL_ELEMENTS, cyclone_xml
+
+LOCALHOST, OFF = DiscoveryRange.LOCALHOST, DiscoveryRange.OFF
 
 
 def test_subnet_sets_what_ros_peers_expect() -> None:
@@ -20,7 +24,7 @@ def test_subnet_sets_what_ros_peers_expect() -> None:
 
 
 def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> None:
-    assert cyclone_xml(DomainSettings(discovery_range=DiscoveryRange.LOCALHOST), process_id=1) == (
+    assert cyclone_xml(DomainSettings(discovery_range=LOCALHOST), process_id=1) == (
         '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>'
         "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
         "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
@@ -29,44 +33,43 @@ def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> No
     )
 
 
-def test_off_has_a_tag_of_its_own() -> None:
-    text = cyclone_xml(DomainSettings(discovery_range=DiscoveryRange.OFF), process_id=77)
-    assert "<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_77</Tag>" in text
-    assert "<AllowMulticast>false</AllowMulticast>" in text and 'address="127.0.0.1"' in text
-
-
 def test_system_default_says_nothing() -> None:
     assert cyclone_xml(DomainSettings(discovery_range=DiscoveryRange.SYSTEM_DEFAULT), process_id=1) == ""
 
 
-def test_a_static_peer_elsewhere_or_chosen_interfaces_keep_us_from_binding() -> None:
-    away = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, static_peers=("10.1.2.3",))
-    assert "127.0.0.1" not in cyclone_xml(away, process_id=1)
-    home = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, static_peers=("127.0.0.1",))
-    assert 'NetworkInterface address="127.0.0.1"' in cyclone_xml(home, process_id=1)
-    inner = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
-    uri = f"<CycloneDDS><Domain>{inner}</Domain></CycloneDDS>"
-    chosen = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, cyclonedds_uri=uri)
-    assert "127.0.0.1" not in cyclone_xml(chosen, process_id=1)
+INNER = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
+
+
+@pytest.mark.parametrize(
+    ("mode", "more", "unsupported", "is_bound"),
+    [
+        (LOCALHOST, {"static_peers": ("10.1.2.3",)}, (), False),
+        (LOCALHOST, {"static_peers": ("127.0.0.1",)}, (), True),
+        (LOCALHOST, {"cyclonedds_uri": f"<CycloneDDS><Domain>{INNER}</Domain></CycloneDDS>"}, (), False),
+        (LOCALHOST, {}, ("IgnoreTypeInformation",), False),  # a library before 11
+        (OFF, {}, ("IgnoreTypeInformation",), True),
+        (OFF, {}, (), True),
+    ],
+)
+def test_only_a_static_peer_elsewhere_chosen_interfaces_or_an_old_library_keep_us_from_binding(
+    mode: DiscoveryRange, more: dict[str, Any], unsupported: tuple[str, ...], is_bound: bool
+) -> None:
+    text = cyclone_xml(DomainSettings(discovery_range=mode, **more), process_id=77, unsupported=unsupported)
+    assert ('NetworkInterface address="127.0.0.1"' in text) is is_bound
+    assert "<AllowMulticast>false</AllowMulticast>" in text
+    assert ("<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_77</Tag>" in text) is (mode is OFF)
 
 
 def test_the_users_configuration_comes_after_ours_but_cannot_turn_multicast_on_in_localhost_mode() -> None:
-    text = cyclone_xml(
-        DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, cyclonedds_uri="file:///c.xml"), process_id=1
-    )
+    text = cyclone_xml(DomainSettings(discovery_range=LOCALHOST, cyclonedds_uri="file:///c.xml"), process_id=1)
     ours, theirs, last = text.split(",")
     assert "localhost" in ours and theirs == "file:///c.xml"
     assert last.endswith("<General><AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>")
     assert cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1).endswith(",<x/>")
 
 
-def test_extra_elements_are_placed_in_the_domain() -> None:
-    text = cyclone_xml(DomainSettings(), process_id=1, extra="<Internal/>")
-    assert "</Discovery><Internal/></Domain>" in text
-
-
 def test_what_a_library_does_not_know_is_left_out() -> None:
-    local = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST)
+    local = DomainSettings(discovery_range=LOCALHOST)
     last = "<SharedMemory><Enable>false</Enable></SharedMemory>"
     text = cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last, unsupported=OPTIONAL_ELEMENTS)
     found = {element.tag for element in ElementTree.fromstring(text).iter()}
@@ -74,12 +77,6 @@ def test_what_a_library_does_not_know_is_left_out() -> None:
     assert {
         one.tag for one in ElementTree.fromstring(cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last)).iter()
     } >= OPTIONAL_ELEMENTS
-
-
-def test_a_library_before_11_is_bound_to_loopback_only_where_nobody_shall_be_found() -> None:
-    for mode, is_bound in ((DiscoveryRange.LOCALHOST, False), (DiscoveryRange.OFF, True)):
-        text = cyclone_xml(DomainSettings(discovery_range=mode), process_id=1, unsupported={"IgnoreTypeInformation"})
-        assert ("127.0.0.1" in text) is is_bound and "<AllowMulticast>false</AllowMulticast>" in text
 
 
 def test_shared_memory_is_switched_off_behind_the_users_configuration() -> None:

@@ -108,6 +108,7 @@ def test_the_numbers_of_rmw_become_policies() -> None:
     ("field", "bad", "words"),
     [
         ("reliability", "best_effort", r"got 'best_effort': write Reliability\.BEST_EFFORT"),
+        ("history", 10, r"written QoSProfile\(depth=10\)"),
         ("history", "keep_all", r"got 'keep_all': write History\.KEEP_ALL"),
         ("durability", "sometimes", r"one of .*Durability\.VOLATILE.*; got 'sometimes'"),
         ("reliability", 7, r"one of .*Reliability\.RELIABLE.*; got 7"),
@@ -129,12 +130,6 @@ def test_values_that_are_no_policy_are_refused_in_words(field: str, bad: Any, wo
         QoSProfile(**{field: bad})
     with pytest.raises(InvalidQoSError, match=words):
         replace(QoSProfile(), **{field: bad})
-
-
-@pytest.mark.parametrize("depth", [1, 10])
-def test_a_depth_in_the_place_of_the_history_is_refused(depth: Any) -> None:
-    with pytest.raises(InvalidQoSError, match=rf"QoSProfile\(depth={depth}\)"):
-        QoSProfile(depth)
 
 
 @pytest.mark.parametrize("name", ["history", "reliability", "durability", "liveliness"])
