@@ -15,7 +15,7 @@ import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 
@@ -23,6 +23,7 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.api import (
     DiscoveryEvent,
     EndpointSpec,
+    EntityLost,
     NodeEntities,
     TransportError,
 )
@@ -33,7 +34,6 @@ from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
 from rosidl_py_gen.runtime.transport.zenoh.token_graph import (
-    Infos,
     TokenGraph,
     endpoints_of,
     incompatibility,
@@ -52,8 +52,6 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
 )
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
-_Description: TypeAlias = tuple[str, str, Infos]
-"""Key of a new endpoint, its token (empty if it belongs to no node), and its endpoints in the graph."""
 _NO_NODE_NAME = "_"
 """Name of the node of endpoints without one, which have no token."""
 
@@ -93,54 +91,49 @@ class ZenohParticipant:
         )
 
     def create_writer(self, spec: EndpointSpec) -> ZenohWriter:
-        return self._create(ZenohWriter, self._describe_topic(EntityKind.PUBLISHER, spec))
+        return self._create(ZenohWriter, EntityKind.PUBLISHER, spec.topic_key.name, spec)
 
     def create_reader(self, spec: EndpointSpec) -> ZenohReader:
         is_volatile = spec.qos.durability is not Durability.TRANSIENT_LOCAL
         has_buffer = spec.has_buffer and is_volatile and not self.is_humble
-        description = self._describe_topic(EntityKind.SUBSCRIPTION, spec, CPU_BACKEND if has_buffer else "")
-        return self._create(ZenohReader, description, ignore_local=spec.ignore_local, has_buffer=has_buffer)
+        options = {"ignore_local": spec.ignore_local, "has_buffer": has_buffer}
+        return self._create(ZenohReader, EntityKind.SUBSCRIPTION, spec.topic_key.name, spec, **options)
 
     def create_client(self, service: ServiceSpec) -> ZenohClient:
-        return self._create(ZenohClient, self._describe_service(EntityKind.CLIENT, service), service=service)
+        return self._create(ZenohClient, EntityKind.CLIENT, service.name, service, service=service)
 
     def create_server(self, service: ServiceSpec) -> ZenohServer:
-        return self._create(ZenohServer, self._describe_service(EntityKind.SERVER, service), service=service)
+        return self._create(ZenohServer, EntityKind.SERVER, service.name, service, service=service)
 
-    def _describe_topic(self, kind: EntityKind, spec: EndpointSpec, backends: str = "") -> _Description:
-        # Zenoh has no prefixes: an unmangled name is that of a topic.
-        return self._describe(kind, f"/{spec.topic_key.name.removeprefix('/')}", spec, backends)
-
-    def _describe_service(self, kind: EntityKind, service: ServiceSpec) -> _Description:
-        key, token, infos = self._describe(kind, service.name, service)
-        # Only our own graph knows the hashes of the messages; tokens do not contain them.
-        hashes = [service.request_hash, service.response_hash]
-        if kind is EntityKind.CLIENT:
-            hashes.reverse()
-        pairs = zip(infos, hashes, strict=True)
-        return key, token, tuple(replace(info, type_hash=type_hash) for info, type_hash in pairs)
-
-    def _describe(
-        self, kind: EntityKind, name: str, spec: EndpointSpec | ServiceSpec, backends: str = ""
-    ) -> _Description:
+    def _create(
+        self,
+        endpoint_class: type[_EndpointT],
+        kind: EntityKind,
+        name: str,
+        spec: EndpointSpec | ServiceSpec,
+        **options: Any,
+    ) -> _EndpointT:
+        """Create an endpoint, then announce it."""
         if self._closed:
             raise ClosedError("this participant is closed")
+        name = f"/{name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
         type, type_hash = wire_type(spec.type), "" if self.is_humble else spec.type_hash
         profile = read_qos(qos_text(spec.qos))
         assert profile is not None
         owner = self._nodes.get(spec.node)
-        token = EndpointToken(owner or self._no_node, next(self._ids), kind, name, type, type_hash, profile, backends)
-        text = str(token)
+        backends = CPU_BACKEND if options.get("has_buffer") else ""
+        node = owner or self._no_node
+        token = EndpointToken(node, next(self._ids), kind, name, type, type_hash, profile, backends)
+        infos = endpoints_of(token, gid_of(str(token)))
+        if isinstance(spec, ServiceSpec):
+            # Only our own graph knows the hashes of the messages; tokens do not contain them.
+            hashes = {"request": spec.request_hash, "reply": spec.response_hash}
+            infos = tuple(replace(info, type_hash=hashes[info.topic_key.kind]) for info in infos)
         key = data_key(self._domain_id, name, type, type_hash)
-        return key, text if owner else "", endpoints_of(token, gid_of(text))
-
-    def _create(self, kind: type[_EndpointT], description: _Description, **options: Any) -> _EndpointT:
-        """Create an endpoint, then announce it."""
-        key, text, infos = description
         endpoint = None
         try:
-            endpoint = kind(self, infos, key, **options)
-            endpoint.token = self._liveliness.declare_token(text) if text else None
+            endpoint = endpoint_class(self, infos, key, **options)
+            endpoint.token = self._liveliness.declare_token(str(token)) if owner else None
         except zenoh.ZError as error:
             if endpoint is not None:
                 endpoint.close()
@@ -184,10 +177,10 @@ class ZenohParticipant:
         if sink is None:
             return
         events = self.graph.events()
-        for client in self.graph.take_lost_clients():
-            for endpoint in list(self._local_endpoints.values()):
-                if isinstance(endpoint, ZenohServer):
-                    endpoint.drop_requests(client)
+        lost = {event.guid for event in events if isinstance(event, EntityLost)}
+        for endpoint in list(self._local_endpoints.values()) if lost else ():
+            if isinstance(endpoint, ZenohServer):
+                endpoint.drop_requests(lost)
         if events:
             sink(events)
 

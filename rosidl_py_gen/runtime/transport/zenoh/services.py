@@ -39,6 +39,8 @@ from rosidl_py_gen.runtime.transport.zenoh.token_graph import Infos, paired_gid,
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import pack_attachment
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
 _NO_TIMEOUT_S = 1e9
@@ -424,10 +426,10 @@ class ZenohServer(_ZenohServiceEndpoint):
     def request_origin(self, to: _RequestOrigin) -> tuple[bytes, int]:
         return to
 
-    def drop_requests(self, client: bytes | None = None) -> None:
-        """Discard the requests of a client that has disappeared, or all."""
+    def drop_requests(self, clients: Collection[bytes] | None = None) -> None:
+        """Discard the requests of clients that have disappeared, by their GIDs, or all."""
         with self._queries_lock:
-            origins = [origin for origin in self._queries if client in (None, origin[0])]
+            origins = [origin for origin in self._queries if clients is None or origin[0] in clients]
         for entry in filter(None, map(self.pop_query, origins)):
             entry.query.drop()
 

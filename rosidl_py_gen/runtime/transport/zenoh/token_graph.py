@@ -96,7 +96,6 @@ class TokenGraph:
         self._endpoints: defaultdict[Key, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
         """Existing endpoints by GUID."""
         self._events: list[DiscoveryEvent] = [ParticipantDiscovered(participant_guid(own_zid), enclave)]
-        self._lost_clients: list[bytes] = []
         self.changes = 0
         """Number of changes, without unread tokens."""
 
@@ -172,8 +171,6 @@ class TokenGraph:
         node = self._sessions[token.node.zid][token.node.node_id]
         if isinstance(token, NodeToken):
             node.tokens.discard(text)
-        elif token.kind is EntityKind.CLIENT:
-            self._lost_clients.append(endpoints[0].guid)
         for endpoint in endpoints:
             node.readers.discard(endpoint.guid)
             node.writers.discard(endpoint.guid)
@@ -201,12 +198,6 @@ class TokenGraph:
         with self._lock:
             events, self._events = self._events, []
         return events
-
-    def take_lost_clients(self) -> list[bytes]:
-        """Return the GIDs of the clients that disappeared since the last call."""
-        with self._lock:
-            lost, self._lost_clients = self._lost_clients, []
-        return lost
 
     def version(self) -> int:
         """Return the number of changes, including those of recorded tokens."""
