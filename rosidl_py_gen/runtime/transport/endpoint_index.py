@@ -4,58 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, DiscoveryEvent, EntityLost, TopicKey
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 ResultT = TypeVar("ResultT")
-
-
-class Versioned(Protocol):
-    """A set of endpoints whose `version` grows with each change."""
-
-    version: int
-
-
-class MatchCache(Generic[ResultT]):
-    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same.
-
-    DDS does not report when discovered endpoints become matched: a negative result may be outdated a moment later.
-    """
-
-    def __init__(self, endpoints: Versioned, check: Callable[[Hashable], ResultT]) -> None:
-        self._endpoints = endpoints
-        self._check = check
-        self._positive: dict[Hashable, ResultT] = {}
-        self._version = -1
-
-    def get(self, key: Hashable = None) -> ResultT:
-        """Return the cached result for `key`, or check."""
-        version = self._endpoints.version
-        if version != self._version:
-            self._positive.clear()
-            self._version = version
-        result = self._positive.get(key)
-        if result is None:
-            result = self._check(key)
-            if result and version == self._version:  # else another thread has seen a newer version
-                self._positive[key] = result
-        return result
-
-    def clear(self) -> None:
-        """Discard all results."""
-        self._positive.clear()
-
-
-def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
-    """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.
-
-    `clients` are the request writers of all clients, own ones included. They share the queue of a server, so the
-    smallest keep-last depth is divided by the number of their participants; each of these gets at least 1.
-    """
-    depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
-    return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))
 
 
 class EndpointIndex:
@@ -102,3 +56,43 @@ class ServicePeers(EndpointIndex):
     def known(self, guids: Iterable[bytes]) -> list[DiscoveredEndpoint]:
         """Return the endpoints with these GUIDs, without those that are not discovered."""
         return [self.endpoints[guid] for guid in guids if guid in self.endpoints]
+
+
+class MatchCache(Generic[ResultT]):
+    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same.
+
+    DDS does not report when discovered endpoints become matched: a negative result may be outdated a moment later.
+    """
+
+    def __init__(self, endpoints: EndpointIndex, check: Callable[[Hashable], ResultT]) -> None:
+        self._endpoints = endpoints
+        self._check = check
+        self._positive: dict[Hashable, ResultT] = {}
+        self._version = -1
+
+    def get(self, key: Hashable = None) -> ResultT:
+        """Return the cached result for `key`, or check."""
+        version = self._endpoints.version
+        if version != self._version:
+            self._positive.clear()
+            self._version = version
+        result = self._positive.get(key)
+        if result is None:
+            result = self._check(key)
+            if result and version == self._version:  # else another thread has seen a newer version
+                self._positive[key] = result
+        return result
+
+    def clear(self) -> None:
+        """Discard all results."""
+        self._positive.clear()
+
+
+def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
+    """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.
+
+    `clients` are the request writers of all clients, own ones included. They share the queue of a server, so the
+    smallest keep-last depth is divided by the number of their participants; each of these gets at least 1.
+    """
+    depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
+    return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -26,20 +26,15 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
     parse_request_header,
     strip_request_header,
 )
-from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, ServicePeers
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex, MatchCache, ServicePeers
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
 
-@dataclass
-class Endpoints:
-    version: int = 0
-
-
 def test_only_positive_results_are_cached_and_only_while_nothing_changes() -> None:
-    endpoints, connected, checked = Endpoints(), {"a"}, []
+    endpoints, connected, checked = EndpointIndex(), {"a"}, []
 
     def check(key: Hashable) -> bool:
         checked.append(key)
@@ -61,7 +56,7 @@ def test_only_positive_results_are_cached_and_only_while_nothing_changes() -> No
 
 
 def test_a_result_is_not_cached_when_the_endpoints_changed_during_the_check() -> None:
-    endpoints = Endpoints()
+    endpoints = EndpointIndex()
 
     def check(_: Hashable) -> bool:
         endpoints.version += 1

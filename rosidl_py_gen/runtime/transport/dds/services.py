@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, Payload, Reader, Writer
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, Participant, Payload, Reader, Writer
 from rosidl_py_gen.runtime.transport.dds.correlation import (
     ClientCorrelation,
     ClientId,
@@ -53,22 +53,16 @@ class ServiceWriter(Writer, Protocol):
     def write(self, data: Payload, identity: SampleIdentity | None = None) -> bool: ...
 
 
-class ServiceParticipant(Protocol):
+class ServiceParticipant(Participant, Protocol):
     """Participant whose clients and servers these are."""
 
     service_peers: ServicePeers
-
-    @property
-    def services_unavailable_reason(self) -> str | None:
-        """See `api.Participant`."""
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
         """Return why servers of one service on Fast DDS cannot be used; None if they can."""
 
     def next_gid(self) -> bytes:
         """Return the 16 bytes that identify a new client or server in ROS."""
-
-    def create_reader(self, spec: EndpointSpec) -> Reader: ...
 
     def create_writer(self, spec: EndpointSpec) -> ServiceWriter: ...
 
