@@ -37,7 +37,7 @@ from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
 from rosidl_py_gen.runtime.transport.endpoint_index import ServicePeers
 from rosidl_py_gen.runtime.transport.matching import check_compatible, qos_incompatibility
 from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
-from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
+from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _VENDOR = b"\x01\x10"
@@ -96,7 +96,7 @@ class MemoryParticipant:
         self.service_peers = ServicePeers()
         self.nodes: tuple[NodeEntities, ...] = ()
         self.closed = False
-        self._ready_sinks = ReadySinks(has_pipe=False)
+        self._ready_sinks: ReadyItems[Sink] = ReadyItems(has_pipe=False)
         self.mark_ready, self.set_wakeup = self._ready_sinks.put, self._ready_sinks.set_wakeup
         self.take_ready_sinks, self.fileno = self._ready_sinks.take, self._ready_sinks.fileno
         self._events: list[DiscoveryEvent] = []

@@ -18,6 +18,8 @@ import sys
 import threading
 from collections.abc import Callable, Iterable
 
+from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
+
 _LOOPS_CAN_WATCH = os.name == "posix"
 """Event loops can watch pipes. Elsewhere a thread reads, which keeps the pipe empty, so it may be a blocking one."""
 _MIN_PIPE_BYTES = 512
@@ -53,8 +55,8 @@ class WakeupPipe:
         self._lock = threading.Lock()
         self._closed = False
         self._thread: threading.Thread | None = None
-        self._notify: Callable[[], None] | None = None
-        self._handles: dict[int, None] = {}
+        self._handles: ReadyItems[int] = ReadyItems(has_pipe=False)
+        """Handles that the thread has read."""
         if not _LOOPS_CAN_WATCH:
             self.read_in_thread(None)
 
@@ -75,10 +77,7 @@ class WakeupPipe:
     def drain(self) -> Iterable[int] | None:
         """Return the handles written since the last call; None if some may be missing. Never blocks."""
         if self._thread is not None:
-            handles = [*self._handles]  # in their order: a peer's graph message arrives after its discovery
-            for handle in handles:  # the thread may add handles at any time
-                self._handles.pop(handle, None)
-            return handles
+            return self._handles.take()
         with self._lock:
             if self._closed:
                 return ()
@@ -96,21 +95,17 @@ class WakeupPipe:
 
     def read_in_thread(self, notify: Callable[[], None] | None) -> None:
         """Read in a thread from now on, which calls `notify` when `drain` has handles."""
-        self._notify = notify
+        self._handles.set_wakeup(notify)
         if self._thread is None:
             if _LOOPS_CAN_WATCH:
                 self._set_blocking(True)
             self._thread = threading.Thread(target=self._run, name="rosidl-py-gen receiver", daemon=True)
             self._thread.start()
-        elif notify is not None and self._handles:
-            notify()
 
     def _run(self) -> None:
         while data := os.read(self._read_end, _READ_BYTES):
-            self._handles.update(_unique_handles(data))
-            notify = self._notify
-            if notify is not None:
-                notify()
+            for handle in _unique_handles(data):
+                self._handles.put(handle)
 
     def close(self) -> None:
         """Close the pipe and end the thread. No listener may use the stream any more."""

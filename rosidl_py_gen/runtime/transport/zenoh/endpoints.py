@@ -11,9 +11,9 @@ Thread rules; there are no locks here, and Zenoh holds its own while it calls us
 1. `write`: any, several at once; an atomic counter numbers the messages. A reliable keep-all writer waits for slow
    peers without the GIL; no other writer waits.
 2. `_take`, `receive` and `read_attachment`: a thread of Zenoh, or one that publishes in this process. They add the
-   sample to the queue and the sink to `ReadySinks`, and must not log, call Zenoh or call functions of the user: a
+   sample to the queue and the sink to `ReadyItems`, and must not log, call Zenoh or call functions of the user: a
    blocked thread of Zenoh stops all reception.
-3. Sinks and `_log_bad_attachment`: loop, by `ReadySinks`. Only there the queue is emptied.
+3. Sinks and `_log_bad_attachment`: loop, by `ReadyItems`. Only there the queue is emptied.
 4. `set_sink`: loop, or the closing thread. A sample may arrive during it: `receive` reads the sink once, and a sink
    detects that its endpoint is closed.
 5. `close`: any but those of 2; the second call does nothing.

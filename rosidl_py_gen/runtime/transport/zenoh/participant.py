@@ -25,11 +25,12 @@ from rosidl_py_gen.runtime.transport.api import (
     EndpointSpec,
     EntityLost,
     NodeEntities,
+    Sink,
     TransportError,
 )
 from rosidl_py_gen.runtime.transport.dds.names import wire_type
 from rosidl_py_gen.runtime.transport.qos import Durability
-from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
+from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, leak_after_fork, zenoh_handler
 from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
@@ -80,7 +81,7 @@ class ZenohParticipant:
         self._node_tokens: dict[int, Any] = {}
         self._local_endpoints: dict[bytes, ZenohReader | ZenohWriter] = {}
         """Own endpoints by GUID."""
-        self.ready_sinks = ReadySinks()
+        self.ready_sinks: ReadyItems[Sink] = ReadyItems()
         self.set_wakeup, self.fileno = self.ready_sinks.set_wakeup, self.ready_sinks.fileno
         self.take_ready_sinks = self.ready_sinks.take
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None

@@ -13,7 +13,7 @@ import zenoh
 
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey, TransportError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.ready_sinks import ReadySinks
+from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 from rosidl_py_gen.runtime.transport.zenoh import endpoints
 from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
@@ -102,7 +102,7 @@ def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:
 
 
 def test_what_arrives_after_the_end_is_written_nowhere() -> None:
-    ready = ReadySinks()
+    ready = ReadyItems()
     ready.put(lambda: None)
     watched = ready.fileno()
     assert watched is not None and select.select([watched], [], [], 0)[0]

@@ -1,4 +1,4 @@
-"""Sinks that are ready, and the wake-up of the event loop, of transports without a descriptor of their own.
+"""Sinks, or handles of readers, that are ready, and the wake-up of the event loop, where no descriptor does that.
 
 Only the first sink of a batch wakes up the loop: by a byte in a pipe that the loop watches, or by a function where it
 cannot (Windows, virtual time). Later sinks are only stored.
@@ -18,19 +18,19 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from io import FileIO
+from typing import Generic, TypeVar
 
-from rosidl_py_gen.runtime.transport.api import Sink
-
+ItemT = TypeVar("ItemT", bound=Hashable)
 _MAX_BYTES = 64
 
 
-class ReadySinks:
-    """Sinks of one participant that are ready."""
+class ReadyItems(Generic[ItemT]):
+    """Ready sinks of one participant, or handles of its readers that have samples."""
 
     def __init__(self, *, has_pipe: bool = sys.platform != "win32") -> None:
-        self._ready: dict[Sink, None] = {}
+        self._ready: dict[ItemT, None] = {}
         self._is_notified = False
         """The loop was woken up and has not taken the sinks yet."""
         self._notify: Callable[[], None] | None = None
@@ -41,9 +41,9 @@ class ReadySinks:
                 os.set_blocking(end, False)
             self._ends = FileIO(reading, "rb"), FileIO(writing, "wb")
 
-    def put(self, sink: Sink) -> None:
-        """Add a sink. Thread: any."""
-        self._ready[sink] = None  # before the flag is read: `take` has the opposite order
+    def put(self, item: ItemT) -> None:
+        """Add an item. Thread: any."""
+        self._ready[item] = None  # before the flag is read: `take` has the opposite order
         if not self._is_notified:
             self._is_notified = True
             self._wake_up()
@@ -56,19 +56,19 @@ class ReadySinks:
             with contextlib.suppress(ValueError):  # closed by another thread
                 ends[1].write(b"\0")
 
-    def take(self) -> list[Sink]:
-        """Return all sinks added since the last call, each once."""
+    def take(self) -> list[ItemT]:
+        """Return all items added since the last call, each once, in their order."""
         ends = self._ends
         if ends is not None:
             ends[0].read(_MAX_BYTES)
         self._is_notified = False
         ready = list(self._ready)
-        for sink in ready:  # other threads may add some at any time
-            self._ready.pop(sink, None)
+        for item in ready:  # other threads may add some at any time
+            self._ready.pop(item, None)
         return ready
 
     def fileno(self) -> int | None:
-        """Return a descriptor that is readable while there are sinks; None if there is none."""
+        """Return a descriptor that is readable while there are items; None if there is none."""
         return None if self._ends is None else self._ends[0].fileno()
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
@@ -80,7 +80,7 @@ class ReadySinks:
             self._wake_up()
 
     def close(self) -> None:
-        """Discard sinks from now on."""
+        """Discard items from now on."""
         ends, self._ends, self._notify = self._ends, None, None
         self._ready.clear()
         for end in ends or ():
