@@ -87,13 +87,6 @@ async def test_cyclone_echoes(dds: Any, cyclone_peer: Path, run_peer: Callable[.
         await echo_through(dds.node("tester"), kind, MESSAGES[kind])
 
 
-@pytest.mark.parametrize("kind", MESSAGES)
-async def test_fast_dds_echoes(dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any], kind: str) -> None:
-    context = dds.context()
-    with run_peer(fastdds_peer, "echo", str(context.domain_id)):
-        await echo_through(dds.node("tester", context=context), kind, MESSAGES[kind])
-
-
 async def test_a_content_filter_of_fast_dds_passes_what_it_selects(
     dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]
 ) -> None:
@@ -133,16 +126,6 @@ async def test_a_cyclone_client_calls_our_server(dds: Any, cyclone_peer: Path, r
     with run_peer(cyclone_peer, "call", "5") as process:
         lines = [await asyncio.to_thread(process.stdout.readline) for _ in range(5)]
     assert lines == [f"SUM {number + 100}\n" for number in range(1, 6)]
-
-
-async def test_fast_dds_latched_samples_reach_late_joiners(
-    dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]
-) -> None:
-    context = dds.context()
-    with run_peer(fastdds_peer, "echo", str(context.domain_id)):
-        node = dds.node("tester", context=context)
-        latched = node.create_subscription(String, "/latched", qos=QoSProfile().transient_local())
-        assert await latched.receive(timeout_s=10) == String(data="kept")
 
 
 async def test_fast_dds_servers_as_humble_has_them_are_called(

@@ -103,18 +103,6 @@ def test_what_a_policy_does_not_allow_fails(
         pass
 
 
-def test_enclaves_of_another_keystore_are_not_heard(
-    keystore: Path, run_peer: Callable[..., Any], cyclone_peer: Path, tmp_path: Path
-) -> None:
-    security("generate_artifacts", "-k", str(tmp_path / "other"), "-e", "/listener")
-    talker, listener = keystore / "enclaves/talker", tmp_path / "other/enclaves/listener"
-    with (
-        run_peer(cyclone_peer, "talk", TOPIC, enclave=talker),
-        run_peer(cyclone_peer, "listen", TOPIC, enclave=listener) as heard,
-    ):
-        assert output(heard, 3) == ""
-
-
 def test_enclaves_in_a_keystore_of_sros2(tmp_path: Path, start: Callable[..., Any]) -> None:
     """The talker is an enclave that SROS2 made; its permissions are renewed for the domain of the test."""
     root = unpack(tmp_path / "sros2")

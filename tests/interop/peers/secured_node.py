@@ -68,16 +68,6 @@ async def watch(node: Node) -> None:
     show(nodes=[one.name for one in node.get_nodes()], received=received)
 
 
-async def flood(node: Node) -> None:
-    """Publish large messages as fast as possible, until the process is killed."""
-    publishers = [node.create_publisher(String, f"/{name}") for name in ("chatter", "other")]
-    show(ready=True)
-    while True:
-        for publisher in publishers:
-            publisher.publish(String(data="x" * 60_000))
-        await asyncio.sleep(0)
-
-
 async def create(node: Node) -> None:
     """Try to create endpoints."""
     kinds = {
@@ -113,7 +103,7 @@ async def use(node: Node) -> None:
     show(sizes=sizes, sums=sums)
 
 
-ROLES = {"talk": talk, "listen": listen, "watch": watch, "flood": flood, "create": create, "use": use}
+ROLES = {"talk": talk, "listen": listen, "watch": watch, "create": create, "use": use}
 
 
 def open_each(enclaves: list[str]) -> None:

@@ -114,24 +114,6 @@ def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
     assert discovery_info.decode_message(data, PREFIX).nodes[0].writer_gids == {writer}
 
 
-@pytest.mark.parametrize("pad", [b"", b"\0\0"])
-@pytest.mark.parametrize("gid_bytes", [16, 24])
-def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
-    tail = bytes(gid_bytes - 16)
-    number = lambda n: n.to_bytes(4, "little")  # noqa: E731
-    reader = PREFIX + b"\0\0\5\4"
-    data = (
-        b"\0\1\0\0"
-        + (GUID + tail + number(1))
-        + (number(2) + b"/\0" + b"\0\0")  # namespace, padded
-        + (number(3) + b"ab\0" + b"\0")  # name, padded
-        + (number(1) + reader + tail)
-        + number(0)
-    ) + pad
-    nodes = (NodeEntities("/", "ab", frozenset([reader]), frozenset()),)
-    assert discovery_info.decode_message(data, PREFIX) == NodesAnnounced(GUID, nodes, gid_bytes == 24)
-
-
 def test_an_invalid_name_or_guid_hides_no_other_node_of_the_participant() -> None:
     good = NodeEntities("/", "good", frozenset(), frozenset())
     for name in ("", "a b", "a\0b", "\n\x1b[31m", "x" * 2_000_000):

@@ -38,7 +38,8 @@ def test_the_format_of_humble_is_what_its_class_writes() -> None:
     assert [bytes(gid.data) for gid in node.reader_gid_seq] == [READER + bytes(8)]
     for is_humble in (True, False):
         data = discovery_info.encode_message(GUID, NODES, is_humble=is_humble)
-        assert discovery_info.decode_message(data, PREFIX) == NodesAnnounced(GUID, tuple(NODES), is_humble)
+        for pad in (b"", b"\0\0"):  # of the network
+            assert discovery_info.decode_message(data + pad, PREFIX) == NodesAnnounced(GUID, tuple(NODES), is_humble)
 
 
 def test_later_distributions_read_no_nodes_in_the_format_of_humble() -> None:

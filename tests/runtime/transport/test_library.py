@@ -10,8 +10,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import pytest
-from support.node_fixtures import ROOT
-from support.program_processes import started
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.c_api import REQUIRED_SYMBOLS, CycloneApi
@@ -127,29 +125,3 @@ def test_what_is_to_be_installed_depends_on_the_machine(machine: str, monkeypatc
     advice = library.install_advice()
     has_wheel = machine == "x86_64" and sys.version_info < (3, 14)
     assert ("pip install" in advice) == has_wheel and ("apt install libddsc0debian" in advice) != has_wheel
-
-
-OTHER_LIBRARY = """
-import ctypes, sys
-from rosidl_py_gen.runtime import Context, Node
-other = ctypes.CDLL(sys.argv[1])
-with Node("ours") as node:
-    handle = other.dds_create_participant(node.context.domain_id, None, None)
-    publisher = node.create_publisher("rcl_interfaces/msg/Log", "x")
-    print(node._scope.participant.library, publisher.subscription_count, isinstance(handle, int))
-    other.dds_delete(handle) if handle > 0 else None
-"""
-
-
-def test_two_libraries_in_one_process_are_two_worlds() -> None:
-    # Our configuration applies to the first one only; `CYCLONEDDS_URI` binds the second to loopback.
-    others = [name for name in ("libddsc.so.0debian",) if isinstance(load({"ROSIDL_LIBDDSC": name}), DdscLibrary)]
-    if not others or library.find().version.startswith("0.10"):
-        pytest.skip("there is one libddsc only")
-    uri = (
-        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
-        "<AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>"
-    )
-    done = started(sys.executable, "-c", OTHER_LIBRARY, others[0], cwd=ROOT, CYCLONEDDS_URI=uri)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.endswith(" 0 True\n")
