@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.logs.loggers import get_logger
 from rosidl_py_gen.runtime.transport.api import Payload, ReceiveQueue, Sink, TransportError, pad_to_4_bytes
 from rosidl_py_gen.runtime.transport.cyclone import c_api
 from rosidl_py_gen.runtime.transport.cyclone.c_api import SAMPLE_NOT_CONSUMED, SAMPLE_WITH_DATA, address_of, pack_iov
-from rosidl_py_gen.runtime.transport.cyclone.private_layout import bytes_at
+from rosidl_py_gen.runtime.transport.cyclone.private_layout import bytes_at, payload_array
 from rosidl_py_gen.runtime.transport.qos import QoSProfile, Reliability
 
 if TYPE_CHECKING:
@@ -304,7 +304,7 @@ class CycloneReader(_CycloneEndpoint):
         """Return a read-only view of a payload; the sample is freed with its last view."""
         if size > LARGE_BYTES:
             self._large_bytes = size
-        array = (ct.c_ubyte * size).from_address(address)
+        array = payload_array(address, size)
         weakref.finalize(array, self._api.drop_large, sample).atexit = False
         return memoryview(array).cast("B").toreadonly()
 

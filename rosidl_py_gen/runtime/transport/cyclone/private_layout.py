@@ -253,6 +253,16 @@ def hide_sample_tail(api: CycloneApi, sample: int, size_offset: int, count: int)
     return False
 
 
+def payload_array(address: int, size: int) -> ct.Array[ct.c_ubyte]:
+    """Return a payload as an array. The caller must keep the sample alive."""
+    return (ct.c_ubyte * size).from_address(address)
+
+
+def write_iovec(iov: int, address: int, size: int) -> None:
+    """Set address and size in an iovec."""
+    ct.memmove(iov, pack_iov(address, size), 2 * WORD)
+
+
 # ------------------------------------------------------------------------------------------------------------- readers
 
 

@@ -224,5 +224,5 @@ class SampleHooks:
             if not offset:
                 prefix = bytes_at(begin + len(_IDENTITY_MAGIC), 4 + INLINE_QOS_BYTES)
                 self._owner.append_inline_qos(iov, prefix[:4], prefix[4:])
-            ct.memmove(iov, pack_iov(begin + _PREFIX_BYTES + (offset or 0), size), 2 * private_layout.WORD)
+            private_layout.write_iovec(iov, begin + _PREFIX_BYTES + (offset or 0), size)
         return result
