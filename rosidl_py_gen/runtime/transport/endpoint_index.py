@@ -83,10 +83,6 @@ class MatchCache(Generic[ResultT]):
                 self._positive[key] = result
         return result
 
-    def clear(self) -> None:
-        """Discard all results."""
-        self._positive.clear()
-
 
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
     """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.

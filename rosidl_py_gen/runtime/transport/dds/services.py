@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import Any, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError
@@ -110,9 +109,6 @@ class DdsClient(_EndpointPair):
         with _closed_on_failure(reader):
             writer = participant.create_writer(replace(request, client_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
-        self._find_refusal = partial(participant.service_refusal, service)
-        self._refusal: str | None = None
-        """Result of `_find_refusal` that the result of `servers` is based on."""
         self._servers_version = -1
         """Version of the peers whose servers `_correlation` has; -1 to find the servers with each request."""
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
@@ -121,6 +117,7 @@ class DdsClient(_EndpointPair):
         """Endpoints of the servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()
         self._servers: MatchCache[ServerAvailability] = MatchCache(self._peers, self._find_servers)
+        """Results by the reason why servers on Fast DDS cannot be used."""
         self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(self._peers, self._find_server_endpoints)
 
     @property
@@ -172,11 +169,7 @@ class DdsClient(_EndpointPair):
         self._lost.extend(lost)
 
     def servers(self) -> ServerAvailability:
-        refusal = self._find_refusal()
-        if refusal != self._refusal:
-            self._refusal = refusal
-            self._servers.clear()
-        return self._servers.get()
+        return self._servers.get(self._participant.service_refusal(self._service))
 
     def server_endpoints(self) -> frozenset[bytes]:
         return self._server_endpoints.get()
@@ -186,8 +179,8 @@ class DdsClient(_EndpointPair):
         endpoints = *on(self._requests, writers=False), *on(self._replies, writers=True)
         return frozenset(endpoint.guid for endpoint in endpoints)
 
-    def _find_servers(self, _: object) -> ServerAvailability:
-        peers, refusal = self._peers, self._refusal
+    def _find_servers(self, refusal: Any) -> ServerAvailability:
+        peers = self._peers
         version = peers.version
         matched, matched_writers = self._writer.matched_readers(), self._reader.matched_writers()
         announced, clients = (peers.endpoints_on(self._requests, writers=writers) for writers in (False, True))
