@@ -1,4 +1,4 @@
-"""Second process of the DDS tests: a node with an action and parameters; ends with its stdin."""
+"""Second process of the DDS tests: a node with an action; ends with its stdin."""
 
 from __future__ import annotations
 
@@ -8,21 +8,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.runtime.parameters.dataclass_fields import Range
 from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
-
-
-@dataclass
-class Drive:
-    speed: Annotated[float, Range(0.0, 2.0)] = 1.0
-    tags: tuple[str, ...] = ("a",)
 
 
 @contextmanager
@@ -63,7 +55,6 @@ async def execute(goal: Any) -> Any:
 async def main(domain_id: int) -> None:
     with open_context(domain_id) as context:
         async with Node("peer", context=context) as node:
-            node.declare_parameters(Drive)
             node.create_action_server(Fibonacci, "fib", execute)
             print("ready", flush=True)
             await asyncio.to_thread(sys.stdin.read)

@@ -283,16 +283,6 @@ async def test_deferred_goals_stay_accepted_until_they_are_executed(world: World
     await until(lambda: seen == [[1], [2], [4]])
 
 
-async def test_policy_reject_refuses_while_one_runs(world: World) -> None:
-    _, client = await pair(world, until_canceled, goal_policy="reject")
-    first = await client.send_goal(goal())
-    with pytest.raises(GoalRejectedError):
-        await client.send_goal(goal())
-    await first.cancel()
-    await first.result()
-    assert (await client.send_goal(goal())).status in (S.ACCEPTED, S.EXECUTING)
-
-
 @pytest.mark.every_transport
 async def test_policy_preempt_cancels_the_running_goal_for_the_newest(world: World) -> None:
     started: list[int] = []

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from fibonacci_action import Fibonacci, fibonacci, goal, pair, until_canceled
-from peer_process import open_context, server_process
-from support.node_fixtures import domain_id, until
+from support.node_fixtures import until
 
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
-from rosidl_py_gen.runtime import GoalStatus, Node, UnknownGoalError
+from rosidl_py_gen.runtime import GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions.server import ActionServer
 
 if TYPE_CHECKING:
@@ -138,27 +137,6 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
             await wait(timeout_s=5)
     assert 2.0 <= now_s() - times_s[0] < 3.0 and len(times_s) == 8
     assert not client._result._pending and client._result.client.in_flight_count == 0
-
-
-# --------------------------------------------------------------------------------------------------- started again
-
-
-async def test_a_goal_ends_when_its_killed_server_was_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    lease = "<CycloneDDS><Domain><Discovery><LeaseDuration>60s</LeaseDuration></Discovery></Domain></CycloneDDS>"
-    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
-    with open_context(domain_id()) as context:
-        node = Node("here", context=context)
-        client = node.create_action_client(Fibonacci, "fib")
-        with server_process({"CYCLONEDDS_URI": lease}) as process:
-            handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
-            old = client._result.client._servers()
-            await until(lambda: client._result._node_of(next(iter(old))) == ("/", "peer"))  # comes behind the endpoints
-            process.kill()
-            process.wait()
-            with server_process({}):
-                with pytest.raises(UnknownGoalError, match="does not know goal"):
-                    await handle.result(timeout_s=40)
-                assert old < client._result.client._servers(), "the old lease is not over"
 
 
 async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,12 +6,12 @@ import asyncio
 import itertools
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.announced_types import humble_node, without_hash
 from support.changed_definitions import changed_worlds
+from support.definition_strategies import numbers, texts
 from support.example_counts import examples
 from support.node_fixtures import World, until, zenoh_environment
 
@@ -385,18 +385,10 @@ def messages(cls: Any) -> st.SearchStrategy[Any]:
         if field.cls is not None:
             fields[field.py_name] = messages(field.cls)
         elif field.type.is_string:
-            fields[field.py_name] = st.text(
-                st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=20
-            )
+            fields[field.py_name] = texts().filter(lambda text: "\0" not in text)
         else:
-            fields[field.py_name] = numbers(np.dtype(field.type.primitive.numpy))
+            fields[field.py_name] = numbers(field.type.base)
     return st.builds(cls, **fields)
-
-
-def numbers(dtype: np.dtype[Any]) -> st.SearchStrategy[Any]:
-    if dtype.kind == "f":
-        return st.floats(width=8 * dtype.itemsize)
-    return st.integers(int(np.iinfo(dtype).min), int(np.iinfo(dtype).max))
 
 
 def expect_converted(got: dict[str, Any], sent: dict[str, Any], default: dict[str, Any]) -> None:

@@ -43,19 +43,6 @@ async def test_missed_ticks_are_skipped_and_counted(memory: World) -> None:
     assert (round(since_last.seconds, 6), timer.missed, timer.call_count) == (0.055, 4, 1)
 
 
-async def test_plain_and_async_callbacks(memory: World) -> None:
-    node = memory.node("n")
-    calls: list[str] = []
-
-    async def slow() -> None:
-        calls.append("slow")
-        await asyncio.sleep(0.035)
-
-    node.create_timer(0.01, lambda: calls.append("plain"))
-    slow_timer = node.create_timer(0.01, slow)
-    await until(lambda: calls.count("plain") >= calls.count("slow") + 5 >= 7 and slow_timer.missed >= 4)
-
-
 async def test_a_timer_follows_a_system_clock_that_somebody_sets(memory: World) -> None:
     now_s, set_ns = asyncio.get_running_loop().time, 0
     clock = Clock(ClockType.SYSTEM_TIME, system_ns=lambda: round(now_s() * NS_PER_S) + set_ns)

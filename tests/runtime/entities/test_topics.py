@@ -36,25 +36,6 @@ async def test_messages_arrive_in_order_through_the_iterator(world: World) -> No
     assert seen == ["0", "1", "2", "3", "4"]
 
 
-async def test_plain_and_async_callbacks_are_called_for_every_message(world: World) -> None:
-    alice, bob = world.pair()
-    plain: list[int] = []
-    slow: list[int] = []
-
-    async def callback(message: Int32) -> None:
-        await asyncio.sleep(0.001)
-        slow.append(message.data)
-
-    bob.create_subscription(Int32, "n", lambda message: plain.append(message.data))
-    bob.create_subscription(Int32, "n", callback)
-    publisher = alice.create_publisher(Int32, "n")
-    assert await publisher.wait_for_subscribers(timeout_s=5, count=2)
-    for number in range(10):
-        publisher.publish(Int32(data=number))
-    await until(lambda: len(slow) == len(plain) == 10)
-    assert plain == slow == list(range(10))
-
-
 async def test_a_callback_that_raises_is_logged_and_changes_nothing_else(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -218,24 +218,20 @@ def test_a_full_domain_says_so(dds: World) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "namespace", "error"),
-    [("bad name", "", InvalidNameError), ("n", "/a//b", InvalidNameError), (None, "", InvalidNameError)],
+    ("name", "namespace", "args"),
+    [("bad name", "", ""), ("n", "/a//b", ""), (None, "", ""), ("n", "", f"--ros-args -r n:__node:={'n' * 256}")],
 )
-def test_a_node_that_cannot_start_leaves_no_default_context(name: Any, namespace: str, error: type[Exception]) -> None:
-    with pytest.raises(error):
+def test_a_node_that_cannot_start_leaves_no_default_context(
+    name: Any, namespace: str, args: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["test", *args.split()])
+    with pytest.raises(InvalidNameError):
         Node(name, namespace)
     assert Context._default is None or Context._default.is_closed
     with Node("other") as other:
-        with pytest.raises(error):
+        with pytest.raises(InvalidNameError):
             Node(name, namespace)
         assert not other.context.is_closed
-
-
-def test_names_that_only_remapping_breaks_leave_no_default_context(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["test", "--ros-args", "-r", f"__node:={'n' * 256}"])
-    with pytest.raises(InvalidNameError):
-        Node("n")
-    assert Context._default is None or Context._default.is_closed
 
 
 async def test_a_node_that_cannot_be_entered_is_not_left_behind(memory: World) -> None:
