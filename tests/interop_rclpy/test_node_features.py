@@ -1,8 +1,7 @@
-"""Features of nodes: /rosout, simulated time, type descriptions, logger levels, introspection."""
+"""Features of nodes: /rosout, simulated time, type descriptions, introspection."""
 
 from __future__ import annotations
 
-import logging
 from typing import Any
 
 import pytest
@@ -10,7 +9,7 @@ from peer_helpers import fresh, message, plain, repeated, service
 from rclpy_peer import Peer
 from support.node_fixtures import until
 
-from rosidl_py_gen import from_dict, get_message, type_hash
+from rosidl_py_gen import get_message, type_hash
 from rosidl_py_gen.runtime import IntrospectionState, Node, TypeDescriptionError
 from rosidl_py_gen.runtime.transport.qos import ROSOUT, SYSTEM_DEFAULT
 
@@ -111,40 +110,6 @@ async def test_our_node_describes_its_types_as_theirs_would(
     assert described[0]["successful"] and described[0] == described[1]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
-async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
-    name = fresh("logging").strip("/")
-    await shared_peer.do("add_node", name=name, enable_logger_service=True)
-    node = dds.node("tester")
-    levels = [{"name": f"{name}.part", "level": 40}]
-    setter, getter = (service(shared_peer, f"rcl_interfaces/srv/{verb}LoggerLevels") for verb in ("Set", "Get"))
-    setting = node.create_client(setter, f"/{name}/set_logger_levels")
-    answer = await setting.call(from_dict(setter.Request, {"levels": levels}), WAIT_S)
-    assert [one.successful for one in answer.results] == [True]
-    assert await shared_peer.do("logger_level", name=f"{name}.part") == "ERROR"
-    getting = node.create_client(getter, f"/{name}/get_logger_levels")
-    answer = await getting.call(getter.Request(names=[f"{name}.part"]), WAIT_S)
-    assert plain(answer) == {"levels": levels}
-
-
-@pytest.mark.only_with("jazzy", "kilted")
-async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
-    name = fresh("logging").strip("/")
-    node = Node(name, context=dds.context(), logger_services=True)
-    levels = [{"name": name, "level": 40}]
-    try:
-        for verb, request, expected in (
-            ("set", {"levels": levels}, {"results": [{"successful": True, "reason": ""}]}),
-            ("get", {"names": [name]}, {"levels": levels}),
-        ):
-            served, kind = f"/{name}/{verb}_logger_levels", f"rcl_interfaces/srv/{verb.title()}LoggerLevels"
-            await shared_peer.do("client", name=served, type=kind)
-            assert await shared_peer.do("call", name=served, requests_=[request]) == [expected]
-        assert not node.logger.isEnabledFor(logging.WARNING) and node.logger.isEnabledFor(logging.ERROR)
-    finally:
-        node.close()
-
-
 EVENTS = ["REQUEST_SENT", "REQUEST_RECEIVED", "RESPONSE_SENT", "RESPONSE_RECEIVED"]
 
 
@@ -196,11 +161,8 @@ async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer:
 async def test_introspection_of_both_ends_tells_of_a_call(
     dds: Any, shared_peer: Peer, is_ours: bool, state: str
 ) -> None:
-    node, name = dds.node("tester"), fresh("watched")
-    await check_events(node, shared_peer, name, state, await watched(node, shared_peer, name, is_ours, state))
-
-
-async def check_events(node: Node, peer: Peer, name: str, state: str, call: Any) -> None:
+    node, peer, name = dds.node("tester"), shared_peer, fresh("watched")
+    call = await watched(node, peer, name, is_ours, state)
     topic, kind = f"{name}/_service_event", f"{SET_BOOL}_Event"
     subscription = node.create_subscription(get_message(kind, path=peer.share), topic)
     await peer.do("subscribe", topic=topic, type=kind)

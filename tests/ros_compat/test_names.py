@@ -50,7 +50,7 @@ OTHER_VALUES = {
 """Reason -> constants whose values differ."""
 MORE = {
     "the result of `init` since Kilted": ("rclpy.InitContextManager",),
-    "moved out of `rclpy.node`": ("rclpy.node_entities", "rclpy.node_parameters"),
+    "moved out of `rclpy.node`": ("rclpy.node_parameters",),
     "replacements of C code": (
         "rclpy.entity_execution",
         "rclpy.handles",

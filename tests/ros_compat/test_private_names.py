@@ -42,7 +42,6 @@ OF_COMPANIONS = {
 """Names with an underscore of packages other than rclpy."""
 
 PARTS = {
-    "NodeEntities": ["Node"],
     "NodeParameters": ["Node"],
     "ActionWaitable": ["ActionClient", "ActionServer"],
     "SingleThreadedExecutor": ["Executor"],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -29,6 +30,16 @@ def _opencv() -> Any:
     except ModuleNotFoundError as error:
         text = "image_geometry needs OpenCV to rectify; install opencv-python-headless"
         raise ModuleNotFoundError(text, name=error.name) from None
+
+
+def _entry(row: int, column: int, text: str) -> Callable[[PinholeCameraModel], Any]:
+    """Return the method for one number of the projection."""
+
+    def get(self: PinholeCameraModel) -> Any:
+        return self.P[row, column]
+
+    get.__doc__ = text
+    return get
 
 
 class PinholeCameraModel:
@@ -142,29 +153,12 @@ class PinholeCameraModel:
     def fullProjectionMatrix(self) -> Any:
         return self.full_P
 
-    def cx(self) -> Any:
-        """Return the column of the principal point."""
-        return self.P[0, 2]
-
-    def cy(self) -> Any:
-        """Return the row of the principal point."""
-        return self.P[1, 2]
-
-    def fx(self) -> Any:
-        """Return the focal length in pixel widths."""
-        return self.P[0, 0]
-
-    def fy(self) -> Any:
-        """Return the focal length in pixel heights."""
-        return self.P[1, 1]
-
-    def Tx(self) -> Any:
-        """Return the horizontal offset of the projection: minus focal length times base for a right camera."""
-        return self.P[0, 3]
-
-    def Ty(self) -> Any:
-        """Return the vertical offset of the projection."""
-        return self.P[1, 3]
+    cx = _entry(0, 2, "Return the column of the principal point.")
+    cy = _entry(1, 2, "Return the row of the principal point.")
+    fx = _entry(0, 0, "Return the focal length in pixel widths.")
+    fy = _entry(1, 1, "Return the focal length in pixel heights.")
+    Tx = _entry(0, 3, "Return the horizontal offset: minus focal length times base for a right camera.")
+    Ty = _entry(1, 3, "Return the vertical offset of the projection.")
 
     def fovX(self) -> float:
         """Return the horizontal angle of view in radians."""

@@ -50,17 +50,8 @@ class Buffer(BufferCore, BufferInterface):
         get_logger("tf2_buffer").warning("Detected jump back in time. Clearing tf buffer.")
         self.clear()
 
-    def set_transform(self, transform: Any, authority: str) -> None:
-        """Store a transform, and wake up waiting threads and futures."""
-        super().set_transform(transform, authority)
-        self._rosidl_notify()
-
-    def set_transform_static(self, transform: Any, authority: str) -> None:
-        """Store a transform that is valid at all times, and wake up waiting threads and futures."""
-        super().set_transform_static(transform, authority)
-        self._rosidl_notify()
-
-    def _rosidl_notify(self) -> None:
+    def _rosidl_set(self, transform: TransformStamped, authority: str, is_static: bool) -> None:
+        super()._rosidl_set(transform, authority, is_static)
         with self._rosidl_condition:
             self._rosidl_condition.notify_all()
             callbacks = list(self._new_data_callbacks)

@@ -129,10 +129,6 @@ def log(peer, text):
     logger.fatal(text)
 
 
-def logger_level(peer, name):
-    return rclpy.logging.get_logger_effective_level(name).name
-
-
 async def now_ns(peer, node, at_least):
     clock = peer.nodes[node].get_clock()
     await peer.until(lambda: clock.now().nanoseconds >= at_least)
