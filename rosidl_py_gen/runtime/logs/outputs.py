@@ -147,11 +147,6 @@ def get_logging_directory(environ: Mapping[str, str] | None = None) -> Path:
         raise LogFileError(f"the folder for log files, {folder}, is unknown: {error}; set ROS_LOG_DIR") from error
 
 
-def log_file_name(prefix: str, process_id: int, now_ns: int) -> str:
-    """Return ``<prefix>_<process>_<milliseconds since 1970>.log``."""
-    return f"{prefix}_{process_id}_{now_ns // 1_000_000}.log"
-
-
 def program_prefix(program: str) -> str:
     """Return the program's name without folder and ``.py``, the default prefix of a log file."""
     if program in ("", "-", "-c", "-m"):
@@ -238,7 +233,8 @@ class LogOutputs:
         settings = read_console_environment(environ)
         if location is not None:
             folder, prefix = location
-            self._file = LogFile(folder / log_file_name(prefix, os.getpid(), time.time_ns()), settings.format)
+            name = f"{prefix}_{os.getpid()}_{time.time_ns() // 1_000_000}.log"
+            self._file = LogFile(folder / name, settings.format)
             get_root_logger().addHandler(self._file)
         install_console(settings, prints=stdout)
         self._selected = stdout, location

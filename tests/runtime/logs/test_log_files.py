@@ -14,13 +14,7 @@ import pytest
 from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.logs.loggers import get_logger, get_root_logger
-from rosidl_py_gen.runtime.logs.outputs import (
-    LogFile,
-    LogFileError,
-    get_logging_directory,
-    log_file_name,
-    program_prefix,
-)
+from rosidl_py_gen.runtime.logs.outputs import LogFile, LogFileError, get_logging_directory, program_prefix
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 
 OpenNode = Callable[..., Node]
@@ -108,10 +102,6 @@ def test_the_file_is_called_after_the_program(program: str, prefix: str) -> None
     assert program_prefix(program) == prefix
 
 
-def test_the_name_of_a_file() -> None:
-    assert log_file_name("talker", 12, 1_700_000_000_123_999_999) == "talker_12_1700000000123.log"
-
-
 # ------------------------------------------------------------------------------------------------------ end to end
 
 
@@ -148,12 +138,6 @@ def test_the_folder_of_the_environment_and_its_format(
     (path,) = files(tmp_path)
     assert path.parent == tmp_path / "a" / "b" and path.name.startswith(f"talker_{os.getpid()}_")
     assert path.read_text(encoding="utf-8") == "ERROR red on the console\n"
-
-
-def test_disabling_wins(open_node: OpenNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
-    open_node("n", "--log-file-name", "x", "--disable-external-lib-logs").logger.error("x")
-    assert files(tmp_path) == []
 
 
 def test_the_first_context_chooses_the_file_and_the_last_one_closes_it(open_node: OpenNode, tmp_path: Path) -> None:

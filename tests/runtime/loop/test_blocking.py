@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -70,40 +69,6 @@ def test_a_script_without_event_loop_receives_and_waits(world: World) -> None:
     assert publisher.wait_for_acknowledged_sync(5) and bob.wait_for_node_sync("alice", 5)
     with pytest.raises(WaitTimeoutError, match="no message on /t"):
         subscription.receive_sync(0.01)
-
-
-@pytest.mark.every_transport
-def test_services_and_parameters_of_others_are_used_without_await(world: World) -> None:
-    if world.kind == "zenoh":
-        pytest.skip("the same code runs there")
-    ready, stop = threading.Event(), threading.Event()
-
-    async def serve() -> None:
-        alice = world.node("alice")
-        alice.declare_parameter("speed", 1.5)
-        alice.create_service(SetBool, "s", lambda request: SetBool.Response(success=request.data))
-        ready.set()
-        await asyncio.to_thread(stop.wait)
-        alice.close()
-
-    serving = threading.Thread(target=lambda: asyncio.run(serve()))
-    serving.start()
-    try:
-        assert ready.wait(5)
-        bob = world.node("bob")
-        client = bob.create_client(SetBool, "s")
-        assert client.wait_for_service_sync(5)
-        assert client.call_sync(SetBool.Request(data=True), 5).success
-        remote = bob.create_parameter_client("/alice")
-        assert remote.wait_for_services_sync(5)
-        assert remote.get_sync("speed", 5) == 1.5
-        assert remote.set_sync({"speed": 2.5}, 5)[0].successful
-        assert remote.get_sync(["speed"], 5) == [2.5]
-        assert "speed" in remote.list_sync(timeout_s=5).names
-        assert [one.name for one in remote.describe_sync(["speed"], 5)] == ["speed"]
-    finally:
-        stop.set()
-        serving.join()
 
 
 async def test_on_the_event_loop_it_is_refused_with_the_awaitable_form(memory: World) -> None:

@@ -407,10 +407,11 @@ def handler(number: int, function: Callable[..., Any]) -> Iterator[None]:
         signal.signal(number, before)
 
 
-def send_when(is_so: Callable[[], object], number: int) -> threading.Thread:
+def send_when(is_so: Callable[[], object], number: int, *, interrupts_main_thread: bool = True) -> threading.Thread:
     def send() -> None:
         wait_until(is_so)
-        signal.pthread_kill(threading.main_thread().ident or 0, number)
+        interrupted = threading.main_thread() if interrupts_main_thread else threading.current_thread()
+        signal.pthread_kill(interrupted.ident or 0, number)
 
     return started(send)[0]
 
@@ -418,17 +419,21 @@ def send_when(is_so: Callable[[], object], number: int) -> threading.Thread:
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.every_transport
 @pytest.mark.parametrize("role", ["drives", "waits"])
-def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(world: World, driver: LoopRunner, role: str) -> None:
+@pytest.mark.parametrize("interrupts_main_thread", [True, False])
+def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(
+    world: World, driver: LoopRunner, role: str, interrupts_main_thread: bool
+) -> None:
     node = world.node("polled", context=world.context(loop_runner=driver))
     publisher, subscription = connected(driver, node)
+    waiting = 1
     if role == "waits":
-        beside, found = started(lambda: driver.wait(subscription.take))
+        waiting, (beside, found) = 2, started(lambda: driver.wait(subscription.take))
         wait_until(lambda: is_driven(driver))
-        sender = send_when(lambda: is_driven(driver, 2), signal.SIGINT)
-    else:
-        sender = send_when(lambda: is_driven(driver), signal.SIGINT)
+    sender = send_when(lambda: is_driven(driver, waiting), signal.SIGINT, interrupts_main_thread=interrupts_main_thread)
+    began_s = time.monotonic()
     with handler(signal.SIGINT, signal.default_int_handler), pytest.raises(KeyboardInterrupt):
-        driver.wait(timeout_s=20)
+        driver.wait(timeout_s=60)
+    assert time.monotonic() - began_s < 30
     sender.join(10)
     if role == "drives":
         assert not driver.loop.is_running()
@@ -438,29 +443,6 @@ def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(world: World, 
     assert [message.data for message in found] == ["a"]
     publisher.publish(String(data="b"))
     assert driver.wait(subscription.take, timeout_s=10).data == "b"
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("role", ["drives", "waits"])
-def test_a_signal_that_interrupts_no_wait_is_not_overheard(driver: LoopRunner, role: str) -> None:
-    turns = 1
-    if role == "waits":
-        turns, (beside, _) = 2, started(lambda: driver.wait(timeout_s=60))
-        wait_until(lambda: is_driven(driver))
-
-    def send() -> None:
-        wait_until(lambda: is_driven(driver, turns))
-        signal.pthread_kill(threading.get_ident(), signal.SIGINT)  # another thread is interrupted than the main thread
-
-    sender, _ = started(send)
-    began_s = time.monotonic()
-    with handler(signal.SIGINT, signal.default_int_handler), pytest.raises(KeyboardInterrupt):
-        driver.wait(timeout_s=60)
-    assert time.monotonic() - began_s < 30
-    sender.join(10)
-    driver.close()
-    if role == "waits":
-        beside.join(10)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
