@@ -206,30 +206,6 @@ def test_post_init_refuses_with_its_text_or_is_named_when_it_fails() -> None:
     ]
 
 
-def test_a_class_validator_that_raises_is_named() -> None:
-    world = StoreWorld()
-    allowed = [True]
-
-    def check(new: Checked) -> str | None:
-        return None if allowed else broken()
-
-    bind_class(world.store, Checked, prefix="c", validator=check)
-    assert world.set(p("c.t", 2)) == OK
-    allowed.clear()
-    reason = "the validator of Checked raised KeyError: 'gone'"
-    assert world.set(p("c.t", 3)) == SetResult(False, reason)
-    assert world.get("c.t") == 2
-
-
-def test_a_validator_that_raises_at_the_start_declares_nothing() -> None:
-    world = StoreWorld()
-    with pytest.raises(
-        InvalidParameterValueError, match=r"cannot be declared: the validator of 'c\.v' raised ZeroDivision"
-    ):
-        bind_class(world.store, Checked, prefix="c", initial=Checked(v=0))
-    assert world.values() == {} and world.events == []
-
-
 @pytest.mark.parametrize("answer", [True, False, 5, b"no"])
 def test_a_validator_must_answer_none_or_a_text(answer: Any) -> None:
     world = StoreWorld()

@@ -72,14 +72,6 @@ def test_what_a_callback_sets_must_please_the_validator() -> None:
     assert world.values() == {} and world.events == [] and world.heard == []
 
 
-def test_nobody_hears_of_a_class_that_was_refused() -> None:
-    world = StoreWorld()
-    world.store.callbacks.add("on-set", lambda ps: SetResult(ps[0].name != "gear", "no gear"))
-    with pytest.raises(InvalidParameterValueError, match="'gear' cannot be declared as 1: no gear"):
-        bind_class(world.store, Drive)
-    assert world.values() == {} and world.events == [] and world.heard == []
-
-
 def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
     world = StoreWorld()
     world.declare("other", 1)

@@ -64,12 +64,6 @@ class Computed:
         return 2 * (self.width + self.height)
 
 
-@dataclass
-class Scratch:
-    a: int = 2
-    count: int = field(init=False, default=0)
-
-
 @pytest.fixture
 def store() -> ParameterStore:
     return ParameterStore()
@@ -162,15 +156,6 @@ def test_objects_compare_by_value(store: ParameterStore) -> None:
         hash(drive)
 
 
-def test_classes_without_eq_compare_by_identity(store: ParameterStore) -> None:
-    @dataclass(eq=False)
-    class Alone:
-        a: int = 1
-
-    alone = bind_class(store, Alone)
-    assert alone == alone and alone != Alone()
-
-
 def test_fields_cannot_be_deleted(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     for live, name in ((drive, "mode"), (drive, "left"), (drive.left, "pwm")):
@@ -196,14 +181,6 @@ def test_computed_fields_follow(store: ParameterStore) -> None:
         computed.nothing  # type: ignore[attr-defined]  # noqa: B018
     with pytest.raises(AttributeError, match="has no parameter 'area'"):
         update_parameters(computed, area=3)
-
-
-def test_without_post_init_they_show_their_defaults(store: ParameterStore) -> None:
-    scratch = bind_class(store, Scratch)
-    scratch.a = 3
-    assert list(store.values()) == ["a"] and (scratch.a, scratch.count) == (3, 0)
-    with pytest.raises(AttributeError, match="Scratch has no parameter 'count'"):
-        scratch.count = 4
 
 
 def test_properties_with_a_setter_work(store: ParameterStore) -> None:

@@ -14,10 +14,8 @@ from rosidl_py_gen.runtime.parameters.values import (
     INT64_MIN,
     InvalidParameterValueError,
     Parameter,
-    ParameterNotDeclaredError,
     ParameterType,
     ParameterValue,
-    WrongParameterTypeError,
     as_parameters,
     parameter_value,
 )
@@ -134,8 +132,3 @@ def test_what_is_to_be_set_is_a_dict_or_parameters() -> None:
 def test_anything_else_to_set_is_explained(values: Any, error: type[Exception], reason: str) -> None:
     with pytest.raises(error, match=reason):
         as_parameters(values)
-
-
-def test_errors_name_what_is_wrong() -> None:
-    assert str(ParameterNotDeclaredError(["a", "b"])) == "Invalid access to undeclared parameter(s): ['a', 'b']"
-    assert str(WrongParameterTypeError("a", "DOUBLE", "STRING")) == "parameter 'a' is of type STRING, expected DOUBLE"

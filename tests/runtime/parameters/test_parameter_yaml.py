@@ -290,13 +290,6 @@ def test_the_dump_is_what_ros2_param_dump_shows() -> None:
     )
 
 
-@pytest.mark.parametrize("order", [["a", "a.b", "a.c.d"], ["a.b", "a.c.d", "a"], ["a.b", "a", "a.c.d"]])
-def test_a_parameter_with_the_name_of_a_group(order: list[str]) -> None:
-    values = {name: parameter_value(name) for name in order}
-    entries = parse_parameter_file(dump_parameters("/n", values))
-    assert overrides_for(entries, "/n") == values
-
-
 def test_deep_and_long_names_and_large_texts_are_read_back() -> None:
     deep = ".".join("abc"[index % 3] for index in range(5000))
     values = {
