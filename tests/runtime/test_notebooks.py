@@ -119,10 +119,9 @@ async def in_notebook(folder: Path, use: Callable[[Notebook], Awaitable[None]]) 
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("transport", ["MemoryTransport()", "None"], ids=["memory", "dds"])
-async def test_a_node_lives_in_a_notebook(tmp_path: Path, transport: str) -> None:
+async def test_a_node_lives_in_a_notebook(tmp_path: Path) -> None:
     async def use(notebook: Notebook) -> None:
-        made = await notebook.cell(NODE.format(transport=transport))
+        made = await notebook.cell(NODE.format(transport="None"))
         await notebook.cell("response = await client.call(SetBool.Request(data=True), 5)\nassert response.success")
         await notebook.cell("publisher.publish(Int32(data=1))")
         await notebook.printed(made, "heard 1\n")  # between two cells, below the one that handed the function in

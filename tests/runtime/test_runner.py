@@ -102,8 +102,7 @@ def test_a_second_signal_ends_a_callback_that_never_returns(first: signal.Signal
             assert "never" not in errors and "destroyed" not in errors
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("uses_dds", [True, False])
+@pytest.mark.parametrize(("number", "uses_dds"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
 def test_one_signal_ends_a_waiting_program_at_once_and_cleans_up(number: signal.Signals, uses_dds: bool) -> None:
     text = f"""
 from rosidl_py_gen.runtime.loop import loop_binding, shared_loop

@@ -135,11 +135,9 @@ def range_reason(allowed: FloatRange | IntRange | None) -> str:
         if not fits or allowed.step < 0:
             return f"{allowed!r} must have 64-bit integers and a step >= 0"
         return ""
-    if not all(isinstance(number, (int, float)) and _fits_float(number) for number in numbers[:2]):
-        return f"{allowed!r} must have numbers as its ends"
-    if not isinstance(allowed.step, (int, float)) or not _fits_float(allowed.step):
-        return f"{allowed!r} must have a number as its step"
-    if allowed.step != 0 and (math.isinf(min(numbers[:2])) or math.isinf(allowed.step)):
+    if not all(isinstance(number, (int, float)) and _fits_float(number) for number in numbers):
+        return f"{allowed!r} must have numbers as its ends and step"
+    if allowed.step != 0 and (math.isinf(min(allowed.from_value, allowed.to_value)) or math.isinf(allowed.step)):
         return f"{allowed!r} has a step, so its step and lower end must be finite"
     return ""
 

@@ -215,8 +215,6 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
             return ParameterValue(kind, b"" if kind is ParameterType.BYTE_ARRAY else ())
         result = _infer(plain)
     if kind is not None and result.type is not kind:
-        if result.value == b"" and kind.is_array:
-            return ParameterValue(kind, ())
         raise InvalidParameterValueError(f"{value!r} is of type {result.type.name}, expected {kind.name}")
     return result
 

@@ -17,7 +17,6 @@ from support.node_fixtures import until, while_the_loop_sleeps
 from rosidl_py_gen.runtime import new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
-from rosidl_py_gen.runtime.node.context import attach_all
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -217,29 +216,6 @@ def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(p
     loop.close()
     loop.remove_priority_reader(pipes[0].read_end)
     assert len(os.listdir("/proc/self/fd")) <= before  # less where a connection of an earlier test ends just now
-
-
-def test_a_loop_may_be_closed_before_its_contexts(dds: World) -> None:
-    before = len(os.listdir("/proc/self/fd"))
-    context = dds.context()
-    node = dds.node("n", context=context)
-    heard: list[int] = []
-    node.create_subscription(Int32, "n", lambda message: heard.append(message.data))
-    publisher = node.create_publisher(Int32, "n")
-    for number in range(3):
-        loop = EventLoop()
-
-        async def main(number: int = number) -> None:
-            attach_all()
-            publisher.publish(Int32(data=number))
-            while len(heard) <= number:
-                await asyncio.sleep(0.01)
-
-        loop.run_until_complete(asyncio.wait_for(main(), 5))
-        loop.close()
-    context.close()
-    assert heard == [0, 1, 2]
-    assert len(os.listdir("/proc/self/fd")) <= before
 
 
 def test_a_loop_that_the_user_chose_stays() -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import pytest
 from support import raw_endpoints
@@ -26,7 +25,6 @@ from rosidl_py_gen.runtime import (
     Time,
     WaitTimeoutError,
 )
-from rosidl_py_gen.runtime.parameters.dataclass_fields import Range
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
     descriptor_to_message,
@@ -187,31 +185,6 @@ async def test_events_say_who_when_and_what(world: World) -> None:
     assert [(p.name, p.value.type) for p in last.deleted_parameters] == [("d", 0)]
 
 
-@dataclass
-class Drive:
-    speed: Annotated[float, Range(0.0, 2.0), "in m/s"] = 1.0
-    name: str = "x"
-
-
-async def test_a_remote_client_drives_a_dataclass(world: World) -> None:
-    node = world.node("n")
-    drive = node.declare_parameters(Drive)
-    remote = world.node("other").create_parameter_client("/n")
-    assert await remote.wait_for_services(timeout_s=5)
-    assert await remote.get("speed", timeout_s=5) == 1.0
-    assert await remote.set({"speed": 1.5, "name": "y"}, timeout_s=5) == [SetResult(True), SetResult(True)]
-    assert (drive.speed, drive.name) == (1.5, "y")
-    refused = await remote.set_atomically({"name": "z", "speed": 9.0})
-    assert refused == SetResult(False, "Parameter speed out of range Min: 0.0, Max: 2.0, value: 9.0")
-    assert drive.name == "y"
-    drive.speed = 0.5
-    assert await remote.get(["speed", "name"]) == [0.5, "y"]
-    assert await remote.get_types(["speed", "name"]) == [ParameterType.DOUBLE, ParameterType.STRING]
-    (described,) = await remote.describe(["speed"])
-    assert (described.description, described.floating_point_range) == ("in m/s", FloatRange(0.0, 2.0))
-    assert "speed" in (await remote.list()).names
-
-
 @pytest.mark.parametrize("value", ALL_TYPES[1:])
 async def test_every_type_can_be_set_and_read_remotely(world: World, value: object) -> None:
     node = world.node("n")
@@ -279,17 +252,6 @@ async def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> Non
         await remote.wait_for_services(timeout_s=0.05)
     with pytest.raises(CallTimeoutError):
         await remote.get("a", timeout_s=0.05)
-
-
-@pytest.mark.every_transport
-async def test_closing_the_node_takes_everything_along(world: World) -> None:
-    node = world.node("n")
-    other = world.node("other")
-    remote = other.create_parameter_client("/n")
-    assert await remote.wait_for_services(5)
-    node.close()
-    await until(lambda: not remote._get.service_is_available())
-    await until(lambda: "/n" not in other.get_node_names())
 
 
 def policies(qos: QoSProfile) -> tuple[History, int, Reliability, Durability]:
