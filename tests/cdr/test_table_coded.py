@@ -119,14 +119,11 @@ def test_what_does_not_fit_a_table_coded_message_is_named() -> None:
     cls = compile_definition("wide_msgs/msg/Wide", TEXT)
     point, named, _ = parts_of(cls)
     for name, value, reason in (
-        ("a7", 1.5, "a7: expected bool"),
         ("c7", 2**63, "c7: expected int64"),
         ("d7", "123456", "d7: expected at most 5 characters, found 6"),
         ("e7", [1.0], "e7: expected exactly 3 elements, found 1"),
-        ("f7", named(), "f7: expected wide_msgs/msg/Point"),
         ("g7", [point(), None], r"g7\[1\]: expected wide_msgs/msg/Point"),
         ("h7", [named()] * 3, "h7: expected at most 2 elements, found 3"),
-        ("i7", "abc", "i7: expected a list of string"),
         ("m7", [named()], "m7: expected exactly 2 elements, found 1"),
     ):
         message = cls()

@@ -181,12 +181,6 @@ def test_a_run_for_all_packages_removes_those_without_definitions(shell: Shell, 
     assert (Path("b_msgs").exists(), Path("a_msgs/msg/_point.py").exists()) == (False, True)
 
 
-def test_a_file_in_place_of_the_output_folder_is_named_once(shell: Shell, world: str) -> None:
-    write(shell.folder, {"taken": "mine"})
-    answer = shell("--path", world, "--filter", "a_msgs", "--out", "taken")
-    assert (answer.code, answer.err.count("taken is a file")) == (1, 1)
-
-
 def test_generated_files_below_the_path_are_not_a_package(shell: Shell) -> None:
     listing = "find_package(rosidl_default_generators)\nfile(GLOB files RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} msg/*)\n"
     listing += "rosidl_generate_interfaces(robot_msgs ${files})\n"

@@ -109,12 +109,8 @@ def test_received_values_can_be_written_to() -> None:
 @pytest.mark.parametrize(
     ("name", "values", "path"),
     [
-        ("std_msgs/msg/String", {"data": 5}, ".data: expected str, found 5"),
         ("std_msgs/msg/Byte", {"data": 5}, ".data: expected bytes of length 1, found 5"),
         ("std_msgs/msg/Byte", {"data": b"ab"}, ".data: expected bytes of length 1, found b'ab'"),
-        ("std_msgs/msg/Int8", {"data": 128}, ".data: expected int8 in -128..127, found 128"),
-        ("std_msgs/msg/Bool", {"data": "x"}, ".data: expected bool, found 'x'"),
-        ("std_msgs/msg/Header", {"stamp": 5}, ".stamp: expected builtin_interfaces/msg/Time, found 5"),
         ("test_msgs/msg/Arrays", {"float64_values": [1, 2]}, ".float64_values: expected exactly 3 elements, found 2"),
         (
             "test_msgs/msg/Arrays",
@@ -122,14 +118,8 @@ def test_received_values_can_be_written_to() -> None:
             ".byte_values[1]: expected bytes of length 1, found 2",
         ),
         ("test_msgs/msg/UnboundedSequences", {"byte_values": 5}, ".byte_values: expected a list of bytes of length 1"),
-        ("test_msgs/msg/UnboundedSequences", {"string_values": ["a", 1]}, ".string_values[1]: expected str, found 1"),
         ("test_msgs/msg/UnboundedSequences", {"string_values": "abc"}, ".string_values: expected a list of string"),
         ("test_msgs/msg/BoundedSequences", {"int8_values": [1] * 4}, ".int8_values: expected at most 3 elements"),
-        (
-            "test_msgs/msg/UnboundedSequences",
-            {"basic_types_values": [1]},
-            ".basic_types_values[0]: expected test_msgs/msg",
-        ),
     ],
 )
 def test_a_wrong_value_is_named_when_it_is_encoded(name: str, values: dict[str, Any], path: str) -> None:

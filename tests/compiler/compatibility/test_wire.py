@@ -13,7 +13,7 @@ from support.example_counts import examples
 from support.interface_packages import texts
 from support.reference_cdr import Reference
 
-from rosidl_py_gen import DecodeError, compile_definition, to_dict
+from rosidl_py_gen import DecodeError, to_dict
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet, collect
 from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult, ReadVerdict, WireCompatibility
@@ -137,29 +137,3 @@ def names(value: Any, path: str = "") -> list[str]:
     if not isinstance(value, dict):
         return [path]
     return [name for key, one in value.items() for name in names(one, f"{path}.{key}")]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "value", "read"),
-    [
-        ("int32 a", "uint32 a", {"a": -1}, {"a": 2**32 - 1}),
-        ("int32 a", "uint32 a", {"a": 7}, {"a": 7}),
-        ("int8[] a", "int8[<=2] a", {"a": [1, 2]}, {"a": [1, 2]}),
-        ("int8[] a", "int8[<=2] a", {"a": [1, 2, 3]}, DecodeError),
-        ("string a", "string<=2 a", {"a": "abc"}, {"a": "abc"}),  # by us; others refuse it, and so does encoding it
-        ("uint8 a", "bool a", {"a": 1}, {"a": True}),
-        ("int32 a\nint32 b", "int32 b\nint32 a", {"a": 1, "b": 2}, {"b": 1, "a": 2}),
-        ("int32 a", "float32 a", {"a": 1}, {"a": pytest.approx(1e-45, abs=1e-45)}),
-        ("int32 a", "int64 a", {"a": 1}, DecodeError),
-    ],
-)
-def test_what_depends_on_values_or_is_wrong_is_so_for_some_message(
-    old: str, new: str, value: dict[str, Any], read: Any
-) -> None:
-    assert verdict(old, new).reading in (ReadResult.DEPENDS_ON_VALUES, ReadResult.MISREAD)
-    data = compile_definition(NAME, old)(**value).encode()
-    if read is DecodeError:
-        with pytest.raises(DecodeError):
-            compile_definition(NAME, new).decode(data)
-    else:
-        assert to_dict(compile_definition(NAME, new).decode(data)) == read
