@@ -42,11 +42,6 @@ _EXTRA_OF = {
 """Modules that only extras install."""
 
 
-def grammar_text(name: str) -> str:
-    """Return the text of a grammar file in `compiler/frontend/`."""
-    return (_PACKAGE / "compiler" / "frontend" / name).read_text(encoding="utf-8")
-
-
 def templates_dir() -> Path:
     """Return the folder of the jinja2 templates."""
     return _find("templates")

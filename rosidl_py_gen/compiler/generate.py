@@ -13,7 +13,7 @@ from itertools import count
 from pathlib import Path
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
-from rosidl_py_gen.base.generated_classes import GENERATED_HEADER, PREGENERATED_PACKAGE
+from rosidl_py_gen.base.generated_classes import GENERATED_HEADER, MSGS_PACKAGE, PREGENERATED_PACKAGE
 from rosidl_py_gen.base.names import RosName, py_name
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.codegen.module_sources import package_sources
@@ -49,7 +49,6 @@ RUNTIME_PACKAGES = (
     "unique_identifier_msgs",
 )
 """Packages that the runtime needs; their classes are committed in rosidl_py_gen/msgs."""
-_MSGS = "rosidl_py_gen.msgs."
 _RESERVED = frozenset({"numpy", "rosidl_py_gen", "cyclonedds", "lark", "jinja2", "click"})
 
 
@@ -141,7 +140,7 @@ def generate(
     problems = sorted_diagnostics([*registry.diagnostics.items, *(skipped if keep_going else ())])
     if problems and not (keep_going and names):
         raise DefinitionError(problems, notes, partial=bool(names))
-    known = runtime_classes(registry) if root != _MSGS else lambda name: None
+    known = runtime_classes(registry) if root != MSGS_PACKAGE else lambda name: None
     index = count()
     target = Target(root, known, registry.type_hash)
     files = package_sources(registry, names, target, lambda name: progress(name, next(index), len(names)))
@@ -180,7 +179,7 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
         if registry.interface(name) is None or bundled.interface(name) is None:
             return None
         is_same = registry.description_and_constants(full_name) == bundled.description_and_constants(full_name)
-        return _MSGS + module_path(full_name) if is_same else None
+        return MSGS_PACKAGE + module_path(full_name) if is_same else None
 
     return find_module
 
@@ -188,7 +187,7 @@ def runtime_classes(registry: InterfaceRegistry) -> Callable[[str], str | None]:
 def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces, and a table of their hashes."""
     search = scan_search_path([interfaces_dir()], ament="", bundled=False)
-    result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=_MSGS)
+    result = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=MSGS_PACKAGE)
     table = {
         "hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES))),
         "distribution_hashes.py": _distribution_table(),

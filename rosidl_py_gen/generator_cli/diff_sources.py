@@ -227,14 +227,10 @@ def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
         raise SourceError(f"{path}: {error}; {advice}") from None
 
 
-class NodeDefinitionsError(RosidlError):
-    """A node does not exist, or describes none of its types."""
-
-
 def types_of_node(name: str, timeout_s: float) -> tuple[DefinitionSet, list[str]]:
     """Return the types of a node's topics, services and actions, and notes about skipped types.
 
-    Raises `NodeDefinitionsError`, and KeyboardInterrupt if a signal ended the command.
+    Raises `SourceError`, and KeyboardInterrupt if a signal ended the command.
     """
     from rosidl_py_gen.runtime import Node, run
 
@@ -258,7 +254,7 @@ async def definitions_of_node(node: Node, robot: str, timeout_s: float) -> tuple
     try:
         await node.wait_for_node(robot, timeout_s)
     except WaitTimeoutError as error:
-        raise NodeDefinitionsError(str(error)) from None
+        raise SourceError(str(error)) from None
     before = None
     while (now := _used_types(node, robot)) != before:
         before = now
@@ -310,7 +306,7 @@ async def _request_types(node: Node, robot: str, used: dict[str, dict[str, str]]
                 continue
             parts.append((f"{entry} of {robot}", facts))
     if notes and not parts:
-        raise NodeDefinitionsError(f"{robot} describes none of its types: {notes[0]}")
+        raise SourceError(f"{robot} describes none of its types: {notes[0]}")
     if used["srv"] or used["action"]:
         notes.append(
             f"{robot}: constants of services and actions are unknown, and defaults may be those of this installation"
@@ -321,15 +317,15 @@ async def _request_types(node: Node, robot: str, used: dict[str, dict[str, str]]
 def _from_description(type_name: str, answer: Any) -> DefinitionSet:
     """Return the definitions of an answer, which may have another type or be too large."""
     if len(encode(answer)) > MAX_DESCRIPTION_BYTES:
-        raise NodeDefinitionsError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
+        raise SourceError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
     description = to_dict(answer.type_description)
     name = split_ros_name(type_name)
     if (other := description["type_description"]["type_name"]) != type_name:
-        raise NodeDefinitionsError(f"the answer describes another type: {other[:100]}")
+        raise SourceError(f"the answer describes another type: {other[:100]}")
     sources = {one.type_name: (one.encoding, one.raw_file_contents) for one in answer.type_sources}
     registry = registry_from_descriptions(name, individual_descriptions(description), sources)
     if registry.type_hash(type_name) != rihs01(description):
-        raise NodeDefinitionsError("the answer describes types that do not belong to it")
+        raise SourceError("the answer describes types that do not belong to it")
     return collect_with_dependencies(registry, registry.owner(name) or name)
 
 

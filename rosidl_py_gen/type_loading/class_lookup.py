@@ -390,12 +390,13 @@ def _from_definitions(name: RosName, path: tuple[str, ...], choice: Distribution
 
 def load_compiler() -> None:
     """Import the compiler and numpy, to save time when the first class is compiled. Thread: any."""
+    from importlib import metadata  # noqa: F401
+
     import numpy  # noqa: F401
 
     from rosidl_py_gen.compiler.codegen import module_sources
     from rosidl_py_gen.compiler.frontend import registry, search_path  # noqa: F401
 
-    search_path.preload()
     module_sources.preload()
 
 

@@ -13,7 +13,7 @@ from support.node_fixtures import start_process
 
 from rosidl_py_gen import compile_definition
 from rosidl_py_gen.compiler.compatibility.definition_set import known_constants
-from rosidl_py_gen.generator_cli.diff_sources import NodeDefinitionsError, definitions_of_node
+from rosidl_py_gen.generator_cli.diff_sources import SourceError, definitions_of_node
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -42,7 +42,7 @@ async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory:
 
 async def test_a_node_that_is_not_there_is_an_error(memory: World) -> None:
     _, other = memory.pair()
-    with pytest.raises(NodeDefinitionsError, match='no node /alic appeared; did you mean "/alice"'):
+    with pytest.raises(SourceError, match='no node /alic appeared; did you mean "/alice"'):
         await definitions_of_node(other, "/alic", 0.2)
 
 

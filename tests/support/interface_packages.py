@@ -12,7 +12,6 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.resources import interfaces_dir
@@ -22,7 +21,7 @@ from rosidl_py_gen.compiler.codegen.template_model import Target
 from rosidl_py_gen.compiler.frontend.interface_parser import parse_interface
 from rosidl_py_gen.compiler.frontend.model import Diagnostics, Interface, MessageDef, SourceText
 from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, raise_diagnostics
-from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
+from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import GenerationResult, generate
 from rosidl_py_gen.errors import DefinitionError
 from support.environments import require
@@ -67,13 +66,13 @@ def write(folder: Path, files: Files) -> Path:
     return folder
 
 
-def texts(definitions: Mapping[str, str], search: SearchPath | None = None) -> InterfaceRegistry:
+def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
     """A checked library of definitions that are in no file: {"a_msgs/msg/Point": "float64 x"}.
 
     Raises:
         DefinitionError: as a run of the compiler would.
     """
-    library = InterfaceRegistry(search or scan_search_path([interfaces_dir()], ament="", bundled=False))
+    library = InterfaceRegistry(scan_search_path([interfaces_dir()], ament="", bundled=False))
     names = [split_ros_name(name) for name in definitions]
     for name, text in zip(names, definitions.values(), strict=True):
         library.add_text(name, SourceText(f"<{name}>", text, name.kind))
@@ -82,10 +81,10 @@ def texts(definitions: Mapping[str, str], search: SearchPath | None = None) -> I
     return library
 
 
-def source_of(definitions: Mapping[str, str], name: str = "") -> str:
-    """The generated module of one of the definitions, by default the first."""
+def source_of(definitions: Mapping[str, str]) -> str:
+    """The generated module of the first definition."""
     library = texts(definitions)
-    chosen = split_ros_name(name or next(iter(definitions)))
+    chosen = split_ros_name(next(iter(definitions)))
     return module_source(library, chosen, LayoutPlanner(library.message), Target("", lambda _: None, library.type_hash))
 
 
@@ -124,17 +123,6 @@ def importable(out: Path) -> Iterator[None]:
                 del sys.modules[name]
 
 
-def execute(source: str, name: str = "generated_sample") -> ModuleType:
-    """Run generated source that imports no other generated package."""
-    module = ModuleType(name)
-    sys.modules[name] = module
-    try:
-        exec(compile(source, f"<{name}>", "exec"), module.__dict__)
-    finally:
-        del sys.modules[name]
-    return module
-
-
 def python(code: str, *, cwd: Path | None = None, **environment: str) -> str:
     """The output of a new Python process that runs `code`; it must succeed."""
     done = subprocess.run(
@@ -149,11 +137,11 @@ def python(code: str, *, cwd: Path | None = None, **environment: str) -> str:
     return done.stdout
 
 
-def ruff(*arguments: str, cwd: Path, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
+def ruff(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run ruff without any configuration, as a user would; what counts as first-party code depends on the folder."""
     require("ruff")
     command = [sys.executable, "-m", "ruff", *arguments]
-    return subprocess.run(command, input=stdin, capture_output=True, text=True, timeout=300, cwd=cwd)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=cwd)
 
 
 def assert_clean(out: Path) -> None:

@@ -19,15 +19,16 @@ INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 
 
 @contextmanager
-def hooked(**settings: Any) -> Iterator[None]:
-    """The import hook, without what was imported before; afterwards all is as it was."""
+def hooked(*, warns: bool = False, **settings: Any) -> Iterator[None]:
+    """The import hook, without what was imported before, and without its warnings; afterwards all is as it was."""
     before = {name: module for name, module in sys.modules.items() if _is_of_messages(name)}
     loaded, named = {name: list(found) for name, found in class_lookup._loaded.items()}, dict(class_lookup._by_name)
     for name in before:
         del sys.modules[name]
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ImportHookWarning)
+            if not warns:
+                warnings.simplefilter("ignore", ImportHookWarning)
             with install_import_hook(**settings):
                 yield
     finally:

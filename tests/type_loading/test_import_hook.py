@@ -155,7 +155,7 @@ REAL = {
 def test_real_packages_stay_and_it_says_so(tmp_path: Path, definitions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path, REAL)
     monkeypatch.syspath_prepend(str(tmp_path / "real"))
-    with _quiet_hook(message_api="rclpy", path=definitions):
+    with hooked(warns=True, message_api="rclpy", path=definitions):
         with pytest.warns(ImportHookWarning, match=r"std_msgs.msg: using .*real.std_msgs.msg.__init__.py, not the def"):
             assert import_module("std_msgs.msg").String.real
         with pytest.raises(ImportError, match=r"hooked_msgs/msg/Path needs std_msgs, and .*override_installed=True"):
@@ -168,7 +168,7 @@ def test_real_packages_are_shadowed_on_request_and_it_says_so(
 ) -> None:
     write(tmp_path, REAL)
     monkeypatch.syspath_prepend(str(tmp_path / "real"))
-    with _quiet_hook(message_api="rclpy", path=definitions, override_installed=True):
+    with hooked(warns=True, message_api="rclpy", path=definitions, override_installed=True):
         with pytest.warns(ImportHookWarning, match=r"std_msgs.msg: using the definitions in .*std_msgs, not .*real"):
             assert not hasattr(import_module("std_msgs.msg").String, "real")
         assert import_module("hooked_msgs.msg").Path().header.frame_id == ""
@@ -180,31 +180,14 @@ def test_packages_that_were_generated(message_api: Any, tmp_path: Path, monkeypa
     write(tmp_path, {"defs/made_msgs/msg/A.msg": "int32 a"})
     generate(scan_search_path([tmp_path / "defs"], ament=""), ["made_msgs"], tmp_path / "out")
     monkeypatch.syspath_prepend(str(tmp_path / "out"))
-    with _quiet_hook(message_api=message_api, path=tmp_path / "defs"), warnings.catch_warnings(record=True) as caught:
+    with (
+        hooked(warns=True, message_api=message_api, path=tmp_path / "defs"),
+        warnings.catch_warnings(record=True) as caught,
+    ):
         warnings.simplefilter("always")
         cls = import_module("made_msgs.msg").A
         assert cls.__module__ == "made_msgs.msg._a" and cls(a=1) == cls(1)
     assert [one.category for one in caught] == ([ImportHookWarning] if message_api == "rclpy" else [])
-
-
-class _quiet_hook:
-    """`hooked`, with warnings."""
-
-    def __init__(self, **settings: Any) -> None:
-        self.before = {name: sys.modules.pop(name) for name in [*sys.modules] if name.split(".")[0] in _NAMES}
-        self.hook = install_import_hook(**settings)
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, *_: object) -> None:
-        self.hook.close()
-        for name in [name for name in sys.modules if name.split(".")[0] in _NAMES]:
-            del sys.modules[name]
-        sys.modules.update(self.before)
-
-
-_NAMES = ("std_msgs", "builtin_interfaces", "hooked_msgs", "made_msgs")
 
 
 # --- settings and mistakes --------------------------------------------------------------------------------------------

@@ -60,10 +60,6 @@ class Imports:
         self._aliases.add(alias)
         return alias
 
-    def use_numpy(self) -> str:
-        """Import numpy and return its alias."""
-        return self.use("numpy", "")
-
     def builtin(self, name: str) -> str:
         """Return the name of a builtin, or of an alias if a field or class has that name."""
         return name if name not in self.members and name not in self.classes else self.use("builtins", name)

@@ -94,7 +94,7 @@ def _annotation(kind: FieldType, imports: Imports, classes: dict[str, str]) -> s
     primitive = kind.primitive
     if primitive is not None and kind.arity is not Arity.SCALAR:
         array = imports.use("numpy.typing", "NDArray")
-        return f"{array}[{imports.use_numpy()}.{primitive.numpy}]"
+        return f"{array}[{imports.use('numpy', '')}.{primitive.numpy}]"
     if primitive is not None:
         base = imports.builtin(primitive.python)
     else:
@@ -131,7 +131,7 @@ def _factory(imports: Imports, function: str) -> str:
 def _array(item: FieldDef, imports: Imports) -> str:
     primitive = item.type.primitive
     assert primitive is not None
-    np = imports.use_numpy()
+    np = imports.use("numpy", "")
     dtype = f"{np}.{primitive.numpy}"
     if isinstance(item.default, tuple) and item.default:
         return f"{np}.array([{', '.join(py_literal(value) for value in item.default)}], {dtype})"

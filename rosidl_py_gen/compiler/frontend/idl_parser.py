@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import takewhile
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lark import Lark, Transformer, v_args
 from lark import Token as LarkToken
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedEOF, UnexpectedInput, UnexpectedToken, VisitError
 
-from rosidl_py_gen.base.resources import grammar_text
 from rosidl_py_gen.compiler.frontend.model import SyntaxProblem, Token
 
 if TYPE_CHECKING:
@@ -149,7 +149,8 @@ def _parse(text: str) -> tuple[IdlDefinition, ...]:
 @lru_cache(maxsize=1)
 def _idl_parser() -> Lark:
     # The transformer runs while parsing: a tree would take more memory than the definitions.
-    return Lark(grammar_text("idl.lark"), parser="lalr", transformer=_Idl(), maybe_placeholders=False)
+    grammar = Path(__file__).with_name("idl.lark").read_text(encoding="utf-8")
+    return Lark(grammar, parser="lalr", transformer=_Idl(), maybe_placeholders=False)
 
 
 def _translate(error: LarkError, text: str) -> SyntaxProblem:

@@ -160,11 +160,6 @@ def holds_packages(folder: Path) -> bool:
     return bool([*_descend(folder, str(folder), refused, set())] or refused)
 
 
-def preload() -> None:
-    """Import the module that finds installed packages, to save time in the first search."""
-    from importlib import metadata  # noqa: F401
-
-
 def _add_bundled(found: SearchPath, distro: str) -> None:
     packages = (
         Package(name, one.folder, BUNDLED, known_files=one.files) for name, one in bundled_packages(distro).items()
