@@ -92,14 +92,12 @@ def _search(paths: tuple[str, ...]) -> SearchPath:
 
 
 def _all_paths(paths: tuple[str, ...]) -> tuple[str, ...]:
-    group_options: dict[str, Any] = click.get_current_context().obj or {}
-    return with_project_path(group_options.get("paths", ()) + paths)
+    return with_project_path((*_group_option("paths", ()), *paths))
 
 
-def _is_json(as_json: bool) -> bool:
-    """Return True if ``--json`` is an option of the command or of the group."""
-    group_options: dict[str, Any] = click.get_current_context().obj or {}
-    return as_json or bool(group_options.get("as_json"))
+def _group_option(name: str, otherwise: Any) -> Any:
+    """Return the value of an option that precedes the command."""
+    return (click.get_current_context().obj or {}).get(name, otherwise)
 
 
 class _Group(click.Group):
@@ -336,11 +334,10 @@ def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None
     from rosidl_py_gen.compiler.generate import load, notes_of
 
     search = _search(paths)
-    selection = (click.get_current_context().obj or {}).get("selection", "")
-    _, found = load(search, [*names] or split_filter(selection))
+    _, found = load(search, [*names] or split_filter(_group_option("selection", "")))
     notes = notes_of(search, found)
     packages = sorted({name.package for name in found})
-    if _is_json(as_json):
+    if as_json or _group_option("as_json", False):
         interfaces = [str(name) for name in found]
         print_json({"interfaces": interfaces, "errors": [], "notes": rows(notes)})
     else:
@@ -373,7 +370,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
             raise
         registry, owner, note = generated
         print_line(f"note: {note}")
-    if _is_json(as_json):
+    if as_json or _group_option("as_json", False):
         print_json({"hash": registry.type_hash(str(top)), **build_type_description(str(top), registry.field_rows)})
         return
     if full:
@@ -431,7 +428,7 @@ def diff(paths: tuple[str, ...], as_json: bool, **arguments: Any) -> None:
     if len(sources) != 2:
         raise click.UsageError(f"expected OLD and NEW, each a source or --distro NAME; found {len(sources)}")
     compare = import_module("rosidl_py_gen.generator_cli.diff").diff
-    if compare(*sources, paths=_all_paths(paths), as_json=_is_json(as_json), **arguments):
+    if compare(*sources, paths=_all_paths(paths), as_json=as_json or _group_option("as_json", False), **arguments):
         raise click.exceptions.Exit(1)
 
 
@@ -454,7 +451,7 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
 
     search = _search(paths)
     built = build(search, selected_packages(search, [*names]), Path(out), dependencies=not no_dependencies)
-    if _is_json(as_json):
+    if as_json or _group_option("as_json", False):
         print_json([{"package": one.package, "path": str(one.path), "requires": list(one.requires)} for one in built])
         return
     for one in built:

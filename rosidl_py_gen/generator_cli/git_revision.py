@@ -76,16 +76,13 @@ def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | N
     inside = _inside(path, place, top)
     display = f"{revision}:{inside}" if inside else f"{revision}:"
     entries = _entries(commit, inside, top, display)
-    if entries is None:
-        if path is not None:
-            raise RevisionError(f"{printable(display)}: there is no such folder in this revision")
-        yield None, display, [f"{printable(display)} does not exist: all definitions are new"]
-        return
-    wanted, notes = _wanted(entries, display)
+    wanted, notes = _wanted(entries or [], display)
     if not wanted:
         if path is not None:
-            raise RevisionError(f"{printable(display)}: there are no definitions in this folder")
-        yield None, display, [*notes, f"{printable(display)} has no definitions: all definitions are new"]
+            lacks = "is no such folder in this revision" if entries is None else "are no definitions in this folder"
+            raise RevisionError(f"{printable(display)}: there {lacks}")
+        lacks = "does not exist" if entries is None else "has no definitions"
+        yield None, display, [*notes, f"{printable(display)} {lacks}: all definitions are new"]
         return
     with TemporaryDirectory(prefix="rosidl-py-gen-diff-") as folder:
         # A package without package.xml has the name of its folder.

@@ -18,7 +18,7 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.compiler.frontend.model import ConstantDef, Interface
+    from rosidl_py_gen.compiler.frontend.model import ConstantDef
     from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry
 
 MAX_LINES = 20_000
@@ -28,7 +28,10 @@ _SEPARATOR = "=" * 80
 
 def source_text(registry: InterfaceRegistry, owner: RosName) -> str:
     """Return the text of the file, with a line break at the end."""
-    text = _interface(registry, owner).source.text
+    interface = registry.interface(owner)
+    if interface is None:
+        raise TypeNotFoundError(f"no interface {owner}")
+    text = interface.source.text
     return text if text.endswith("\n") else text + "\n"
 
 
@@ -91,13 +94,6 @@ def _expanded(registry: InterfaceRegistry, name: RosName, comments: bool, nested
             below = split_ros_name(item.type.base)
             for nested in _expanded(registry, below, nested_comments, nested_comments):
                 yield f"\t{nested}"
-
-
-def _interface(registry: InterfaceRegistry, name: RosName) -> Interface:
-    interface = registry.interface(name)
-    if interface is None:
-        raise TypeNotFoundError(f"no interface {name}")
-    return interface
 
 
 def _lines(registry: InterfaceRegistry, name: RosName) -> Iterator[tuple[str, FieldDef | None]]:
