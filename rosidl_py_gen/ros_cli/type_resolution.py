@@ -37,6 +37,12 @@ _KINDS: dict[str, tuple[str, Any, str]] = {
 """Kind of definition, function for an installed class, and method of `Node` for an announced one."""
 
 
+def require_stamp(topic: str, cls: type[Message]) -> None:
+    """Raise `CommandError` if the messages of a topic have no ``header`` with a stamp."""
+    if not any(one.ros_name == "header" and str(one.type) == "std_msgs/msg/Header" for one in cls._TYPE.fields):
+        raise CommandError(f"messages of {topic} have no header with a stamp: {cls._TYPE.name}")
+
+
 async def preload_while_waiting(awaitable: Awaitable[T]) -> T:
     """Await; if that takes long, import the compiler in a thread at the same time."""
     loading = asyncio.get_running_loop().call_later(_PRELOAD_DELAY_S, _preload_compiler)

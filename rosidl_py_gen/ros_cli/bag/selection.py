@@ -18,6 +18,7 @@ from rosidl_py_gen.ros_cli.bag.display import duration_text
 
 if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader, BagTopic
+    from rosidl_py_gen.bags.definition_lookup import TopicDefinition
 
 _SAMPLES = 20
 """Number of messages that are checked for each channel whose definition is a guess."""
@@ -69,12 +70,9 @@ def channels_with_definitions(
         if channel.definition or channel.message_encoding != "cdr":
             continue
         try:
-            known = reader.definition(channel)
+            known = fitting_definition(reader, channel)
         except RosidlError as error:
             unknown.append((channel, str(error)))
-            continue
-        if reason := guess_mismatch(reader, channel):
-            unknown.append((channel, reason))
             continue
         channels[channel.key] = described(channel, known)
         if has_definition(channels[channel.key]):
@@ -85,16 +83,14 @@ def channels_with_definitions(
     return channels
 
 
-def guess_mismatch(reader: BagReader, channel: BagTopic) -> str:
-    """Return why the guessed definition of a channel differs from its first messages; empty if it may fit."""
-    try:
-        known = reader.definition(channel)
-    except RosidlError:  # there is none
-        return ""
-    if known.is_recorded:
-        return ""
-    channels = (one.data for one in reader.raw_messages(channel.name) if one.channel.key == channel.key)
-    return mismatch_reason(channel, known, islice(channels, _SAMPLES))
+def fitting_definition(reader: BagReader, channel: BagTopic) -> TopicDefinition:
+    """Return the definition of a channel; raises `CommandError` if it is a guess that its first messages contradict."""
+    known = reader.definition(channel)
+    if not known.is_recorded:
+        messages = (one.data for one in reader.raw_messages(channel.name) if one.channel.key == channel.key)
+        if reason := mismatch_reason(channel, known, islice(messages, _SAMPLES)):
+            raise CommandError(reason)
+    return known
 
 
 def _require_known(reader: BagReader, unknown: Sequence[tuple[BagTopic, str]], keeps_unknown: bool) -> None:

@@ -13,7 +13,6 @@ import click
 from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.tables.query import Result
 
 
@@ -71,16 +70,15 @@ def sql(
     import atexit
     import gc
 
-    from rosidl_py_gen.ros_cli.bag.display import ProgressBar
+    from rosidl_py_gen.ros_cli.bag.display import ProgressBar, opened_bag
     from rosidl_py_gen.tables.multi_bag.datasets import names_of
     from rosidl_py_gen.tables.query import Database, is_dataset, topics_in
 
     query, bags = _query_and_bags(words)
     if as_json and form not in (None, "json"):
         raise click.UsageError(f"--json means --format json; expected only one of --json and --format {form}")
-    form = "json" if as_json else form
     atexit.unregister(gc.freeze)  # DuckDB's bindings warn at exit about objects that are still alive
-    form = form or _format_of(output)
+    form = "json" if as_json else form or _format_of(output)
     if form == "parquet" and output is None:
         raise CommandError("--format parquet requires --output")
     if output is not None and Path(output).exists():
@@ -90,15 +88,15 @@ def sql(
         places = [*_expanded(bags)]
         datasets = [path for path in places if is_dataset(path)]
         names = names_of(path for path in places if path not in datasets)
-        readers = {name: _open_reader(stack, path, paths, skips) for name, path in names.items()}
+        readers = {
+            name: stack.enter_context(opened_bag(path, search_path=paths, skip_damaged=skips))
+            for name, path in names.items()
+        }
         topics = {topic for reader in readers.values() for topic in reader.topics}
-        counts = [
-            reader.topics[one].count
-            for reader in readers.values()
-            for one in topics_in(query, [*topics])
-            if one in reader.topics
-        ]
-        total = sum(one or 0 for one in counts)
+        queried = {*topics_in(query, [*topics])}
+        total = sum(
+            topic.count or 0 for one in readers.values() for name, topic in one.topics.items() if name in queried
+        )
         with ProgressBar("messages") as show:
             on_error = "skip" if skips else "raise"
             left_out = base.add(query, readers, datasets, on_error=on_error, progress=lambda done: show(done, total))
@@ -106,12 +104,6 @@ def sql(
             terminal_output.note(f"skipped {topic}: {reason}")
         _print_result(base.run(query), form, output)
     return DAMAGED if any(one.damaged for one in readers.values()) else 0
-
-
-def _open_reader(stack: ExitStack, path: str, paths: Sequence[str], skips: bool) -> BagReader:
-    from rosidl_py_gen.ros_cli.bag.display import opened_bag
-
-    return stack.enter_context(opened_bag(path, search_path=paths, skip_damaged=skips))
 
 
 def _query_and_bags(words: Sequence[str]) -> tuple[str, Sequence[str]]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
+from functools import partial
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -28,7 +29,7 @@ T = TypeVar("T")
 _Job = tuple["Future[Any]", "Callable[[], Any]"]
 
 
-class Worker(Executor):
+class Worker:
     """Daemon thread that runs functions in order; a cancelled function is skipped.
 
     It pauses after each function for as long as the function took, because much of the work holds the GIL.
@@ -40,16 +41,12 @@ class Worker(Executor):
 
     async def run(self, function: Callable[..., T], *args: Any) -> T:
         """Run a function in the thread and return its result."""
-        return await asyncio.get_running_loop().run_in_executor(self, function, *args)
-
-    def submit(self, function: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Queue a function; called by the event loop."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="rosidl-py foxglove", daemon=True)
             self._thread.start()
         future: Future[T] = Future()
-        self._jobs.put((future, lambda: function(*args, **kwargs)))
-        return future
+        self._jobs.put((future, partial(function, *args)))
+        return await asyncio.wrap_future(future)
 
     def _work(self) -> None:
         while job := self._jobs.get():

@@ -225,7 +225,7 @@ _SUBSCRIBER_DISCOVERY_S = 2.0
 """Time for discovering subscribers; Fast DDS takes up to a second longer (docs/internals/dds.md 6)."""
 _RATE_STEP = 0.1
 _PLAYER = "/rosbag2_player"
-_NEED_START = ("Burst", "PlayNext", "Seek")
+_NEED_START = ("burst", "play_next", "seek")
 
 
 def play_bag(network: NetworkOptions, options: PlayOptions) -> AsyncCommand:
@@ -310,25 +310,25 @@ def _serve(node: Node, player: Player) -> None:
     """Create the services of a player."""
     timeline = player.timeline
 
-    async def wait_for_start(kind: str) -> None:
-        if kind in _NEED_START:
+    async def wait_for_start(service: str) -> None:
+        if service in _NEED_START:
             await player.started()
 
     serve_rosbag2(
         node,
         f"{_PLAYER}/",
-        (
-            ("pause", "Pause", lambda _: timeline.pause()),
-            ("resume", "Resume", lambda _: timeline.resume()),
-            ("toggle_paused", "TogglePaused", lambda _: player.toggle()),
-            ("is_paused", "IsPaused", lambda _: {"paused": timeline.is_paused}),
-            ("get_rate", "GetRate", lambda _: {"rate": timeline.rate}),
-            ("set_rate", "SetRate", lambda request: {"success": timeline.set_rate(request.rate)}),
-            ("play", "Play", lambda _: {"success": False}),  # it is playing already
-            ("play_next", "PlayNext", lambda _: {"success": player.step()}),
-            ("burst", "Burst", lambda request: {"actually_burst": player.burst(request.num_messages)}),
-            ("seek", "Seek", lambda request: {"success": player.seek(stamp_ns(request.time))}),
-            ("stop", "Stop", lambda _: player.stop()),
-        ),
+        {
+            "pause": lambda _: timeline.pause(),
+            "resume": lambda _: timeline.resume(),
+            "toggle_paused": lambda _: player.toggle(),
+            "is_paused": lambda _: {"paused": timeline.is_paused},
+            "get_rate": lambda _: {"rate": timeline.rate},
+            "set_rate": lambda request: {"success": timeline.set_rate(request.rate)},
+            "play": lambda _: {"success": False},  # it is playing already
+            "play_next": lambda _: {"success": player.step()},
+            "burst": lambda request: {"actually_burst": player.burst(request.num_messages)},
+            "seek": lambda request: {"success": player.seek(stamp_ns(request.time))},
+            "stop": lambda _: player.stop(),
+        },
         wait_for_start,
     )

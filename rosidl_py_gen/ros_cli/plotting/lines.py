@@ -18,6 +18,7 @@ from rosidl_py_gen.base.field_columns import Column, FieldPathError, message_col
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
+from rosidl_py_gen.ros_cli.type_resolution import require_stamp
 
 Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
 BUCKETS = 2000
@@ -28,7 +29,6 @@ MAX_ELEMENTS = 20
 MAX_LINES = 100
 _MAX_LISTED = 60
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-_HEADER = "std_msgs/msg/Header"
 
 
 class PlotLine:
@@ -115,8 +115,8 @@ class TopicLines:
         """Prepare for messages of a class; raises `CommandError` for fields that cannot be drawn."""
         if cls in self._columns:
             return
-        if self._by_stamp and not has_stamp(cls):
-            raise CommandError(f"messages of {self._topic} have no header with a stamp: {cls._TYPE.name}")
+        if self._by_stamp:
+            require_stamp(self._topic, cls)
         self._columns[cls] = columns = numeric_columns(cls, self._topic, self._paths)
         for column in columns:
             if column.length is None:
@@ -165,11 +165,6 @@ def _elements(column: Column, values: Any, note: Callable[[str], object]) -> Ite
         note(f"{column.name}: only the first {MAX_ELEMENTS} elements are drawn; name others, such as {advice}{after}")
     for number, value in enumerate(islice(values, MAX_ELEMENTS), first):
         yield f"{before}[{number}]{after}", value
-
-
-def has_stamp(cls: type[Any]) -> bool:
-    """Return True if messages of a class have a ``header`` with a stamp."""
-    return any(one.ros_name == "header" and str(one.type) == _HEADER for one in cls._TYPE.fields)
 
 
 def numeric_columns(cls: type[Any], topic: str, paths: Sequence[str]) -> list[Column]:
@@ -234,30 +229,28 @@ class DrawnLine(NamedTuple):
     is_steps: bool
 
 
+@dataclass(slots=True, kw_only=True)
 class TimeAxis:
     """Time axis that all panels share.
 
-    Args:
+    Attributes:
         is_wall_clock: local date and time instead of seconds since the start.
         by_stamp: the times are those of the headers, for the label.
         own_starts: each panel starts at 0.
         last_s: draw only this time before the last point.
+        start_s: zero of the axis, seconds since 1970.
     """
 
-    def __init__(
-        self,
-        *,
-        is_wall_clock: bool = False,
-        by_stamp: bool = False,
-        own_starts: bool = False,
-        last_s: float | None = None,
-    ) -> None:
-        self.is_wall_clock, self.last_s = is_wall_clock, last_s
-        self._own_starts = own_starts
-        self.start_s = 0.0
-        """Zero of the axis, seconds since 1970."""
-        name = "time of header.stamp" if by_stamp else "time"
-        self.label = name if is_wall_clock else f"{name} [s]"
+    is_wall_clock: bool = False
+    by_stamp: bool = False
+    own_starts: bool = False
+    last_s: float | None = None
+    start_s: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Name of the axis, with its unit."""
+        return ("time of header.stamp" if self.by_stamp else "time") + ("" if self.is_wall_clock else " [s]")
 
     def begin(self, panels: Sequence[PlotPanel]) -> None:
         """Set the start to the first message of all panels."""
@@ -265,7 +258,7 @@ class TimeAxis:
 
     def drawn(self, panel: PlotPanel) -> list[DrawnLine]:
         """Return the lines of a panel that have points."""
-        zero = 0.0 if self.is_wall_clock else panel.start_s if self._own_starts else self.start_s
+        zero = 0.0 if self.is_wall_clock else panel.start_s if self.own_starts else self.start_s
         lines = []
         for line in panel.lines:
             times, values = line.points()

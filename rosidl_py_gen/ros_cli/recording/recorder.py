@@ -308,15 +308,15 @@ async def _record(
 
 
 def _serve(node: Node, recorder: Recorder, *, snapshots: bool) -> None:
-    handlers: list[tuple[str, str, Callable[[Any], dict[str, Any] | None]]] = [
-        ("pause", "Pause", lambda _: recorder.pause()),
-        ("resume", "Resume", lambda _: recorder.resume()),
-        ("toggle_paused", "TogglePaused", lambda _: recorder.toggle_paused()),
-        ("is_paused", "IsPaused", lambda _: {"paused": recorder.is_paused}),
-        ("split_bagfile", "SplitBagfile", lambda _: recorder.split()),
-    ]
+    handlers: dict[str, Callable[[Any], dict[str, Any] | None]] = {
+        "pause": lambda _: recorder.pause(),
+        "resume": lambda _: recorder.resume(),
+        "toggle_paused": lambda _: recorder.toggle_paused(),
+        "is_paused": lambda _: {"paused": recorder.is_paused},
+        "split_bagfile": lambda _: recorder.split(),
+    }
     if snapshots:
-        handlers.append(("snapshot", "Snapshot", lambda _: {"success": recorder.snapshot()}))
+        handlers["snapshot"] = lambda _: {"success": recorder.snapshot()}
     serve_rosbag2(node, "~/", handlers)
 
 

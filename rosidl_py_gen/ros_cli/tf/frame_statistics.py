@@ -52,9 +52,7 @@ class FrameArrivals:
     @property
     def delay_s(self) -> tuple[float, float] | None:
         """Mean and maximum delay; None for a static frame."""
-        if self.is_static or not self.delays_ns:
-            return None
-        return sum(self.delays_ns) / len(self.delays_ns) / NS_PER_S, max(self.delays_ns) / NS_PER_S
+        return None if self.is_static else mean_and_max_s(self.delays_ns)
 
     def publishers(self, names: dict[Any, str]) -> list[str]:
         """Return the names of the publishers, from `names_of`."""
@@ -79,6 +77,11 @@ class FrameArrivals:
             "delay_s": None if delay is None else {"mean": delay[0], "max": delay[1]},
             "publishers": self.publishers(names),
         }
+
+
+def mean_and_max_s(values_ns: deque[int]) -> tuple[float, float] | None:
+    """Return mean and maximum in seconds; None of no values."""
+    return (sum(values_ns) / len(values_ns) / NS_PER_S, max(values_ns) / NS_PER_S) if values_ns else None
 
 
 class FrameStatistics:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
-from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
+from rosidl_py_gen.ros_cli import options, terminal_output
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
@@ -30,7 +30,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 _REPORT_INTERVAL_S = 1.0
 _DEPTH = 1000
 _TABLE_COLUMNS = 72
-_HEADER = "std_msgs/msg/Header"
 _Value = Callable[[Any], "int | None"]
 
 
@@ -181,9 +180,7 @@ async def _value_extractor(
     if kind != "delay":
         return None, len
     cls = await type_resolution.interface_class(command_node, "topic", topic, paths=paths)
-    headers = [field.py_name for field in cls._TYPE.fields if str(field.type) == _HEADER and field.ros_name == "header"]
-    if not headers:
-        raise CommandError(f"messages of {topic} have no header with a stamp: {cls._TYPE.name}")
+    type_resolution.require_stamp(topic, cls)
     return (None, _first_stamp) if cls._TYPE.fields[0].ros_name == "header" else (cls, _stamp)
 
 
