@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import threading
-import time
-from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -20,7 +17,7 @@ from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from support.node_fixtures import World
 
@@ -185,43 +182,3 @@ async def test_room_grows_with_answers_once_others_are_known(monkeypatch: pytest
     assert len(sent) == 30
     window.on_response(27)
     assert len(sent) == 31
-
-
-@pytest.mark.every_transport
-async def test_a_server_whose_handlers_take_long_loses_none_of_many_calls_at_once(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with slow_server(world, monkeypatch):
-        client = world.node("caller").create_client(AddTwoInts, "add")
-        assert await client.wait_for_service(timeout_s=5)
-        calls = (client.call(AddTwoInts.Request(a=number), timeout_s=10) for number in range(40))
-        answers = await asyncio.gather(*calls, return_exceptions=True)
-        assert [getattr(answer, "sum", answer) for answer in answers] == list(range(40))
-
-
-@contextmanager
-def slow_server(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Serve on a separate loop that the handlers block, with a queue of ten requests as in rmw."""
-    ready, stop = threading.Event(), threading.Event()
-
-    def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
-        time.sleep(0.03)  # what the test is about: the loop is held up
-        return AddTwoInts.Response(sum=request.a)
-
-    async def serve() -> None:
-        node = world.node("server")
-        with monkeypatch.context() as patched:
-            patched.setattr(service, "service_endpoint_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
-            node.create_service(AddTwoInts, "add", handler)
-        ready.set()
-        await asyncio.to_thread(stop.wait)
-        node.close()
-
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    try:
-        assert ready.wait(5)
-        yield
-    finally:
-        stop.set()
-        thread.join()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-import threading
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -209,26 +207,6 @@ async def test_late_and_foreign_replies_are_ignored(dds: World) -> None:
     assert (await call).sum == 3
 
 
-async def test_a_handler_that_raises_is_logged_and_the_next_call_works(
-    world: World, caplog: pytest.LogCaptureFixture
-) -> None:
-    alice, bob = world.pair()
-
-    def handler(request: SetBool.Request) -> SetBool.Response:
-        if not request.data:
-            raise ValueError("no falsehood here")
-        return SetBool.Response(success=True)
-
-    alice.create_service(SetBool, "set", handler)
-    client = bob.create_client(SetBool, "set")
-    assert (await client.call(SetBool.Request(data=True), timeout_s=5)).success
-    with caplog.at_level(logging.ERROR):
-        with pytest.raises(CallTimeoutError):
-            await client.call(SetBool.Request(data=False), timeout_s=0.3)
-        await until(lambda: "no falsehood here" in caplog.text)
-    assert (await client.call(SetBool.Request(data=True), timeout_s=5)).success
-
-
 async def test_a_service_can_be_called_inside_callbacks(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add", add)
@@ -245,28 +223,6 @@ async def test_a_service_can_be_called_inside_callbacks(world: World) -> None:
     assert (await chain.call(SetBool.Request(data=True), timeout_s=5)).success
     assert await results.get() == 42
     assert (await asyncio.to_thread(client.call_sync, Request(a=1, b=1), 5)).sum == 2
-
-
-@pytest.mark.every_transport
-def test_call_sync_from_a_script(world: World) -> None:
-    alice, bob = world.node("alice"), world.node("bob")
-    ready, done = threading.Event(), threading.Event()
-
-    async def serve() -> None:
-        alice.create_service(AddTwoInts, "add", add)
-        ready.set()
-        while not done.is_set():
-            await asyncio.sleep(0.01)
-
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    ready.wait()
-    client = bob.create_client(AddTwoInts, "add")
-    assert [client.call_sync(Request(a=i, b=1), timeout_s=5).sum for i in range(3)] == [1, 2, 3]
-    with pytest.raises(CallTimeoutError):
-        bob.create_client(AddTwoInts, "nobody").call_sync(Request(), timeout_s=0.05)
-    done.set()
-    thread.join()
 
 
 @pytest.mark.every_transport

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import logging
 import threading
 import time
 from typing import TYPE_CHECKING, Any
@@ -17,8 +16,6 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import Clock, ClockType, Duration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
-
     from support.node_fixtures import World
 
 
@@ -77,43 +74,6 @@ async def test_the_period_can_change(memory: World) -> None:
     timer.change_period(0.01)
     timer.reset()
     await asyncio.wait_for(timer.tick(), 10)
-
-
-def cancelled_outcome() -> None:
-    """Call `result` of a cancelled future."""
-    future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-    future.cancel()
-    future.result()
-
-
-async def async_cancelled_outcome() -> None:
-    """Await a cancelled future."""
-    cancelled_outcome()
-
-
-@pytest.mark.parametrize("outcome", [cancelled_outcome, async_cancelled_outcome])
-async def test_the_cancelled_error_of_something_awaited_is_a_failure_like_others(
-    world: World, caplog: pytest.LogCaptureFixture, outcome: Callable[[], Coroutine[None, None, None] | None]
-) -> None:
-    count = 0
-
-    def plain() -> None:
-        nonlocal count
-        count += 1
-        outcome()
-
-    async def awaited() -> None:
-        nonlocal count
-        count += 1
-        await outcome()  # type: ignore[misc]
-
-    timer = world.node("n").create_timer(0.01, plain if outcome is cancelled_outcome else awaited)
-    with caplog.at_level(logging.ERROR):
-        await until(lambda: count >= 3 and len(caplog.records) >= 3)
-    ours = [record for record in caplog.records if "a timer's callback failed" in record.getMessage()]
-    assert len(ours) >= 3 and all(record.exc_info for record in ours)
-    assert len(ours) == len([record for record in caplog.records if record.levelno >= logging.ERROR])
-    timer.close()
 
 
 async def test_closing_the_node_cancels_a_callback_without_a_word(

@@ -36,25 +36,6 @@ async def test_messages_arrive_in_order_through_the_iterator(world: World) -> No
     assert seen == ["0", "1", "2", "3", "4"]
 
 
-async def test_a_callback_that_raises_is_logged_and_changes_nothing_else(
-    world: World, caplog: pytest.LogCaptureFixture
-) -> None:
-    seen: list[int] = []
-
-    def callback(message: Int32) -> None:
-        if message.data == 1:
-            raise ValueError("one is too many")
-        seen.append(message.data)
-
-    publisher, _ = await world.connected(Int32, "n", callback=callback)
-    with caplog.at_level(logging.ERROR):
-        for number in range(3):
-            publisher.publish(Int32(data=number))
-        await until(lambda: len(seen) == 2)
-    assert seen == [0, 2]
-    assert "one is too many" in caplog.text and "callback of /n" in caplog.text
-
-
 @pytest.mark.every_transport
 async def test_keep_last_drops_the_oldest_and_counts(world: World) -> None:
     publisher, subscription = await world.connected(Int32, "n", 5)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime import Context, MemoryTransport
 from rosidl_py_gen.runtime.names.remapping import RemapKind
 from rosidl_py_gen.runtime.node.arguments import RosArgumentError, RosArguments, parse_arguments
 from rosidl_py_gen.runtime.parameters.values import parameter_value
@@ -134,21 +132,6 @@ def test_errors_show_the_argument(arguments: str, reason: str) -> None:
     with pytest.raises(RosArgumentError) as caught:
         parse("prog --ros-args " + arguments)
     assert reason in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("a --ros-args b", "args must be a list of arguments such as .*, got the text 'a --ros-args b'"),
-        (b"a b", "args must be a list of arguments"),
-        (["p", 5], "args must be texts, got 5"),
-    ],
-)
-def test_a_command_line_is_a_list_of_texts(arguments: Any, words: str) -> None:
-    with pytest.raises(TypeError, match=words):
-        parse_arguments(arguments)
-    with pytest.raises(TypeError, match=words):
-        Context(0, args=arguments, transport=MemoryTransport())
 
 
 WORD = st.one_of(

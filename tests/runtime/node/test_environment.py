@@ -45,11 +45,6 @@ def test_bad_domain_id_argument(bad: Any) -> None:
         read_environment({}, domain_id=bad)
 
 
-def test_bad_discovery_argument() -> None:
-    with pytest.raises(EnvironmentSettingError, match="must be one of 'subnet', 'localhost'"):
-        read_environment({}, discovery="LAN")
-
-
 @pytest.mark.parametrize(
     ("value", "expected", "warned"),
     [

@@ -56,12 +56,6 @@ async def test_names_are_expanded_and_remapped(world: World) -> None:
     assert node.create_service(AddTwoInts, "~/add").name == "/robot/arm/add"
 
 
-@pytest.mark.parametrize(("name", "namespace"), [("1st", ""), ("a/b", ""), ("", ""), ("ok", "/a//b")])
-def test_invalid_names_are_refused(memory: World, name: str, namespace: str) -> None:
-    with pytest.raises(InvalidNameError):
-        Node(name, namespace, context=memory.context())
-
-
 @pytest.mark.every_transport
 async def test_every_node_sees_every_other_one(world: World) -> None:
     alice, bob = world.pair()
