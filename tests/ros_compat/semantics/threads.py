@@ -24,6 +24,7 @@ def counted_subscriptions(node: Node) -> None:
         publisher.publish(String(data="x"))
         node.destroy_publisher(publisher)
 
+    assert wait_for_message(String, node, "t", time_to_wait=0.1) == (False, None)
     for _ in range(80):
         thread = threading.Thread(target=publish)
         thread.start()
