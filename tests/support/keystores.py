@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from cryptography.hazmat.primitives.serialization import BestAvailableEncryption
 from cryptography.x509.oid import NameOID
 
 from rosidl_py_gen.ros_cli.security.certificates import CA_NAME, certificate_pem, key_pem, new_key, signed
+from rosidl_py_gen.ros_cli.security.permissions import governance_xml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,9 +22,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.security.certificates import PrivateKey
 
 _DAY = datetime.timedelta(days=1)
-_KINDS = ("rtps", "discovery", "liveliness", "metadata", "data")
-SROS2_KINDS = {"rtps": "SIGN", **dict.fromkeys(_KINDS[1:], "ENCRYPT")}
-"""Protection of the governance that sros2 writes."""
 DISCOVERY_TOPIC = "ros_discovery_info"
 
 
@@ -34,27 +33,13 @@ def _name(text: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
 
 
-def governance(domain_id: int, kinds: Mapping[str, str] = SROS2_KINDS) -> str:
-    """The XML of a governance file; `kinds` are changes to that of sros2."""
-    kind = {**SROS2_KINDS, **kinds}
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<dds><domain_access_rules><domain_rule>
-<domains><id>{domain_id}</id></domains>
-<allow_unauthenticated_participants>false</allow_unauthenticated_participants>
-<enable_join_access_control>true</enable_join_access_control>
-<discovery_protection_kind>{kind["discovery"]}</discovery_protection_kind>
-<liveliness_protection_kind>{kind["liveliness"]}</liveliness_protection_kind>
-<rtps_protection_kind>{kind["rtps"]}</rtps_protection_kind>
-<topic_access_rules><topic_rule>
-<topic_expression>*</topic_expression>
-<enable_discovery_protection>true</enable_discovery_protection>
-<enable_liveliness_protection>true</enable_liveliness_protection>
-<enable_read_access_control>true</enable_read_access_control>
-<enable_write_access_control>true</enable_write_access_control>
-<metadata_protection_kind>{kind["metadata"]}</metadata_protection_kind>
-<data_protection_kind>{kind["data"]}</data_protection_kind>
-</topic_rule></topic_access_rules>
-</domain_rule></domain_access_rules></dds>"""
+def governance(domain_id: int, kinds: Mapping[str, str] | None = None) -> str:
+    """The XML of the governance of a new keystore, with other kinds of protection."""
+    text = governance_xml(domain_id)
+    for name, kind in (kinds or {}).items():
+        text, count = re.subn(rf"(<{name}_protection_kind>)\w+", rf"\g<1>{kind}", text)
+        assert count == 1
+    return text
 
 
 def permissions(
@@ -127,14 +112,14 @@ class Enclave:
 class Keystore:
     """A keystore below a folder, for one domain."""
 
-    def __init__(self, folder: Path, domain_id: int, kinds: Mapping[str, str] = SROS2_KINDS) -> None:
+    def __init__(self, folder: Path, domain_id: int, kinds: Mapping[str, str] | None = None) -> None:
         self.folder = folder
         self.domain_id = domain_id
         self.authority = Authority()
         (folder / "enclaves").mkdir(parents=True)
         self.write_governance(domain_id, kinds)
 
-    def write_governance(self, domain_id: int, kinds: Mapping[str, str] = SROS2_KINDS) -> None:
+    def write_governance(self, domain_id: int, kinds: Mapping[str, str] | None = None) -> None:
         """Write governance.p7s."""
         (self.folder / "enclaves/governance.p7s").write_bytes(self.authority.sign(governance(domain_id, kinds)))
 
