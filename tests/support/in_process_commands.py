@@ -21,56 +21,7 @@ if TYPE_CHECKING:
 
     from support.node_fixtures import World
 
-_HERE: contextvars.ContextVar[dict[str, Pipe]] = contextvars.ContextVar("streams of the command that runs here")
-
-
-class Pipe:
-    """Output of a command, which is read as from `asyncio.subprocess`."""
-
-    def __init__(self) -> None:
-        self.text = ""
-        self._read = 0
-        self._changed = asyncio.Event()
-        self._is_ended = False
-
-    def write(self, text: str) -> None:
-        self.text += text
-        self._changed.set()
-
-    def end(self) -> None:
-        self._is_ended = True
-        self._changed.set()
-
-    async def readline(self) -> bytes:
-        """The next line; empty at the end."""
-        while (end := self.text.find("\n", self._read)) < 0 and not self._is_ended:
-            self._changed.clear()
-            await self._changed.wait()
-        line, self._read = self.text[self._read : end + 1], end + 1 if end >= 0 else len(self.text)
-        return line.encode()
-
-    async def read(self) -> bytes:
-        """All that was not read yet."""
-        lines = [line async for line in self]
-        return b"".join(lines)
-
-    async def readuntil(self, separator: bytes) -> bytes:
-        """Up to some text and with it."""
-        found = b""
-        while separator not in found:
-            line = await self.readline()
-            assert line, f"{separator!r} never came: {found!r}"
-            found += line
-        return found
-
-    def __aiter__(self) -> Pipe:
-        return self
-
-    async def __anext__(self) -> bytes:
-        line = await self.readline()
-        if not line:
-            raise StopAsyncIteration
-        return line
+_HERE: contextvars.ContextVar[dict[str, asyncio.StreamReader]] = contextvars.ContextVar("streams of the command that runs here")
 
 
 class _Stream(io.TextIOBase):
@@ -83,7 +34,10 @@ class _Stream(io.TextIOBase):
 
     def write(self, text: str) -> int:
         streams = _HERE.get(None)
-        (self._otherwise if streams is None else streams[self._name]).write(text)
+        if streams is None:
+            self._otherwise.write(text)
+        else:
+            streams[self._name].feed_data(text.encode())
         return len(text)
 
     def flush(self) -> None:
@@ -100,7 +54,7 @@ class _Captured(BaseException):
 class Command:
     """A command under way, with what tests use of `asyncio.subprocess.Process`."""
 
-    def __init__(self, job: ros_cli.AsyncCommand | None, streams: dict[str, Pipe], code: int | None) -> None:
+    def __init__(self, job: ros_cli.AsyncCommand | None, streams: dict[str, asyncio.StreamReader], code: int | None) -> None:
         self.stdout, self.stderr = streams["stdout"], streams["stderr"]
         self.returncode = code
         self._job = job
@@ -126,8 +80,8 @@ class Command:
 
     def _end(self, code: int) -> None:
         self.returncode = code
-        self.stdout.end()
-        self.stderr.end()
+        self.stdout.feed_eof()
+        self.stderr.feed_eof()
 
     def send_signal(self, number: int) -> None:
         assert number in (signal.SIGINT, signal.SIGTERM)
@@ -146,9 +100,9 @@ class Command:
         return self.returncode
 
     async def communicate(self, data: bytes | None = None) -> tuple[bytes, bytes]:
-        """All output, at the end."""
+        """The output that was not read yet, at the end."""
         await self.wait()
-        return self.stdout.text.encode(), self.stderr.text.encode()
+        return await self.stdout.read(), await self.stderr.read()
 
 
 def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], stdin: str) -> Command:
@@ -172,7 +126,7 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
         if not isinstance(getattr(sys, name), _Stream):
             patch.setattr(sys, name, _Stream(name, getattr(sys, name)))
     patch.setattr(sys, "stdin", io.StringIO(stdin))
-    streams = {"stdout": Pipe(), "stderr": Pipe()}
+    streams = {name: asyncio.StreamReader(limit=1 << 24) for name in ("stdout", "stderr")}
 
     def parse() -> tuple[ros_cli.AsyncCommand | None, int]:
         _HERE.set(streams)
