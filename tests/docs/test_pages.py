@@ -28,25 +28,8 @@ API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")
 
 PARTS = ("runtime", "numpy", "message_filters", "tf", "bags")
 SUBMODULES = ("runtime.qos", "runtime.pytest_plugin")
-NAME = re.compile(r"`(?:await |async for |async with )?([A-Za-z_][\w.]*)")
-OTHERS = {
-    *(
-        "async",
-        "asyncio",
-        "loop",
-        "with",
-        "f",
-        "def",
-        "T",
-        "m",
-        "Lock",
-        "Event",
-        "argv",
-        "Future",
-        "create_task",
-        "not",
-    ),
-}
+NAME = re.compile(r"`(?:await |async for |async with |not )?([A-Za-z_][\w.]*)")
+OTHERS = {"async", "asyncio", "loop", "with", "f", "def", "T", "m", "Lock", "Event", "argv", "Future", "create_task"}
 """Names of Python and asyncio, and placeholders."""
 
 

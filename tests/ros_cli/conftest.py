@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import os
 import signal
 import subprocess
@@ -122,7 +123,7 @@ def run_here(capsys: Any, monkeypatch: Any, only_loopback: None) -> Callable[...
         with tempfile.TemporaryFile() as file, monkeypatch.context() as patched:
             file.write(stdin.encode(errors="surrogateescape"))
             file.seek(0)
-            patched.setattr(sys, "stdin", file)
+            patched.setattr(sys, "stdin", io.TextIOWrapper(file))
             code: object = 0
             try:
                 ros_cli.main([*arguments])

@@ -9,14 +9,14 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from each_case import each_case
 from support.announced_types import Told, fresh, told_by
 from support.node_fixtures import World
 
-from rosidl_py_gen import from_dict, get_action, get_message, get_service, ros_cli, type_hash
+from rosidl_py_gen import from_dict, get_action, get_message, get_service, type_hash
 from rosidl_py_gen.base.resources import install_command, interfaces_dir
 from rosidl_py_gen.cdr.codec import encode
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     Run = Callable[..., str]
+    RunHere = Callable[..., tuple[int, str, str]]
 
 
 _PACKAGES = scan_search_path([interfaces_dir()], ament="", bundled=False).packages.values()
@@ -34,21 +35,21 @@ BUNDLED = [str(name) for package in _PACKAGES for name in package.files]
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
+def command(run_here: RunHere) -> RunHere:
+    """Runs a command of the group."""
+    return partial(run_here, "interface")
+
+
+@pytest.fixture
+def run(command: RunHere) -> Run:
     """Runs a command of the group, which has to end well; gives what it prints."""
 
     def call(*arguments: str) -> str:
-        ros_cli.main(["interface", *arguments])
-        return capsys.readouterr().out
+        code, out, err = command(*arguments)
+        assert code == 0, err
+        return out
 
     return call
-
-
-def failing(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    with pytest.raises(SystemExit) as end:
-        ros_cli.main(["interface", *arguments])
-    assert end.value.code == 1
-    return capsys.readouterr().err
 
 
 def workspace(folder: Path, **files: str) -> str:
@@ -96,17 +97,17 @@ def test_show_writes_idl_and_derived_messages_as_msg_files(run: Run, tmp_path: P
     assert "bool data\n" in run("show", "std_srvs/srv/SetBool_Request")
 
 
-def test_types_that_double_with_each_level_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_types_that_double_with_each_level_are_refused(command: RunHere, tmp_path: Path) -> None:
     files = {f"msg__L{level}__msg": f"L{level + 1} a\nL{level + 1} b\n" for level in range(40)}
     path = workspace(tmp_path, **files, msg__L40__msg="int8 x\n")
-    assert "more than 20000 lines" in failing(capsys, "show", "my_msgs/msg/L24", "--path", path)
-    assert "at most 1048576 are allowed" in failing(capsys, "show", "my_msgs/msg/L0", "--path", path)
+    assert "more than 20000 lines" in command("show", "my_msgs/msg/L24", "--path", path)[2]
+    assert "at most 1048576 are allowed" in command("show", "my_msgs/msg/L0", "--path", path)[2]
 
 
-def test_a_type_may_be_named_in_short(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_type_may_be_named_in_short(run: Run, command: RunHere) -> None:
     assert run("show", "Fibonacci") == run("show", "example_interfaces/Fibonacci")
     assert run("hash", "Fibonacci").endswith("  example_interfaces/action/Fibonacci\n")
-    assert '"SetBool" may be example_interfaces/srv/SetBool, std_srvs/srv/SetBool' in failing(capsys, "show", "SetBool")
+    assert '"SetBool" may be example_interfaces/srv/SetBool, std_srvs/srv/SetBool' in command("show", "SetBool")[2]
 
 
 @pytest.mark.parametrize(
@@ -120,14 +121,14 @@ def test_a_type_may_be_named_in_short(run: Run, capsys: pytest.CaptureFixture[st
         (("packages", "--path", "no/folder"), "no/folder: expected a folder"),
     ],
 )
-def test_mistakes_are_told(arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert reason in failing(capsys, *arguments)
+def test_mistakes_are_told(arguments: tuple[str, ...], reason: str, command: RunHere) -> None:
+    code, _, err = command(*arguments)
+    assert code == 1 and reason in err
 
 
-def test_a_wrong_definition_is_located(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_wrong_definition_is_located(command: RunHere, tmp_path: Path) -> None:
     path = workspace(tmp_path, msg__Bad__msg="int8 x\nHeder h\n")
-    said = failing(capsys, "show", "my_msgs/msg/Bad", "--path", path)
-    assert "Bad.msg:2:1: unknown type" in said
+    assert "Bad.msg:2:1: unknown type" in command("show", "my_msgs/msg/Bad", "--path", path)[2]
 
 
 @each_case("name", BUNDLED)
@@ -178,12 +179,11 @@ def test_lists_are_those_of_the_search_path(run: Run, tmp_path: Path) -> None:
     assert "my_msgs" not in run("packages", "-a", "--path", path)
 
 
-def test_a_type_comes_from_standard_input() -> None:
-    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "interface", "show", "-"]
-    done = subprocess.run(command, input="std_msgs/msg/Bool\n", capture_output=True, text=True)
-    assert (done.returncode, done.stdout.splitlines()[-1][:9]) == (0, "bool data")
-    done = subprocess.run(command, input="", capture_output=True, text=True)
-    assert done.returncode == 1 and "found nothing" in done.stderr
+def test_a_type_comes_from_standard_input(command: RunHere) -> None:
+    code, out, _ = command("show", "-", stdin="std_msgs/msg/Bool\n")
+    assert (code, out.splitlines()[-1][:9]) == (0, "bool data")
+    code, _, err = command("show", "-")
+    assert code == 1 and "found nothing" in err
 
 
 def test_without_the_extra_definitions_are_shown_and_the_rest_says_what_to_install() -> None:
@@ -217,8 +217,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def kept(run_here: Any, cache: Path) -> Any:
-    return partial(run_here, "interface")
+def kept(command: RunHere, cache: Path) -> RunHere:
+    return command
 
 
 def keep(told: Told, *parts: str, sources: bool = True) -> None:
@@ -227,7 +227,7 @@ def keep(told: Told, *parts: str, sources: bool = True) -> None:
         store_description(told.library.type_hash(name), encode(told.answer(name if part else "", sources=sources)))
 
 
-async def test_what_a_node_described_is_shown_later(memory: World, kept: Any) -> None:
+async def test_what_a_node_described_is_shown_later(memory: World, kept: RunHere) -> None:
     told = fresh("# how fast\nfloat64 speed 1.5\nint32 MOST=7")
     node = memory.node()
     told_by(memory, told)
@@ -242,7 +242,7 @@ async def test_what_a_node_described_is_shown_later(memory: World, kept: Any) ->
     assert json.loads(kept("show", "--json", told.name)[1])["hash"] == told.hash
 
 
-def test_nested_types_are_known_from_what_contains_them(kept: Any) -> None:
+def test_nested_types_are_known_from_what_contains_them(kept: RunHere) -> None:
     told = fresh("Inner[] inner", **{POINT: "int8 x\nint8 y"})
     keep(told)
     assert kept("show", told.name)[1] == "Inner[] inner\n\tint8 x\n\tint8 y\n"
@@ -261,7 +261,7 @@ def test_nested_types_are_known_from_what_contains_them(kept: Any) -> None:
         ),
     ],
 )
-def test_services_and_actions_are_made_of_their_parts(kept: Any, kind: str, text: str, parts: list[str]) -> None:
+def test_services_and_actions_are_made_of_their_parts(kept: RunHere, kind: str, text: str, parts: list[str]) -> None:
     told = fresh(text, kind)
     keep(told, *parts)
     code, out, err = kept("show", told.name)
@@ -270,7 +270,7 @@ def test_services_and_actions_are_made_of_their_parts(kept: Any, kind: str, text
     assert kept("hash", told.name)[1] == f"{told.hash}  {told.name}\n"
 
 
-def test_of_several_definitions_the_newest_is_shown_and_the_others_are_named(kept: Any, cache: Path) -> None:
+def test_of_several_definitions_the_newest_is_shown_and_the_others_are_named(kept: RunHere, cache: Path) -> None:
     old = fresh("int8 x")
     new = Told(old.name, "int8 x\nint8 y")
     for age, told in enumerate((old, new)):
@@ -281,7 +281,7 @@ def test_of_several_definitions_the_newest_is_shown_and_the_others_are_named(kep
     assert err.endswith(f"{new.hash}; other cached definitions: {old.hash}\n")
 
 
-def test_halves_of_several_definitions_are_not_put_together(kept: Any) -> None:
+def test_halves_of_several_definitions_are_not_put_together(kept: RunHere) -> None:
     old = fresh("int8 a\n---\nint8 b", "srv")
     new = Told(old.name, "int8 a2\n---\nint8 b")
     keep(old, "_Request", "_Response")
@@ -291,7 +291,7 @@ def test_halves_of_several_definitions_are_not_put_together(kept: Any) -> None:
     assert f"several definitions of {old.name}_Request" in err
 
 
-def test_what_was_changed_on_disk_is_not_shown(kept: Any, cache: Path) -> None:
+def test_what_was_changed_on_disk_is_not_shown(kept: RunHere, cache: Path) -> None:
     told, other = fresh(), fresh("int8 z")
     keep(told)
     (cache / f"{told.hash}.cdr").write_bytes(encode(Told(told.name, "int8 evil").answer()))
@@ -301,7 +301,7 @@ def test_what_was_changed_on_disk_is_not_shown(kept: Any, cache: Path) -> None:
     assert (code, out) == (1, "") and 'no package "nowhere_msgs"' in err and "Traceback" not in err
 
 
-def test_the_search_path_comes_first(kept: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_search_path_comes_first(kept: RunHere, monkeypatch: pytest.MonkeyPatch) -> None:
     keep(Told("std_msgs/msg/String", "string other"))
     _, out, err = kept("show", "std_msgs/msg/String")
     assert out.endswith("string data\n") and err == ""

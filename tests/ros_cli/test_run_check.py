@@ -163,10 +163,8 @@ def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
     [
         ("", "talker.talk has no main; the executable calls it"),
         ("def mian(): pass", 'talker.talk has no main; did you mean "mian"?; the executable calls it'),
-        ("import rclpy\nprint(main)", "talker.talk has no main; the executable calls it"),
         ("async def main(): pass", None),
         ("main = print", None),
-        ("from .other import main", None),
         ("from .other import run as main", None),
         ("from .other import *", None),
         ("def __getattr__(name): return print", None),
@@ -179,7 +177,7 @@ def test_the_function_that_a_console_script_calls(tmp_path: Path, text: str, sai
         "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
         "src/talker/talker/__init__.py": "",
         "src/talker/talker/talk.py": text,
-        "src/talker/talker/other.py": "main = run = print",
+        "src/talker/talker/other.py": "run = print",
     }
     write(tmp_path, files)
     *lines, last = run("--check", "talker", "talk", cwd=tmp_path).stdout.splitlines()

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from support.interface_packages import write
-from support.program_processes import PACKAGE_XML, run
+from support.program_processes import run
 
 from rosidl_py_gen.ros_cli.program_runner.program import refused_arguments
 from rosidl_py_gen.runtime import RosArgumentError
@@ -130,16 +130,6 @@ def test_messages_that_are_not_there_are_named(line: str, hint: str | None, tmp_
     else:
         assert hint in below and "\n" not in below
         assert "--path FOLDER" in below or "std_msgs" in line
-
-
-def test_what_the_hint_says_helps(tmp_path: Path) -> None:
-    files = {"elsewhere/robot_msgs/package.xml": PACKAGE_XML.format("robot_msgs")}
-    files |= {"elsewhere/robot_msgs/msg/Arm.msg": "float64 angle\n"}
-    files |= {"here/program.py": "from robot_msgs.msg import Arm\nprint(Arm(angle=1.0))"}
-    write(tmp_path, files)
-    assert "--path FOLDER" in run("program.py", cwd=tmp_path / "here").stderr
-    found = run("--path", "../elsewhere", "program.py", cwd=tmp_path / "here")
-    assert found.stdout == "robot_msgs.msg.Arm(angle=1.0)\n"
 
 
 def test_wrong_ros_arguments_are_said_in_one_line_whatever_fails_after_them() -> None:

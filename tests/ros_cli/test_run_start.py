@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.interface_packages import write
-from support.program_processes import PACKAGE_XML, output_lines, run
+from support.program_processes import output_lines, run
 
 pytestmark = pytest.mark.real_time("programs are processes")
 HEAVY = ("numpy", "click", "jinja2", "lark", "yaml", "rosidl_py_gen.compiler.codegen", "importlib.metadata")
@@ -143,9 +143,6 @@ def test_a_well_known_package_is_named_with_its_repository_and_what_to_do(tmp_pa
     checked = run("--distro", "humble", "--check", "program.py", cwd=tmp_path)
     assert "program.py:2: no package control_msgs. control_msgs is in https://" in checked.stdout
     assert CLONE in checked.stdout
-    clone = {"control_msgs/control_msgs/package.xml": PACKAGE_XML.format("control_msgs")}
-    write(tmp_path, clone | {"control_msgs/control_msgs/msg/JointJog.msg": "float64 duration\n"})
-    assert run("--path", "control_msgs", "program.py", cwd=tmp_path).stdout == "0.0\n"
 
 
 def test_a_program_may_do_without_it(tmp_path: Path) -> None:

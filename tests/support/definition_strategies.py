@@ -24,7 +24,6 @@ from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, check, r
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 from support.reference_cdr import NUMBERS, Reference
 
-INTEGERS = tuple(kind for kind in NUMBERS if kind[0] in "ui" or kind in ("byte", "char"))
 FLOATS = ("float32", "float64")
 
 # Names that may collide in generated code: keywords, builtins, internals without dunders, parameters and locals.

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
     from support.node_fixtures import World
 
-_HERE: contextvars.ContextVar[dict[str, asyncio.StreamReader]] = contextvars.ContextVar("streams of the command that runs here")
+_HERE: contextvars.ContextVar[dict[str, asyncio.StreamReader]] = contextvars.ContextVar(
+    "streams of the command that runs here"
+)
 
 
 class _Stream(io.TextIOBase):
@@ -54,7 +56,9 @@ class _Captured(BaseException):
 class Command:
     """A command under way, with what tests use of `asyncio.subprocess.Process`."""
 
-    def __init__(self, job: ros_cli.AsyncCommand | None, streams: dict[str, asyncio.StreamReader], code: int | None) -> None:
+    def __init__(
+        self, job: ros_cli.AsyncCommand | None, streams: dict[str, asyncio.StreamReader], code: int | None
+    ) -> None:
         self.stdout, self.stderr = streams["stdout"], streams["stderr"]
         self.returncode = code
         self._job = job
