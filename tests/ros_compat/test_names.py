@@ -58,7 +58,6 @@ MORE = {
         "rclpy.impl.entities",
         "rclpy.impl.names",
         "rclpy.impl.pending_requests",
-        "rclpy.incompatible_peers",
         "rclpy.lifecycle.node.LifecycleStateMachine",
     ),
     "replacements of C classes and functions": (

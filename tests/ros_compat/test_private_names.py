@@ -21,7 +21,6 @@ PREFIX = re.compile(r"_rosidl_|_ROSIDL_|__\w+__$")
 INTERNAL = (
     "rclpy.entity_execution",
     "rclpy.handles",
-    "rclpy.incompatible_peers",
     "rclpy.impl.",
     "rosidl_runtime_py",
 )

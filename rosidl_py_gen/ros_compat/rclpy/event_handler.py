@@ -5,15 +5,14 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
 from typing import TYPE_CHECKING, Any, List, Optional
 
-from rclpy._rclpy_pybind11 import EnumOfC, UnsupportedEventTypeError
+from rclpy._rclpy_pybind11 import EnumOfC, UnsupportedEventTypeError, rmw_qos_policy_kind_t
 from rclpy.callback_groups import CallbackGroup
 from rclpy.handles import Destroyable
-from rclpy.incompatible_peers import WatchedEndpoint, to_rclpy_status
 from rclpy.logging import get_logger
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.task import await_or_execute
@@ -153,10 +152,14 @@ class _EventCallbacks:
 
     def _rosidl_queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], Any]:
         """Return a queue for each requested event, by number, and the runtime's callbacks that fill them, if any."""
-        queues = {name: deque[Any]() for name in self._rosidl_program_callbacks()}
+        defaults = ("incompatible_qos", "incompatible_type") if self.use_default_callbacks else ()
+        queues = {name: deque[Any]() for name in (*defaults, *self._rosidl_program_callbacks())}
 
         def append(queue: deque[Any], status: Any) -> None:
-            queue.append(to_rclpy_status(status))
+            if isinstance(status, runtime.IncompatibleStatus):  # its policy is a member of the C enum in rclpy
+                policy: Any = rmw_qos_policy_kind_t(int(status.last_policy_kind))
+                status = replace(status, last_policy_kind=policy)
+            queue.append(status)
             context.notify()
 
         by_number = {self._ROSIDL_EVENT_TYPES[name].value: queue for name, queue in queues.items()}
@@ -172,13 +175,8 @@ class _EventCallbacks:
         ]
 
     def _rosidl_watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
-        """Record incompatible peers for the default callbacks, unless the program has its own or wants none."""
-        kinds = [kind for kind in ("qos", "type") if f"incompatible_{kind}" not in self._rosidl_program_callbacks()]
-        queues = {kind: deque[Any]() for kind in kinds if self.use_default_callbacks}
-        for kind, queue in queues.items():
-            handle.events[self._ROSIDL_EVENT_TYPES[f"incompatible_{kind}"].value] = queue
-        handle.watched_endpoint = WatchedEndpoint(node, endpoint, queues)
-        handle.context.incompatible_peers.watch(handle.watched_endpoint)
+        """Have incompatible peers of the endpoint reported by its callbacks alone."""
+        handle.context.topic_handles.add(handle)
 
     def _rosidl_default_callbacks(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
         """Return the default callbacks by name, which log incompatible peers."""

@@ -12,7 +12,6 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
-from rclpy.incompatible_peers import IncompatiblePeerWatcher, WatchedEndpoint
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -109,7 +108,9 @@ class ContextHandle(Destroyable):
             raise
         self.change_token: object = None
         """Replaced by a new object after each change that an executor may wait for."""
-        self.incompatible_peers = IncompatiblePeerWatcher(self.runtime, self.loop_runner, self.notify)
+        self.topic_handles: weakref.WeakSet[Handle[Any]] = weakref.WeakSet()
+        """Publishers and subscriptions of the program, which have callbacks for incompatible peers or want none."""
+        self.runtime.on_incompatible_endpoint = self._on_incompatible_endpoint
         self.creation_lock = threading.RLock()
         """Lock for creating and counting endpoints. The graph shows an endpoint before it is matched; a program that
         counts it then and publishes would lose the message.
@@ -117,6 +118,11 @@ class ContextHandle(Destroyable):
         self._is_ok = True
         self._lock = threading.Lock()
         self._is_closed = False
+
+    def _on_incompatible_endpoint(self, text: str, topic: str) -> None:
+        """Log an incompatible peer of another endpoint, such as a client."""
+        if all(handle.entity.topic != topic for handle in list(self.topic_handles)):
+            runtime.get_logger("rclpy").warning(text)
 
     def ok(self) -> bool:
         return self._is_ok
@@ -196,7 +202,6 @@ class Handle(Destroyable, Generic[C]):
         self.entity = entity
         self.logger_name = logger_name
         self.events: dict[int, deque[Any]] = {}
-        self.watched_endpoint: WatchedEndpoint | None = None
         self._has_more: Callable[[], bool] = lambda: False
         self._may_be_ready = False
         self.marked_kinds: set[str] = set()

@@ -50,6 +50,8 @@ class Discovery:
         """Waiters for a change of the graph."""
         self.on_endpoint_lost: RegistrationSet[Callable[[], None]] = RegistrationSet()
         """Called after participants or endpoints have left the graph, on the loop's thread if a loop runs."""
+        self.on_change: RegistrationSet[Callable[[], None]] = RegistrationSet()
+        """Called after each change of discovered nodes and endpoints, on the loop's thread if a loop runs."""
         self._announce_delay_s = announce_delay_s
         self._announcement_is_scheduled = False
         # Held from a change of own nodes until it is announced, so that no older state is announced after it.
@@ -142,9 +144,8 @@ class Discovery:
             new_endpoint = self.graph.apply(event)
             if new_endpoint is not None:
                 self._check_new_endpoint(new_endpoint)
-        if is_any_lost:
-            for function in self.on_endpoint_lost:
-                function()
+        for function in (*(self.on_endpoint_lost if is_any_lost else ()), *self.on_change):
+            function()
         self._changed()
 
     def _changed(self) -> None:

@@ -1,7 +1,7 @@
 """Events of endpoints, reported to callbacks as in rclpy: matches, incompatible endpoints, deadlines.
 
-An endpoint with such callbacks polls the graph and the transport every 50 ms, because the transport does not notify of
-some events. Endpoints without callbacks cost nothing.
+Incompatible endpoints are looked for whenever the graph changes. For other events an endpoint polls the transport every
+50 ms, because the transport does not notify of some events. Endpoints without callbacks cost nothing.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.api import Reader, Writer
 
 _POLL_INTERVAL_S = 0.05
+_INCOMPATIBLE = {"incompatible_type", "incompatible_qos"}
 
 
 class UnsupportedEventError(RosidlError, ValueError):
@@ -175,7 +176,8 @@ class EndpointEventPoller:
         self._endpoint = endpoint
         self._matched = matched
         self._peers: set[bytes] = set()
-        self._incompatible: set[bytes] = set()
+        self._compared: set[bytes] = set()
+        """Endpoints of the other side that were found to be compatible or not."""
         self._totals = {"matched": 0, "incompatible_type": 0, "incompatible_qos": 0}
         self._counts: dict[str, tuple[int, ...]] = {}
         self._timer: asyncio.TimerHandle | None = None
@@ -192,7 +194,9 @@ class EndpointEventPoller:
                 if counts is None:
                     raise UnsupportedEventError(f"{subject}: this middleware does not report {name} events; DDS does")
                 self._counts[name] = counts
-        self._start_registration: Registration = scope.loop_binding.on_bind(self._schedule_poll)
+        self._registrations: list[Registration] = [scope.loop_binding.on_bind(self._schedule_poll)]
+        if _INCOMPATIBLE & self._callbacks.keys():
+            self._registrations.append(scope.discovery.on_change.add(self._on_change))
 
     def _schedule_poll(self) -> None:
         if self._timer is not None:
@@ -206,11 +210,15 @@ class EndpointEventPoller:
             return
         if "matched" in self._callbacks:
             self._poll_matched_peers()
-        if {"incompatible_type", "incompatible_qos"} & self._callbacks.keys():
-            self._poll_other_endpoints()
+        if _INCOMPATIBLE & self._callbacks.keys():
+            self._compare_endpoints()
         for name in self._counts:
             self._poll_counts(name)
-        self._schedule_poll()
+        if self._callbacks.keys() - _INCOMPATIBLE:
+            self._schedule_poll()
+
+    def _on_change(self) -> None:
+        self._loop_binding.call_soon(self._compare_endpoints)  # without a loop, the next one compares
 
     def _poll_matched_peers(self) -> None:
         previous_total, previous_count = self._totals["matched"], len(self._peers)
@@ -223,21 +231,21 @@ class EndpointEventPoller:
             status = MatchedStatus(total, total - previous_total, len(peers), len(peers) - previous_count)
             self._report("matched", status)
 
-    def _poll_other_endpoints(self) -> None:
+    def _compare_endpoints(self) -> None:
         graph = self._discovery.graph
         own = graph.endpoints.get(self._endpoint.guid)
-        if own is None:
+        if own is None or self._closed:
             return
         others = graph.endpoints_on(own.topic_key, writers=not own.is_writer)
-        self._incompatible &= {other.guid for other in others}
+        self._compared &= {other.guid for other in others}
         events: dict[str, list[tuple[str, QoSPolicyKind]]] = {}
         for other in others:
-            if other.guid in self._incompatible:
+            if other.guid in self._compared:
                 continue
+            self._compared.add(other.guid)
             pair = (own, other) if own.is_writer else (other, own)
             result = self._discovery.incompatibility(*pair)
             if result is not None and not self._discovery.is_converted(result):
-                self._incompatible.add(other.guid)
                 name = "incompatible_qos" if result.mismatch_kind == "qos" else "incompatible_type"
                 events.setdefault(name, []).append((result.reason, next(iter(result.policies), QoSPolicyKind.INVALID)))
         for name, items in events.items():
@@ -259,6 +267,7 @@ class EndpointEventPoller:
     def close(self) -> None:
         """Stop polling; from any thread, may be called twice."""
         self._closed = True
-        self._start_registration.close()
+        for registration in self._registrations:
+            registration.close()
         for callback in self._callbacks.values():
             callback.close()
