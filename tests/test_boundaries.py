@@ -65,7 +65,6 @@ SHARED_IN_SHIM = {
     "_set_ros_time_is_active",
     "_rosidl_take",
     "_timer",
-    "_rosidl_watch",
     "_TYPE_SUPPORT",
     "_update_state",
 }

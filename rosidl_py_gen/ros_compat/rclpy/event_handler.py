@@ -174,10 +174,6 @@ class _EventCallbacks:
             for name, function in functions.items()
         ]
 
-    def _rosidl_watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
-        """Have incompatible peers of the endpoint reported by its callbacks alone."""
-        handle.context.topic_handles.add(handle)
-
     def _rosidl_default_callbacks(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
         """Return the default callbacks by name, which log incompatible peers."""
         if not self.use_default_callbacks:

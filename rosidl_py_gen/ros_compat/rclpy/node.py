@@ -359,7 +359,7 @@ class Node(NodeParameters):
         _declare_qos_parameters(entity_class, self, full, profile, options)
         check_is_valid_msg_type(msg_type)
         with self.handle:
-            context, node = self._rosidl_require_ok()
+            context, _ = self._rosidl_require_ok()
             queues, runtime_callbacks = callbacks._rosidl_queues(context)
             try:
                 with context.creation_lock, denied_as_rcl_error():
@@ -368,7 +368,7 @@ class Node(NodeParameters):
             except runtime.UnsupportedEventError as error:
                 raise UnsupportedEventTypeError(str(error)) from error
             handle.events = queues
-            callbacks._rosidl_watch(node, handle.entity, handle)
+            context.topic_handles.add(handle)
         return handle
 
     def create_subscription(
