@@ -72,32 +72,6 @@ class LogOptions(TypedDict, total=False):
     extra: Mapping[str, object] | None
 
 
-class CallSiteFilter:
-    """State of `once`, `throttle_s` and `skip_first` for each call site."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._seen: set[tuple[str, int]] = set()
-        self._passed_s: dict[tuple[str, int], float] = {}
-
-    def passes(
-        self, site: tuple[str, int], now_s: float, *, once: bool, throttle_s: float | None, skip_first: bool
-    ) -> bool:
-        """Return True if the record must be logged, because all conditions agree."""
-        with self._lock:
-            first = site not in self._seen
-            self._seen.add(site)
-            if skip_first and first:
-                return False
-            previous_s = self._passed_s.get(site)
-            if once and previous_s is not None:
-                return False
-            if throttle_s is not None and previous_s is not None and now_s - previous_s < throttle_s:
-                return False
-            self._passed_s[site] = now_s
-            return True
-
-
 class RosLogger(logging.Logger):
     """Logger with the options of ROS, from `get_logger` or `node.logger`.
 
@@ -108,7 +82,10 @@ class RosLogger(logging.Logger):
 
     def __init__(self, name: str, level: int = UNSET) -> None:
         super().__init__(name, level)
-        self._sites = CallSiteFilter()
+        self._lock = threading.Lock()
+        """Guards the call sites that were reached, and when one has last logged."""
+        self._reached: set[tuple[str, int]] = set()
+        self._logged_s: dict[tuple[str, int], float] = {}
 
     def debug(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at DEBUG."""
@@ -175,10 +152,14 @@ class RosLogger(logging.Logger):
         if not self.isEnabledFor(level):
             return
         if once or skip_first or throttle_s is not None:
-            file, line, _, _ = self.findCaller(stacklevel=stacklevel)
-            now_s = time.monotonic()
-            if not self._sites.passes((file, line), now_s, once=once, throttle_s=throttle_s, skip_first=skip_first):
-                return
+            site, now_s = self.findCaller(stacklevel=stacklevel)[:2], time.monotonic()
+            with self._lock:
+                is_first, last_s = site not in self._reached, self._logged_s.get(site)
+                self._reached.add(site)
+                is_too_early = last_s is not None and (once or now_s - last_s < (throttle_s or 0))
+                if (skip_first and is_first) or is_too_early:
+                    return
+                self._logged_s[site] = now_s
         self._log(level, msg, args, exc_info=exc_info, extra=extra, stack_info=stack_info, stacklevel=stacklevel)
 
     def findCaller(self, stack_info: bool = False, stacklevel: int = 1) -> tuple[str, int, str, str | None]:

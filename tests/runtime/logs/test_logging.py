@@ -5,9 +5,9 @@ Source: docs/internals/protocol.md 9.7.
 
 from __future__ import annotations
 
-import io
 import logging as python_logging
 import sys
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,7 +25,6 @@ from rosidl_py_gen.runtime.logs.loggers import (
     INFO,
     UNSET,
     WARN,
-    CallSiteFilter,
     LogLevelError,
     RosLogger,
     RosoutRouter,
@@ -39,7 +38,7 @@ from rosidl_py_gen.runtime.logs.loggers import (
     set_logger_level,
     shared_router,
 )
-from rosidl_py_gen.runtime.logs.outputs import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
+from rosidl_py_gen.runtime.logs.outputs import ConsoleSettings, format_record
 from rosidl_py_gen.runtime.node.node import log_message
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import parameter_value
@@ -128,26 +127,16 @@ def test_every_level_has_a_method_and_the_call_site_is_the_callers(caught: list[
     assert {r.funcName for r in caught} == {"test_every_level_has_a_method_and_the_call_site_is_the_callers"}
 
 
-def test_stacklevel_points_further_out(caught: list[python_logging.LogRecord]) -> None:
-    def helper() -> None:
-        get_logger("outer").info("x", stacklevel=2, stack_info=True)
-
-    helper()
-    assert caught[0].funcName == "test_stacklevel_points_further_out"
-    assert caught[0].stack_info is not None and "in helper" not in caught[0].stack_info
-
-
 def test_a_wrapper_counts_calls_for_its_callers(caught: list[python_logging.LogRecord]) -> None:
     def wrapped(text: str) -> None:
-        get_logger("wrapped").info(text, once=True, stacklevel=2)
+        get_logger("wrapped").info(text, once=True, stacklevel=2, stack_info=True)
 
     for _ in range(2):
         wrapped("a")
         wrapped("b")
-    assert [(r.getMessage(), r.funcName) for r in caught] == [
-        ("a", "test_a_wrapper_counts_calls_for_its_callers"),
-        ("b", "test_a_wrapper_counts_calls_for_its_callers"),
-    ]
+    found = [(r.getMessage(), r.funcName) for r in caught]
+    assert found == [(text, "test_a_wrapper_counts_calls_for_its_callers") for text in "ab"]
+    assert caught[0].stack_info is not None and "in wrapped" not in caught[0].stack_info
 
 
 @pytest.mark.parametrize("name", [None, 5, b"a", ["a"]])
@@ -189,14 +178,13 @@ def test_once_is_not_used_up_while_the_level_is_off(caught: list[python_logging.
     assert len(caught) == 1
 
 
-def test_throttle_lets_one_through_per_period() -> None:
-    sites = CallSiteFilter()
-
-    def passes(now_s: float, line: int = 1) -> bool:
-        return sites.passes(("f", line), now_s, once=False, throttle_s=1.0, skip_first=False)
-
-    assert [passes(t) for t in (0.0, 0.5, 0.99, 1.0, 1.5, 2.1)] == [True, False, False, True, False, True]
-    assert passes(0.5, line=2)
+def test_throttle_lets_one_through_per_period(
+    caught: list[python_logging.LogRecord], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for now_s in (0.0, 0.5, 0.99, 1.0, 1.5, 2.1):
+        monkeypatch.setattr(time, "monotonic", lambda now_s=now_s: now_s)
+        get_logger("throttled").info("%s", now_s, throttle_s=1.0)
+    assert [r.getMessage() for r in caught] == ["0.0", "1.0", "2.1"]
 
 
 def record(level: int = WARN, msg: str = "hi", name: str = "a.n") -> python_logging.LogRecord:
@@ -211,63 +199,47 @@ def test_format_tokens() -> None:
     assert format_record(record(), "{date_time_with_ms}").endswith(".250")
 
 
-def test_console_environment() -> None:
-    assert read_console_environment({}) == ConsoleSettings()
-    assert read_console_environment(
-        {
-            "RCUTILS_CONSOLE_OUTPUT_FORMAT": "{message}",
-            "RCUTILS_COLORIZED_OUTPUT": "1",
-            "RCUTILS_LOGGING_USE_STDOUT": "1",
-        }
-    ) == ConsoleSettings("{message}", True, True)
-    assert read_console_environment({"RCUTILS_COLORIZED_OUTPUT": "0"}).colorized is False
+FORMAT = {"CONSOLE_OUTPUT_FORMAT": "{severity} {name}: {message}"}
+COLORED = {"CONSOLE_OUTPUT_FORMAT": "{message}", "COLORIZED_OUTPUT": "1"}
 
 
 @pytest.mark.parametrize(
-    ("settings", "level", "out", "err"),
+    ("environ", "level", "out", "err"),
     [
-        (ConsoleSettings("{message}"), WARN, "", "hi\n"),
-        (ConsoleSettings("{message}", use_stdout=True), WARN, "hi\n", ""),
-        (ConsoleSettings("{message}", colorized=True), WARN, "", "\x1b[33mhi\x1b[0m\n"),
-        (ConsoleSettings("{message}", colorized=True), ERROR, "", "\x1b[31mhi\x1b[0m\n"),
-        (ConsoleSettings("{message}", colorized=True), INFO, "", "hi\n"),
+        (FORMAT, WARN, "", "WARN a: hi\n"),
+        ({**FORMAT, "LOGGING_USE_STDOUT": "1"}, WARN, "WARN a: hi\n", ""),
+        ({**COLORED, "COLORIZED_OUTPUT": "0"}, WARN, "", "hi\n"),
+        (COLORED, WARN, "", "\x1b[33mhi\x1b[0m\n"),
+        (COLORED, ERROR, "", "\x1b[31mhi\x1b[0m\n"),
+        (COLORED, INFO, "", "hi\n"),
     ],
 )
-def test_stream_and_color(
-    settings: ConsoleSettings, level: int, out: str, err: str, monkeypatch: pytest.MonkeyPatch
+def test_a_program_may_have_its_logs_printed_as_the_environment_says_before_a_context_is_open(
+    environ: dict[str, str],
+    level: int,
+    out: str,
+    err: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    streams = io.StringIO(), io.StringIO()
-    monkeypatch.setattr(sys, "stdout", streams[0])
-    monkeypatch.setattr(sys, "stderr", streams[1])
     monkeypatch.setattr(python_logging.getLogger(), "handlers", [])
-    ConsoleHandler(settings).emit(record(level))
-    assert (streams[0].getvalue(), streams[1].getvalue()) == (out, err)
+    monkeypatch.setattr(get_root_logger(), "handlers", [])
+    monkeypatch.setattr(log_console._handler, "settings", ConsoleSettings())
+    for name, value in environ.items():
+        monkeypatch.setenv(f"RCUTILS_{name}", value)
+    get_logger("a").info("not yet")
+    runtime.print_logs()
+    runtime.print_logs()
+    get_logger("a").log(level, "hi")
+    assert capsys.readouterr() == (out, err)
 
 
 def test_records_reach_python_handlers_and_then_the_console_is_quiet(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stream = io.StringIO()
-    monkeypatch.setattr(sys, "stderr", stream)
     log_console.install_console(ConsoleSettings())
     get_logger("seen").info("by caplog")
-    assert "by caplog" in caplog.text and stream.getvalue() == ""
-
-
-def test_a_program_may_have_its_logs_printed_before_a_context_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = io.StringIO()
-    monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr(python_logging.getLogger(), "handlers", [])
-    monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{severity} {name}: {message}")
-    monkeypatch.setattr(log_console._handler, "settings", ConsoleSettings())
-    root = get_logger("")
-    monkeypatch.setattr(root, "handlers", [])
-    get_logger("early").info("not yet")
-    assert stream.getvalue() == ""
-    runtime.print_logs()
-    runtime.print_logs()
-    get_logger("early").info("now")
-    assert stream.getvalue() == "INFO early: now\n"
+    assert "by caplog" in caplog.text and capsys.readouterr().err == ""
 
 
 def test_the_fields_of_a_log_message() -> None:
