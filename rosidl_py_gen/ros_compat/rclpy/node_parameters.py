@@ -304,9 +304,23 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
     def _rosidl_refusal_reason(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
-        descriptor.name = parameter.name
-        is_declared = self.has_parameter(parameter.name)
-        return _refusal_reason(parameter, descriptor, is_declared=is_declared, check_read_only=check_read_only)
+        """Return the reason why a value is refused, or an empty string. A dynamic descriptor takes the value's type."""
+        name, value, type_ = parameter.name, parameter.value, parameter.type_
+        descriptor.name = name
+        if check_read_only and descriptor.read_only:
+            return rules.read_only_reason(name)
+        if descriptor.dynamic_typing:
+            descriptor.type = type_.value
+        elif type_ is Parameter.Type.NOT_SET:
+            if self.has_parameter(name):
+                return rules.UNDECLARED_REASON
+        elif type_.value != descriptor.type:
+            return rules.type_reason(Parameter.Type(descriptor.type).name, type_.name)
+        if type_ is Parameter.Type.INTEGER and descriptor.integer_range:
+            return rules.integer_range_reason(name, value, descriptor.integer_range[0])
+        if type_ is Parameter.Type.DOUBLE and descriptor.floating_point_range:
+            return rules.float_range_reason(name, value, descriptor.floating_point_range[0])
+        return ""
 
     def _rosidl_store(self, parameter: Parameter, new_descriptors: dict[str, Any] | None, event: Any) -> None:
         name = parameter.name
@@ -383,24 +397,6 @@ class NodeParameters:
 def _require_str_names(names: list[str]) -> None:
     if not all(isinstance(name, str) for name in names):
         raise TypeError("All names must be instances of type str")
-
-
-def _refusal_reason(parameter: Parameter, descriptor: Any, *, is_declared: bool, check_read_only: bool) -> str:
-    """Return the reason why a value is refused, or an empty string. A dynamic descriptor takes the value's type."""
-    if check_read_only and descriptor.read_only:
-        return rules.read_only_reason(parameter.name)
-    is_set = parameter.type_ is not Parameter.Type.NOT_SET
-    if descriptor.dynamic_typing:
-        descriptor.type = parameter.type_.value
-    elif is_declared and not is_set:
-        return rules.UNDECLARED_REASON
-    elif is_set and parameter.type_.value != descriptor.type:
-        return rules.type_reason(Parameter.Type(descriptor.type).name, parameter.type_.name)
-    if parameter.type_ is Parameter.Type.INTEGER and descriptor.integer_range:
-        return rules.integer_range_reason(parameter.name, parameter.value, descriptor.integer_range[0])
-    if parameter.type_ is Parameter.Type.DOUBLE and descriptor.floating_point_range:
-        return rules.float_range_reason(parameter.name, parameter.value, descriptor.floating_point_range[0])
-    return ""
 
 
 def _read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) -> tuple[str, Any, Any]:

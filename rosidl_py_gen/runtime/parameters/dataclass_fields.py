@@ -280,7 +280,7 @@ def _range(location: str, info: FieldAnnotation) -> FloatRange | IntRange | None
         raise ParameterClassError(f"{location}: a range is for numbers only")
     if requested is None:
         return None if width == IntRange(INT64_MIN, INT64_MAX) else width
-    result = _real_range(requested) if real else _integer_range(location, requested)
+    result = _convert_range(location, requested, float if real else int)
     if reason := range_reason(result):
         raise ParameterClassError(f"{location}: {reason}")
     ends = result.from_value, result.to_value
@@ -289,19 +289,15 @@ def _range(location: str, info: FieldAnnotation) -> FloatRange | IntRange | None
     return result
 
 
-def _real_range(requested: Range) -> FloatRange:
+def _convert_range(location: str, requested: Range, kind: type[float]) -> FloatRange | IntRange:
+    numbers = requested.from_value, requested.to_value, requested.step
     try:
-        return FloatRange(float(requested.from_value), float(requested.to_value), float(requested.step))
+        converted = tuple(map(kind, numbers))
     except (TypeError, ValueError, OverflowError):
-        return FloatRange(requested.from_value, requested.to_value, requested.step)  # `range_reason` returns the reason
-
-
-def _integer_range(location: str, requested: Range) -> IntRange:
-    try:
-        ends = int(requested.from_value), int(requested.to_value), int(requested.step)
-        exact = ends == (requested.from_value, requested.to_value, requested.step)
-    except (TypeError, ValueError, OverflowError):
-        exact = False
-    if not exact:
-        raise ParameterClassError(f"{location}: the range of an int must have integer ends and step, got {requested!r}")
-    return IntRange(*ends)
+        converted = ()
+    if kind is float and converted:
+        return FloatRange(*converted)
+    if converted == numbers:
+        return IntRange(*map(int, converted))
+    rule = "a float must have numbers as its ends" if kind is float else "an int must have integer ends"
+    raise ParameterClassError(f"{location}: the range of {rule} and step, got {requested!r}")
