@@ -1,15 +1,22 @@
-"""Base class of filters, subscriptions as the start of a chain of filters, and stamps of messages.
+"""Filters: subscriptions as the start of a chain, synchronizers, and a cache.
 
 A filter passes messages to its callbacks; a callback may be the `add` of another filter. Plain callbacks are called at
 once, on the thread where the message arrives. `signal_message` returns the coroutine of an async callback, so that the
 first caller, usually a subscription, awaits it and reports its failure.
+
+The sets of the synchronizers are those of message_filters: the queue of an input has one message for each time, the
+last one. When it is full, the message with the lowest time is dropped, whenever it arrived. message_filters tries all
+combinations of waiting messages one after the other; `ApproximateTimeSynchronizer` first checks whether one exists.
 """
 
 from __future__ import annotations
 
 import asyncio
 import inspect
+import threading
+from bisect import bisect_left, bisect_right
 from collections import deque
+from collections.abc import Iterable
 from functools import partial
 from math import isfinite
 from types import CoroutineType
@@ -24,7 +31,7 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError, WouldDeadlockError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterable
+    from collections.abc import Callable, Coroutine
 
     from typing_extensions import Self
 
@@ -359,3 +366,252 @@ def slop_to_ns(name: str, seconds: object) -> int:
     if not isfinite(seconds) or seconds < 0:
         raise ValueError(f"{name} must be 0 or more seconds, got {seconds}")
     return round(seconds * NS_PER_S)
+
+
+# ------------------------------------------------------------------------------------------------------- synchronizers
+
+
+class TimeSynchronizer(MessageFilter):
+    """Filter that passes sets of messages with equal ``header.stamp``, one of each input.
+
+    A set is passed when its last message arrives. Of each input, the `queue_size` messages with the highest stamps wait
+    for their set. If simulated time jumps back, they are removed.
+
+    Args:
+        inputs: filters, such as `Subscriber`; callbacks receive the messages in this order.
+        callback: plain or async function with as many arguments as there are inputs.
+        queue_size: maximum number of waiting messages of each input, and of sets that wait to be received.
+
+    Raises:
+        StampError: the messages of an input have no stamp.
+    """
+
+    def __init__(
+        self,
+        inputs: Iterable[MessageFilter],
+        callback: Callable[..., object] | None = None,
+        *,
+        queue_size: int = 10,
+    ) -> None:
+        self._connect(inputs, callback, queue_size)
+
+    def _connect(
+        self,
+        inputs: Iterable[MessageFilter],
+        callback: Callable[..., object] | None,
+        queue_size: int,
+        allow_headerless: bool = False,
+        clock: Clock | None = None,
+    ) -> None:
+        is_single = isinstance(inputs, MessageFilter) or not isinstance(inputs, Iterable)
+        filters = check_filters("each input", *([inputs] if is_single else inputs))
+        if not filters:
+            raise ValueError("inputs must be at least one filter, got none")
+        self._setup(callback, queue_size, filters, len(filters))
+        self._queues: list[dict[int, Any]] = [{} for _ in filters]
+        self._lock = threading.Lock()
+        self._use_stamps(self.clear, allow_headerless, clock)
+        self._links += [one.register_callback(partial(self.add, index)) for index, one in enumerate(filters)]
+
+    def add(self, index: int, message: Any) -> Coroutine[Any, Any, None] | None:
+        """Process a message as if an input had passed it; returns as `signal_message`. Raises `StampError`."""
+        stamp = self._stamp_of(message, f"input {index} of ")
+        with self._lock:
+            queue = self._queues[index]
+            queue[stamp] = message
+            while len(queue) > self._depth:
+                del queue[min(queue)]
+            stamps = self._match(index, stamp) if stamp in queue else None  # the new message may have been the oldest
+            if stamps is None:
+                return None
+            messages = [one.pop(at) for one, at in zip(self._queues, stamps, strict=True)]
+        return self.signal_message(*messages)
+
+    def _match(self, index: int, stamp: int) -> list[int] | None:
+        """Return the times of a set with the newest message, in the order of the inputs; None if it does not exist."""
+        return [stamp] * len(self._queues) if all(stamp in queue for queue in self._queues) else None
+
+    def clear(self) -> None:
+        """Remove the messages that wait for others."""
+        with self._lock:
+            for queue in self._queues:
+                queue.clear()
+
+
+class ApproximateTimeSynchronizer(TimeSynchronizer):
+    """Filter that passes sets of messages whose stamps are less than `slop_s` apart, one of each input.
+
+    A set is passed as soon as one exists with the arriving message: of each other input the message closest to it, or,
+    if these are too far apart, the next ones. It does not wait for a better set. Otherwise as `TimeSynchronizer`.
+
+    Args:
+        inputs: as for `TimeSynchronizer`, and so are `callback` and `queue_size`.
+        slop_s: seconds; stamps that are exactly this far apart do not match.
+        allow_headerless: use the time of arrival for messages without a stamp; its delay is unknown.
+        clock: clock for the time of arrival; None means that of the first input's node.
+
+    Raises:
+        StampError: the messages of an input have no stamp, and `allow_headerless` is False.
+    """
+
+    def __init__(
+        self,
+        inputs: Iterable[MessageFilter],
+        callback: Callable[..., object] | None = None,
+        *,
+        slop_s: float,
+        queue_size: int = 10,
+        allow_headerless: bool = False,
+        clock: Clock | None = None,
+    ) -> None:
+        self._slop = slop_to_ns("slop_s", slop_s)
+        self._connect(inputs, callback, queue_size, allow_headerless, clock)
+
+    def _match(self, index: int, stamp: int) -> list[int] | None:
+        nearby = []  # times of each other input, closest first
+        for number, queue in enumerate(self._queues):
+            if number != index:
+                near = [one for one in queue if abs(one - stamp) < self._slop]
+                if not near:
+                    return None
+                nearby.append(sorted(near, key=lambda one: abs(one - stamp)))
+        rows = [sorted(near) for near in nearby]
+        if not self._can_complete(rows, stamp, stamp):
+            return None
+        stamps: list[int] = []
+        lowest = highest = stamp
+        for number, near in enumerate(nearby):
+            for one in near:
+                low, high = min(lowest, one), max(highest, one)
+                if self._can_complete(rows[number + 1 :], low, high):
+                    lowest, highest = low, high
+                    stamps.append(one)
+                    break
+        stamps.insert(index, stamp)
+        return stamps
+
+    def _can_complete(self, rows: list[list[int]], low: int, high: int) -> bool:
+        """Return True if one time of each sorted row fits with the others and with `low` and `high`.
+
+        A set exists if a window of length slop contains a time of each row and both ends. Only times of the rows and
+        `low` can be the start of such a window.
+        """
+        slop = self._slop
+        if high - low >= slop:
+            return False
+        if len(rows) < 2:
+            return not rows or any(high - slop < one < low + slop for one in rows[0])
+        starts = {low, *(one for row in rows for one in row if high - slop < one < low)}
+        return any(all(_has_time_in(row, start, start + slop) for row in rows) for start in starts)
+
+
+def _has_time_in(row: list[int], start: int, end: int) -> bool:
+    at = bisect_left(row, start)
+    return at < len(row) and row[at] < end
+
+
+# --------------------------------------------------------------------------------------------------------------- cache
+
+
+class Cache(MessageFilter):
+    """Cache of the last messages in the order of their stamps, which also passes each message on.
+
+    Times in queries are `Time` objects, Time messages or nanoseconds, and inclusive. If simulated time jumps back, all
+    messages are removed.
+
+    Args:
+        source: a filter, such as `Subscriber`.
+        cache_size: maximum number of messages; one more removes the message with the lowest stamp.
+        callback: see `MessageFilter`.
+        allow_headerless: use the time of arrival for messages without a stamp, instead of an error.
+        clock: clock for the time of arrival; None means that of the input's node.
+
+    Raises:
+        StampError: the messages have no stamp, and `allow_headerless` is False.
+    """
+
+    def __init__(
+        self,
+        source: MessageFilter,
+        cache_size: int = 1,
+        callback: Callable[..., object] | None = None,
+        *,
+        allow_headerless: bool = False,
+        clock: Clock | None = None,
+    ) -> None:
+        self._size = check_queue_size("cache_size", cache_size)
+        self._setup(callback, 1, check_filters("source", source))
+        self._stamps: list[int] = []
+        self._messages: list[Any] = []
+        self._lock = threading.Lock()
+        self._use_stamps(self.clear, allow_headerless, clock)
+        self._links.append(source.register_callback(self.add))
+
+    def add(self, message: Any) -> Coroutine[Any, Any, None] | None:
+        """Store a message as if the input had passed it, and pass it on as `signal_message`; raises `StampError`."""
+        stamp = self._stamp_of(message)
+        with self._lock:
+            if len(self._stamps) >= self._size:
+                del self._stamps[0], self._messages[0]
+            at = bisect_right(self._stamps, stamp)
+            self._stamps.insert(at, stamp)
+            self._messages.insert(at, message)
+        return self.signal_message(message)
+
+    def interval(self, start: Any, end: Any) -> list[Any]:
+        """Return the messages from `start` to `end`, oldest first; raises `ValueError` if `end` is before `start`."""
+        first, last = _span(start, end)
+        with self._lock:
+            return self._messages[bisect_left(self._stamps, first) : bisect_right(self._stamps, last)]
+
+    def surrounding(self, start: Any, end: Any) -> list[Any]:
+        """Return the messages of `interval`, and on each side without a message at that very time one more."""
+        first, last = _span(start, end)
+        with self._lock:
+            begin = max(0, bisect_right(self._stamps, first) - 1)
+            return self._messages[begin : bisect_left(self._stamps, last) + 1]
+
+    def at_or_after(self, time: Any) -> Any:
+        """Return the oldest message at or after a time; None if none exists."""
+        with self._lock:
+            at = bisect_left(self._stamps, nanoseconds(time))
+            return self._messages[at] if at < len(self._messages) else None
+
+    def at_or_before(self, time: Any) -> Any:
+        """Return the newest message at or before a time; None if none exists."""
+        with self._lock:
+            at = bisect_right(self._stamps, nanoseconds(time))
+            return self._messages[at - 1] if at else None
+
+    def latest(self) -> Any:
+        """Return the message with the highest stamp; None if the cache is empty."""
+        with self._lock:
+            return self._messages[-1] if self._messages else None
+
+    @property
+    def oldest_stamp(self) -> int | None:
+        """Lowest stamp in nanoseconds; None if the cache is empty."""
+        with self._lock:
+            return self._stamps[0] if self._stamps else None
+
+    @property
+    def latest_stamp(self) -> int | None:
+        """Highest stamp in nanoseconds; None if the cache is empty."""
+        with self._lock:
+            return self._stamps[-1] if self._stamps else None
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def clear(self) -> None:
+        """Remove all messages."""
+        with self._lock:
+            self._stamps.clear()
+            self._messages.clear()
+
+
+def _span(start: Any, end: Any) -> tuple[int, int]:
+    first, last = nanoseconds(start), nanoseconds(end)
+    if first > last:
+        raise ValueError(f"the end, {last} ns, is before the start, {first} ns")
+    return first, last

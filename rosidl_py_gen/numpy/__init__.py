@@ -14,12 +14,12 @@ from rosidl_py_gen.numpy.compressed import compressedimage_to_array as compresse
 from rosidl_py_gen.numpy.images import array_to_image as array_to_image
 from rosidl_py_gen.numpy.images import convert_pixels as convert_pixels
 from rosidl_py_gen.numpy.images import image_to_array as image_to_array
-from rosidl_py_gen.numpy.maps import array_to_occupancygrid as array_to_occupancygrid
-from rosidl_py_gen.numpy.maps import occupancygrid_to_array as occupancygrid_to_array
 from rosidl_py_gen.numpy.notebook import load_ipython_extension as load_ipython_extension
 from rosidl_py_gen.numpy.notebook import register_if_running as _register_if_running
+from rosidl_py_gen.numpy.points import array_to_occupancygrid as array_to_occupancygrid
 from rosidl_py_gen.numpy.points import array_to_pointcloud as array_to_pointcloud
 from rosidl_py_gen.numpy.points import laserscan_to_points as laserscan_to_points
+from rosidl_py_gen.numpy.points import occupancygrid_to_array as occupancygrid_to_array
 from rosidl_py_gen.numpy.points import pointcloud_dtype as pointcloud_dtype
 from rosidl_py_gen.numpy.points import pointcloud_to_array as pointcloud_to_array
 from rosidl_py_gen.numpy.points import points_to_xyz as points_to_xyz

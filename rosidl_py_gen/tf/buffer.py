@@ -1,23 +1,31 @@
-"""The transform buffer of a program, fed by a node or by hand, from any thread."""
+"""The transform buffer of a program, fed by a node or by hand, from any thread; and broadcasters."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import encode, get_message
 from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.callbacks import Registration, RegistrationSet
 from rosidl_py_gen.base.stamps import NS_PER_S, nanoseconds
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.message_filters.filters import NoNodeScope, call_all
 from rosidl_py_gen.runtime import ClosedError, Durability, Duration, QoSProfile
-from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
-from rosidl_py_gen.tf.frame_tree import FrameInfo, FrameTree, Link
+from rosidl_py_gen.tf.frame_tree import (
+    FrameInfo,
+    FrameTree,
+    InvalidTransformError,
+    Link,
+    TransformError,
+    TransformTimeoutError,
+    without_slash,
+)
 from rosidl_py_gen.tf.transform import Transform, frame_and_stamp
 
 if TYPE_CHECKING:
@@ -25,7 +33,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import Node, Subscription
 
-DEPTH = 100
+_DEPTH = 100
 _UNLIMITED_QUEUE = 1 << 31
 """Number of concurrent calls: an async callback of a filter may wait for a transform of a later message."""
 T = TypeVar("T")
@@ -69,12 +77,12 @@ class TransformBuffer:
             return self._run_callbacks()
 
         cls: Any = get_message("tf2_msgs/msg/TFMessage")
-        latched = QoSProfile(depth=DEPTH, durability=Durability.TRANSIENT_LOCAL)
+        latched = QoSProfile(depth=_DEPTH, durability=Durability.TRANSIENT_LOCAL)
         self._subscriptions = tuple(
             node.create_subscription(
                 cls, topic, partial(insert_all, is_static=is_static), qos, concurrency=_UNLIMITED_QUEUE
             )
-            for topic, is_static, qos in (("/tf", False, DEPTH), ("/tf_static", True, latched))
+            for topic, is_static, qos in (("/tf", False, _DEPTH), ("/tf_static", True, latched))
         )
         node._scope.register(Registration(self._waiters.wake))
         node.clock.create_jump_callback(
@@ -237,3 +245,45 @@ class TransformBuffer:
         self._receive()
         with self._lock:
             return self._tree.frames()
+
+
+# -------------------------------------------------------------------------------------------------------- broadcasters
+
+
+class TransformBroadcaster:
+    """Publisher of transforms that change, on ``/tf``."""
+
+    def __init__(self, node: Node) -> None:
+        self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
+        self._publisher = node.create_publisher(self._cls, "/tf", _DEPTH)
+
+    def send(self, transforms: Any) -> None:
+        """Publish one or several TransformStamped messages or `Transform` objects; raises `EncodeError` for others."""
+        self._publisher.publish(self._cls(transforms=_to_messages(transforms)))
+
+
+class StaticTransformBroadcaster:
+    """Publisher of transforms that do not change, on ``/tf_static``; later subscribers receive them as well."""
+
+    def __init__(self, node: Node) -> None:
+        self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
+        latched = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+        self._publisher = node.create_publisher(self._cls, "/tf_static", latched)
+        self._sent: dict[str, Any] = {}
+
+    def send(self, transforms: Any) -> None:
+        """Publish one or several transforms with all that were sent before; a child frame has only its last one.
+
+        Raises:
+            EncodeError: a value is neither a TransformStamped message nor a `Transform`.
+        """
+        new = _to_messages(transforms)
+        encode(self._cls(transforms=new))  # raises if one is not a transform
+        sent = self._sent | {without_slash(message.child_frame_id): message for message in new}
+        self._publisher.publish(self._cls(transforms=list(sent.values())))
+        self._sent = sent
+
+
+def _to_messages(transforms: Any) -> list[Any]:
+    several = transforms if isinstance(transforms, Iterable) else (transforms,)
+    return [one.to_message() if isinstance(one, Transform) else one for one in several]

@@ -15,8 +15,7 @@ from rosidl_py_gen.message_filters.filters import (
     check_filters,
     slop_to_ns,
 )
-from rosidl_py_gen.tf.errors import ExtrapolationError, InvalidTransformError, TransformError
-from rosidl_py_gen.tf.frame_tree import without_slash
+from rosidl_py_gen.tf.frame_tree import ExtrapolationError, InvalidTransformError, TransformError, without_slash
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable

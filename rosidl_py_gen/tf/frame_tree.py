@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.errors import RosidlError, printable
-from rosidl_py_gen.tf.errors import ConnectivityError, ExtrapolationError, InvalidTransformError, UnknownFrameError
 from rosidl_py_gen.tf.quaternion_math import (
     IDENTITY,
     ORIGIN,
@@ -45,6 +44,40 @@ blocks the frame longer; with a smaller one a late packet could replace correct 
 """
 
 
+class TransformError(RosidlError, LookupError):
+    """The transform is not known, or not at that time."""
+
+
+class UnknownFrameError(TransformError):
+    """No transform names this frame, or the frames form a loop; tf2's LookupException."""
+
+
+class ConnectivityError(TransformError):
+    """The frames are in different trees; tf2's ConnectivityException."""
+
+
+class ExtrapolationError(TransformError):
+    """The frames are connected, but not at that time; tf2's ExtrapolationException.
+
+    Attributes:
+        frame: child frame of the transform that has no data at that time.
+        direction: position of that time relative to the data: ``past`` or ``future``.
+    """
+
+    def __init__(self, text: str, *, frame: str = "", direction: Literal["", "past", "future"] = "") -> None:
+        super().__init__(text)
+        self.frame = frame
+        self.direction = direction
+
+
+class TransformTimeoutError(TransformError, TimeoutError):
+    """A transform was not known within the timeout; the text has the last reason."""
+
+
+class InvalidTransformError(RosidlError, ValueError):
+    """A transform with equal or empty frames, values that are not finite, no rotation, or too old for the buffer."""
+
+
 class Link(NamedTuple):
     """Transform of a frame in its parent at one time."""
 
@@ -70,38 +103,20 @@ class FrameInfo:
     count: int
 
 
-class StaticFrame:
-    """Frame that never moves: its last transform is valid at all times."""
+class Frame:
+    """Frame with its transforms over time, oldest first; of a static frame the last is valid at all times."""
 
-    def __init__(self) -> None:
-        self.link: Link | None = None
-
-    def insert(self, _: int, link: Link) -> bool:
-        self.link = link
-        return True
-
-    def at(self, _: int) -> Link:
-        assert self.link is not None
-        return self.link
-
-    def latest(self) -> tuple[int, str]:
-        return 0, self.at(0).parent
-
-    def info(self) -> FrameInfo:
-        return FrameInfo(self.at(0).parent, True, None, None, 1)
-
-
-class MovingFrame:
-    """Frame with transforms over time, oldest first."""
-
-    def __init__(self, cache_time: int) -> None:
-        self._cache_time = cache_time
+    def __init__(self, is_static: bool, cache_time: int) -> None:
+        self.is_static, self._cache_time = is_static, cache_time
         self.stamps: list[int] = []
         self._links: list[Link] = []
         self._refused: list[tuple[int, Link]] = []
 
     def insert(self, stamp: int, link: Link) -> bool:
         """Return False if the transform is too old and does not replace the newer ones; see `_MAX_REFUSED`."""
+        if self.is_static:
+            self.stamps, self._links = [0], [link]
+            return True
         stamps, links, refused = self.stamps, self._links, self._refused
         if stamps and stamp < stamps[-1] - self._cache_time:
             if refused and stamp <= refused[-1][0]:
@@ -124,7 +139,7 @@ class MovingFrame:
         stamps, links = self.stamps, self._links
         if self.lacks(time):
             raise NoDataError
-        if time == 0 or time == stamps[-1]:
+        if time == 0 or self.is_static or time == stamps[-1]:
             return links[-1]
         if time == stamps[0]:
             return links[0]
@@ -138,7 +153,7 @@ class MovingFrame:
 
     def lacks(self, time: int) -> bool:
         """Return True if `at` has no transform for `time`."""
-        return not self.stamps or (time != 0 and not self.stamps[0] <= time <= self.stamps[-1])
+        return not self.stamps or not (time == 0 or self.is_static or self.stamps[0] <= time <= self.stamps[-1])
 
     def nearest(self, time: int) -> Link | None:
         """Return the transform with the stamp nearest to a time that `at` has none for."""
@@ -163,7 +178,8 @@ class MovingFrame:
     def info(self) -> FrameInfo:
         if not self.stamps:
             return FrameInfo(None, False, None, None, 0)
-        return FrameInfo(self._links[-1].parent, False, self.stamps[0], self.stamps[-1], len(self.stamps))
+        oldest, newest = (None, None) if self.is_static else (self.stamps[0], self.stamps[-1])
+        return FrameInfo(self._links[-1].parent, self.is_static, oldest, newest, len(self.stamps))
 
 
 class NoDataError(RosidlError):
@@ -177,19 +193,19 @@ def format_time(time: int) -> str:
 
 
 class FrameTree:
-    """All frames. Lookups raise the errors of `errors.py`."""
+    """All frames. Lookups raise `TransformError`."""
 
     def __init__(self, cache_time: int) -> None:
         self._cache_time = cache_time
-        self._frames: dict[str, StaticFrame | MovingFrame | None] = {}  # None: named as a parent only
+        self._frames: dict[str, Frame | None] = {}  # None: named as a parent only
 
     def insert(self, child: str, stamp: int, link: Link, *, is_static: bool) -> None:
         """Insert a transform; raises `InvalidTransformError` and then changes nothing."""
         child, link = without_slash(child), link._replace(parent=without_slash(link.parent))
         link = link._replace(rotation=_checked(child, link))
         frame = self._frames.get(child)
-        if frame is None or isinstance(frame, StaticFrame) != is_static:
-            frame = StaticFrame() if is_static else MovingFrame(self._cache_time)
+        if frame is None or frame.is_static != is_static:
+            frame = Frame(is_static, self._cache_time)
         if not frame.insert(stamp, link):
             newest = frame.latest()[0]
             raise InvalidTransformError(
@@ -202,8 +218,8 @@ class FrameTree:
     def clear(self) -> None:
         """Remove all transforms that are not static; static ones stay, because they are not sent again."""
         for name, frame in self._frames.items():
-            if isinstance(frame, MovingFrame):
-                self._frames[name] = MovingFrame(self._cache_time)
+            if frame is not None and not frame.is_static:
+                self._frames[name] = Frame(False, self._cache_time)
 
     def frames(self) -> dict[str, FrameInfo]:
         """Return all frames that were ever named."""
@@ -278,7 +294,7 @@ class FrameTree:
         direction: Literal["", "past", "future"] = ""
         for frame, parent in between:
             cache = self._frames.get(frame)
-            if isinstance(cache, MovingFrame) and cache.lacks(time):
+            if cache is not None and cache.lacks(time):
                 reason, direction = cache.why_not(time)
                 of = f"{_quoted(frame)} in {_quoted(parent)}" if parent else _quoted(frame)
                 text = f"from {_quoted(source)} to {_quoted(target)}: the transform of {of} {reason}"
@@ -291,7 +307,7 @@ class FrameTree:
         """Yield each frame from `frame` to the root, and its parent at `time` or at the nearest known time."""
         for _ in range(len(self._frames) + 1):
             cache = self._frames.get(frame)
-            if isinstance(cache, MovingFrame) and cache.lacks(time):
+            if cache is not None and cache.lacks(time):
                 link = cache.nearest(time)
             else:
                 link = None if cache is None else cache.at(time)
