@@ -21,8 +21,6 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 from std_msgs.msg import UInt8MultiArray as Bytes
 from support.bag_samples import file_size_limit, require_error
-from support.bundled_interfaces import message, reference, vectors
-from support.reference_cdr import same
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, DecoderFactory
@@ -143,21 +141,6 @@ def test_files_of_mcap_ros2_support_are_read(tmp_path: Path) -> None:
 # ---------------------------------------------------------------------------------------------------------- decoding
 
 
-def test_every_recorded_sample_is_decoded_through_a_file(tmp_path: Path) -> None:
-    oracle = reference()
-    wanted = [one for one in vectors() if "/msg/" in one.type][::9]
-    path = tmp_path / "all.mcap"
-    with BagWriter(path, compression="") as writer:
-        for number, vector in enumerate(wanted):
-            topic = "/" + vector.type.replace("/", "_")
-            writer.add_topic(topic, message(vector.type))
-            writer.write(topic, vector.cdr, number)
-    with path.open("rb") as stream:
-        decoded = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
-        for vector, (_, _, _, found) in zip(wanted, decoded, strict=True):
-            assert same(oracle.plain(found), oracle.decode(vector.type, vector.cdr))
-
-
 def test_the_factory_gives_what_theirs_gives(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap"
     write_some(path)
@@ -252,34 +235,6 @@ def test_sequences_of_poses_come_as_arrays_when_asked_for(tmp_path: Path) -> Non
         ((_, _, _, other),) = make_reader(stream, decoder_factories=[factory]).iter_decoded_messages()
         for found in (one.message, other):
             assert found.poses["position"]["x"].tolist() == [0, 0, 2] and found == poses
-
-
-# ------------------------------------------------------------------------------------------------------------- tables
-
-
-def test_a_topic_becomes_a_table(bag: Path) -> None:
-    with BagReader(bag) as reader:
-        table = reader.to_arrays(
-            "/imu", ["header.stamp", "linear_acceleration.x", "orientation_covariance", "header.frame_id"]
-        )
-        assert table["log_time"].tolist() == [number * S for number in range(10)]
-        assert table["header.stamp"].tolist() == [number * S + 5 for number in range(10)]
-        assert table["linear_acceleration.x"].dtype == np.float64 and table["linear_acceleration.x"].sum() == 22.5
-        assert table["orientation_covariance"].shape == (10, 9)
-        assert table["header.frame_id"][9] == "imu_9"
-        everything = reader.to_arrays("/imu").dtype
-        assert "angular_velocity.z" in everything.fields and "header.stamp" in everything.fields
-        assert all(everything[name].shape == () for name in everything.names)  # as pandas.DataFrame needs it
-        with pytest.raises(BagError, match=r"no column linear_acceleration\.w; did you mean"):
-            reader.to_arrays("/imu", ["linear_acceleration.w"])
-
-
-def test_a_table_of_nothing_has_its_columns(tmp_path: Path) -> None:
-    path = tmp_path / "b.mcap"
-    write_some(path)
-    with BagReader(path) as reader:
-        empty = reader.to_arrays("/chatter", start_ns=100 * S)
-        assert empty.shape == (0,) and empty.dtype.names == ("log_time", "data")
 
 
 # ------------------------------------------------------------------------------------------------------------- others

@@ -168,14 +168,6 @@ def test_damage_in_the_middle_of_a_file_is_not_its_end(tmp_path: Path) -> None:
     assert [time for time, _, _ in told(path)] == [0, 1]
 
 
-def test_zeros_where_a_machine_crashed_are_an_end(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.mcap", [1] * 5, chunk_size=10)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2] + bytes(3 * MB))
-    found = told(path)
-    assert found == [(number, chr(97 + number), 1) for number in range(len(found))] and found
-
-
 def test_a_chunk_with_messages_of_other_times_than_it_says_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", [1] * 3, [5, 6, 7], enable_crcs=False)
     data = bytearray(path.read_bytes())
@@ -228,17 +220,6 @@ def test_a_journal_that_names_other_files_is_refused_and_deletes_none(tmp_path: 
     Path(f"{file}-journal").write_bytes(head.ljust(512, b"\0") + tail)
     require_error(file, "its -journal belongs to several databases")
     assert victim.read_bytes() == b"mine"
-
-
-@pytest.mark.parametrize("suffix", ["mcap", "db3"])
-def test_one_file_of_a_bag_with_compressed_messages_is_read_alone(tmp_path: Path, suffix: str) -> None:
-    packed = ZstdCompressor().compress(String(data="a").encode())
-    path = tmp_path / f"bag_0.{suffix}"
-    if suffix == "mcap":
-        write_strings(path, [packed])
-    else:
-        path = write_strings(tmp_path / "bag", [packed], storage="sqlite3") / "bag_0.db3"
-    assert told(path) == [(0, "a", 1)]
 
 
 def test_messages_whose_topic_row_is_missing_are_counted_and_named(tmp_path: Path) -> None:

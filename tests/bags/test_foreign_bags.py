@@ -18,8 +18,16 @@ from support.bag_samples import STRING, String, memory_limit, require_error, wri
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen import compile_definition
-from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SkippedMessages, SqliteWriter
-from rosidl_py_gen.bags.common import BagTopic
+from rosidl_py_gen.bags import (
+    BagError,
+    BagReader,
+    BagTopic,
+    BagWarning,
+    BagWriter,
+    RawMessage,
+    SkippedMessages,
+    SqliteWriter,
+)
 from rosidl_py_gen.bags.splitting_writer import topic_of
 
 COUNT = 20
@@ -49,7 +57,8 @@ def of_two_definitions(path: Path) -> Path:
     return write_foreign(path, *channels)
 
 
-def test_messages_of_one_topic_are_decoded_each_with_its_own_definition(tmp_path: Path) -> None:
+def test_messages_of_one_topic_are_decoded_and_copied_each_with_its_own_definition(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
     with BagReader(of_two_definitions(tmp_path / "a.mcap")) as reader:
         assert [(item.message.x, item.message.y) for item in reader] == [(1, 2), (2, 1)]
         assert reader.to_arrays("/place", ["x"])["x"].tolist() == [1, 2]
@@ -57,24 +66,16 @@ def test_messages_of_one_topic_are_decoded_each_with_its_own_definition(tmp_path
         assert reader.topics["/place"].count == 2
         with pytest.raises(BagError, match="/place was recorded with 2 definitions"):
             reader.message_class("/place")
-
-
-def test_a_copy_keeps_both_definitions(tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    with BagReader(of_two_definitions(tmp_path / "a.mcap")) as reader, BagWriter(copy, split_s=1e-9) as writer:
-        for item in reader.raw_messages():
+        found = list(reader.raw_messages())
+    with BagWriter(copy, split_s=1e-9) as writer, SqliteWriter(tmp_path / "base") as base:
+        for item in found:
             writer.write_raw(item)
+        base.write_raw(found[0])
+        with pytest.raises(BagError, match="/place has messages of two definitions"):
+            base.write_raw(found[1])
     with BagReader(copy) as reader:
         assert len(reader.files) == 2
         assert [(item.message.x, item.message.y) for item in reader] == [(1, 2), (2, 1)]
-
-
-def test_a_bag_of_sqlite_files_refuses_a_second_definition(tmp_path: Path) -> None:
-    with BagReader(of_two_definitions(tmp_path / "a.mcap")) as reader, SqliteWriter(tmp_path / "copy") as writer:
-        found = list(reader.raw_messages())
-        writer.write_raw(found[0])
-        with pytest.raises(BagError, match="/place has messages of two definitions"):
-            writer.write_raw(found[1])
 
 
 def test_a_table_of_fields_that_changed_their_kind_is_refused(tmp_path: Path) -> None:
@@ -82,7 +83,7 @@ def test_a_table_of_fields_that_changed_their_kind_is_refused(tmp_path: Path) ->
         for number, text in enumerate(("int32 x", "float64 x")):
             cls = compile_definition("my_msgs/msg/Value", text)
             writer.add_raw_topic(known := topic_of("/v", cls))
-            writer.write_raw(next(iter([(known, cls(x=number).encode(), number, number)])))  # type: ignore[arg-type]
+            writer.write_raw(RawMessage(known, cls(x=number).encode(), number, number))
     with BagReader(tmp_path / "a.mcap") as reader:
         with pytest.raises(BagError, match="x has different types in the definitions"):
             reader.to_arrays("/v")
@@ -166,13 +167,6 @@ def test_the_bag_of_a_killed_recorder_is_read_piece_by_piece(tmp_path: Path) -> 
         assert sum(1 for _ in reader.messages(raw=True)) == 300
 
 
-def test_many_chunks_that_become_large_take_the_memory_of_one(tmp_path: Path) -> None:
-    path = write_strings(tmp_path / "a.mcap", ["x" * 2_000_000] * 60)
-    assert path.stat().st_size < 100_000
-    with memory_limit(12 << 20), BagReader(path) as reader:
-        assert sum(1 for _ in reader.messages(raw=True)) == 60
-
-
 def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path) as writer:
@@ -183,12 +177,6 @@ def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_p
     require_error(path, "overlap in time so much", max_decompressed_bytes=3_000_000)
     with BagReader(path) as reader:
         assert [item.log_time for item in reader.messages(raw=True)] == [*range(10), *range(1000, 1010)]
-
-
-def test_what_the_writer_writes_the_reader_reads_however_well_it_compresses(tmp_path: Path) -> None:
-    blank = bytes(4) + bytes(300_000_000)
-    with BagReader(write_strings(tmp_path / "a.mcap", [blank]), validate_crcs=False) as reader:
-        assert [len(item.message) for item in reader.messages(raw=True)] == [len(blank)]
 
 
 # ------------------------------------------------------------------------------------------------------------- left out

@@ -58,6 +58,10 @@ def test_an_element_of_a_sequence_is_a_column(bag: Path) -> None:
     assert table["position[1]"].tolist() == [0.5, 1.5, 2.5] and table["position[1]"].dtype == np.float64
     assert table["position[-2]"].tolist() == [0, 1, 2]
     assert table["name[1]"].tolist() == ["bcd"] * 3 and table["header.stamp.sec"].tolist() == [0, 0, 0]
+    with BagReader(bag) as reader:
+        everything = reader.to_arrays("/imu").dtype
+    assert {"log_time", "header.stamp", "header.frame_id", "angular_velocity.z"} <= set(everything.names or ())
+    assert all(everything[name].shape == () for name in everything.names or ())  # as pandas.DataFrame needs it
     covariance = columns(bag, "/imu", "orientation_covariance[8]", "orientation_covariance", "linear_acceleration")
     assert covariance["orientation_covariance[8]"].tolist() == [8, 18, 28]
     assert covariance["orientation_covariance"].shape == (3, 9)

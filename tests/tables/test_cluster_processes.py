@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 from urllib.request import Request, urlopen
 
-import dask
 import distributed
 import numpy as np
 import psutil
 import pytest
 import s3fs
-import trustme
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
 from std_msgs.msg import Int64
 from std_msgs.msg import UInt8MultiArray as Array
@@ -83,46 +81,9 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(task_runners, "_CONNECT_TIMEOUT_S", 0.2)
     bag = bag_of(tmp_path / "a.mcap", 1)
-    for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1"):
+    for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1", "tls://127.0.0.1:1"):
         with pytest.raises(BagError, match=f"no scheduler of Dask responds at {address}"):
             write_datasets([bag], tmp_path / "out", scheduler=address)
-
-
-def test_a_scheduler_with_tls_takes_only_who_has_its_certificates(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    own, other = _certificates(tmp_path / "own"), _certificates(tmp_path / "other")
-    bag, out = bag_of(tmp_path / "a.mcap", 1, 2), tmp_path / "out"
-    options = {"n_workers": 1, "processes": False, "dashboard_address": None, "silence_logs": 50}
-    with (
-        dask.config.set({"distributed.comm.require-encryption": True, **own}),
-        distributed.LocalCluster(protocol="tls", host="127.0.0.1", security=distributed.Security(), **options) as found,
-    ):
-        address = found.scheduler_address
-        assert address.startswith("tls://")
-        report = write_datasets([bag], out, scheduler=address)
-        assert not report.failed and rows(out) == [("a", 1), ("a", 2)]
-        monkeypatch.setattr(task_runners, "_CONNECT_TIMEOUT_S", 0.5)
-        for settings in (other, dict.fromkeys(own)):
-            with (
-                dask.config.set(settings),
-                pytest.raises(BagError, match="no scheduler of Dask responds at tls:"),
-            ):
-                write_datasets([bag], tmp_path / "none", scheduler=address)
-
-
-def _certificates(folder: Path) -> dict[str, str]:
-    """Settings of Dask with an authority and a certificate of its own, for the scheduler, workers and clients."""
-    folder.mkdir()
-    authority = trustme.CA()
-    authority.cert_pem.write_to_path(str(folder / "ca.pem"))
-    issued = authority.issue_cert("127.0.0.1")
-    issued.private_key_and_cert_chain_pem.write_to_path(str(folder / "own.pem"))
-    tls = "distributed.comm.tls"
-    settings = {
-        f"{tls}.{role}.{part}": "own.pem" for role in ("scheduler", "worker", "client") for part in ("key", "cert")
-    }
-    return {key: str(folder / name) for key, name in {f"{tls}.ca-file": "ca.pem", **settings}.items()}
 
 
 # ------------------------------------------------------------------------------------------- processes of this machine

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import threading
 import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from support.node_fixtures import World, python_process, until
-from support.transform_frames import LEVEL, S, filled, message, moved
+from support.node_fixtures import World, until
+from support.transform_frames import S, filled, message, moved
 
-from rosidl_py_gen import get_message, message_filters, tf
+from rosidl_py_gen import get_message
 from rosidl_py_gen.message_filters import ApproximateTimeSynchronizer, Cache, MessageFilter, Subscriber
 from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, WaitTimeoutError, WouldDeadlockError
 from rosidl_py_gen.tf import (
     StaticTransformBroadcaster,
-    Transform,
     TransformBroadcaster,
     TransformBuffer,
     TransformFilter,
@@ -27,74 +25,9 @@ from rosidl_py_gen.tf import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    pass
 
 PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
-SCRIPT = """
-from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.tf import TransformBuffer
-
-with Node("where_is_the_lidar") as node:
-    buffer = TransformBuffer(node)
-    transform = buffer.wait_for_transform_sync("map", "lidar", timeout_s=20)
-    print(transform.translation)
-"""
-SLEEPING_SCRIPT = """
-import time
-from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.tf import TransformBuffer
-
-with Node("where_is_the_lidar") as node:
-    buffer = TransformBuffer(node)
-    while not buffer.can_transform("map", "lidar"):
-        time.sleep(0.05)
-    print(buffer.lookup_transform("map", "lidar").translation, sorted(buffer.frames()))
-"""
-
-
-@pytest.fixture
-def robot(dds: World) -> Iterator[None]:
-    """A robot on DDS that moves and has a lidar, served by a thread."""
-    node = dds.node("robot")
-    StaticTransformBroadcaster(node).send(Transform("base_link", "lidar", 0, np.array([0.2, 0.0, 0.5]), LEVEL))
-    moving = TransformBroadcaster(node)
-    stop = threading.Event()
-
-    def drive() -> None:
-        while not stop.wait(0.05):
-            moving.send(Transform("map", "base_link", node.clock.now().nanoseconds, np.array([3.0, 1.0, 0.0]), LEVEL))
-
-    driving = threading.Thread(target=drive)
-    driving.start()
-    yield
-    stop.set()
-    driving.join()
-
-
-@pytest.mark.parametrize(
-    ("script", "output"),
-    [
-        (SCRIPT, "[3.2 1.  0.5]\n"),
-        (SLEEPING_SCRIPT, "[3.2 1.  0.5] ['base_link', 'lidar', 'map']\n"),
-    ],
-)
-def test_a_script_of_ten_lines_looks_up_a_transform_of_a_robot(robot: None, script: str, output: str) -> None:
-    with python_process(script) as process:
-        printed, errors = process.communicate(timeout=60)
-    assert (printed, errors, process.returncode) == (output, "", 0)
-
-
-def test_every_awaitable_method_has_a_blocking_form() -> None:
-    found = {
-        f"{owner.__name__}.{name}": hasattr(owner, f"{name}_sync")
-        for module in (tf, message_filters)
-        for owner in vars(module).values()
-        if inspect.isclass(owner)
-        for name, member in inspect.getmembers(owner, inspect.iscoroutinefunction)
-        if not name.startswith("_")
-    }
-    assert {"TransformBuffer.wait_for_transform", "TransformFilter.receive", "Cache.receive"} <= found.keys()
-    assert [name for name, has_blocking_form in found.items() if not has_blocking_form] == []
 
 
 @pytest.mark.every_transport
