@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _MAX_TEXT = 4000
-_MAX_WARNINGS = 20
 
 
 class BagError(RosidlError, ValueError):
@@ -148,30 +146,6 @@ class DamagedPart:
         times = "unknown times" if self.start_ns is None else f"log times from {self.start_ns} to {self.end_ns} ns"
         topics = "unknown topics" if self.topics is None else f"topics {', '.join(self.topics) or '(none)'}"
         return f"{self.size} bytes at byte {self.offset}, {times}, {topics}"
-
-
-class SkippedParts:
-    """Damaged parts that were skipped.
-
-    Attributes:
-        parts: the parts, without duplicates.
-    """
-
-    def __init__(self) -> None:
-        self.parts: list[DamagedPart] = []
-        self._known: set[DamagedPart] = set()
-
-    def add(self, part: DamagedPart) -> None:
-        """Record a part; the first ones are reported by a `BagWarning` each."""
-        if part in self._known:
-            return
-        self._known.add(part)
-        self.parts.append(part)
-        count = len(self.parts)
-        if count <= _MAX_WARNINGS:
-            more = "; further ones are not reported" if count == _MAX_WARNINGS else ""
-            text = f"{part.file}: skipped a damaged part, {part.place}: {part.reason}{more}"
-            warnings.warn(text, BagWarning, stacklevel=2)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,6 @@ from rosidl_py_gen.bags.common import (
     DamagedPart,
     RawMessage,
     SkippedMessages,
-    SkippedParts,
 )
 from rosidl_py_gen.bags.definition_lookup import (
     NO_FIELDS,
@@ -37,8 +36,8 @@ from rosidl_py_gen.bags.remote import bag_path
 from rosidl_py_gen.bags.storage.bag_files import open_files
 from rosidl_py_gen.bags.storage.storage_api import (
     BagChannel,
-    OpeningProgress,
     RawTuple,
+    ReadingProgress,
     TableInput,
     as_table_input,
     merge_by_time,
@@ -62,6 +61,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
 _END = 1 << 64
+_MAX_DAMAGE_WARNINGS = 20
 
 
 class BagReader:
@@ -104,21 +104,20 @@ class BagReader:
         on_progress: Callable[[int, int], object] | None = None,
     ) -> None:
         self.path = bag_path(path)
-        skipped = SkippedParts()
-        self.damaged: list[DamagedPart] = skipped.parts
+        self.damaged: list[DamagedPart] = []
         """Damaged parts of MCAP files that were skipped so far; a `BagWarning` reports each of the first 20."""
+        self._known_damage: set[DamagedPart] = set()
         self._resources = ExitStack()
         self.skipped: dict[str, SkippedMessages] = {}
         """Topics whose messages `messages` could not decode and skipped so far, with their number and the reason."""
         try:
-            skip = skipped.add if skip_damaged else None
             self.files, self._files, hashes, distro = open_files(
                 self.path,
                 self._resources,
                 validate_crcs,
                 max_decompressed_bytes,
-                skip,
-                OpeningProgress(on_progress),
+                self._add_damaged if skip_damaged else None,
+                ReadingProgress(on_progress),
             )
             """Files of the bag."""
             self._definitions = Definitions(self.path, search_path, typestore, hashes, lambda: self._ros_distro(distro))
@@ -142,6 +141,16 @@ class BagReader:
         except BaseException:
             self.close()
             raise
+
+    def _add_damaged(self, part: DamagedPart) -> None:
+        if part in self._known_damage:
+            return
+        self._known_damage.add(part)
+        self.damaged.append(part)
+        if len(self.damaged) <= _MAX_DAMAGE_WARNINGS:
+            more = "; further ones are not reported" if len(self.damaged) == _MAX_DAMAGE_WARNINGS else ""
+            text = f"{part.file}: skipped a damaged part, {part.place}: {part.reason}{more}"
+            warnings.warn(text, BagWarning, stacklevel=2)
 
     def message_class(self, topic: str | BagTopic) -> type[Any]:
         """Return the class of a topic's messages: of the definition in the bag, else of one with its name and hash.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -17,11 +18,11 @@ from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, wri
 from rosidl_py_gen.bags.reader import BagReader
 from rosidl_py_gen.bags.splitting_writer import compress_file
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX, bag_files, compression_of
-from rosidl_py_gen.bags.storage.storage_api import topics_by_name
+from rosidl_py_gen.bags.storage.storage_api import ReadingProgress, topics_by_name
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.bags.common import BagTopic, DamagedPart, RawMessage
 
@@ -51,41 +52,28 @@ class Reindexed(NamedTuple):
     damaged: tuple[DamagedPart, ...] = ()
 
 
-OnProgress: TypeAlias = "Callable[[float, float], object]"
+OnProgress: TypeAlias = "Callable[[int, int], object]"
 """Function that is called with the number of bytes that are read, and of all."""
 _MESSAGES_PER_REPORT = 64
 
 
-class _ReadingProgress:
-    """Progress of reading files twice: when they are opened, if they have no index, and for their messages."""
-
-    def __init__(self, on_progress: OnProgress | None, total: int) -> None:
-        self._on_progress, self._total = on_progress, total
-        self._before = self._size = self._opened = 0.0
-
-    def begin_file(self, size: int) -> None:
-        self._before, self._size, self._opened = self._before + self._size, size, 0.0
-
-    def on_opening(self, done: int, total: int) -> None:
-        self._opened = self._size / 2
-        self._show(self._opened * done / max(1, total))
-
-    def counted(self, messages: Iterable[RawMessage], total: int, begin: float = 0.0) -> Iterator[RawMessage]:
-        """Yield messages; `begin` is the part of the file's work that is done before, from 0 to 1."""
-        start = max(self._opened, begin * self._size)
-        step = (self._size - start) / max(1, total)
-        for count, message in enumerate(messages):
-            if not count % _MESSAGES_PER_REPORT:
-                self._show(min(start + count * step, self._size))
-            yield message
-
-    def _show(self, done: float) -> None:
-        if self._on_progress is not None:
-            self._on_progress(self._before + done, self._total)
+def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
+    """Open a file; without an index it is read twice, and opening is the first half."""
+    opened = partial(_show_opening, progress, size // 2)
+    return BagReader(file, skip_damaged=True, on_progress=opened)
 
 
-def _count(reader: BagReader) -> int:
-    return sum(channel.count or 0 for channel in reader.channels)
+def _show_opening(progress: ReadingProgress, size: int, done: int, total: int) -> None:
+    progress.show(size * done // max(1, total))
+
+
+def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
+    """Yield all messages, and report progress from the present position to `end`."""
+    start, total = progress.position, max(1, sum(channel.count or 0 for channel in reader.channels))
+    for count, message in enumerate(reader.raw_messages()):
+        if not count % _MESSAGES_PER_REPORT:
+            progress.show(min(start + (end - start) * count // total, end))
+        yield message
 
 
 def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reindexed:
@@ -107,18 +95,20 @@ def reindex_folder(folder: Path, on_progress: OnProgress | None = None) -> Reind
         files[-1] = compress_file(files[-1])  # the recorder was killed before it did
         kinds = dict.fromkeys(files, "file")
     compression = _single_kind(folder, {*kinds.values()} or {""})
-    progress = _ReadingProgress(on_progress, sum(file.stat().st_size for file in files))
+    progress = ReadingProgress(on_progress)
+    progress.total = sum(file.stat().st_size for file in files)
     for file in files:
-        progress.begin_file(file.stat().st_size)
-        with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
+        size = file.stat().st_size
+        with _open(file, progress, size) as reader:
             counted = FileStatistics(file.name, counts=dict.fromkeys(reader.topics, 0))
-            for message in progress.counted(reader.raw_messages(), _count(reader)):  # all: some may be damaged
+            for message in _messages(reader, progress, size):  # all: some may be damaged
                 counted.add(message.channel.name, message.log_time)
             statistics.append(counted)
             damaged += reader.damaged
             channels += (_with_hash(reader, channel) for channel in reader.channels)
             if not reader.has_index:
                 unindexed.append(file.name)
+        progress.end_file(size)
     topics = topics_by_name(channels)
     text = metadata_text(storage, statistics, topics.values(), compression_mode=compression)
     write_metadata(folder, text)
@@ -135,14 +125,14 @@ def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed
     """
     backup = file.with_name(file.name + UNINDEXED)
     size = file.stat().st_size if file.exists() else 0
-    progress = _ReadingProgress(on_progress, size)
-    progress.begin_file(size)
+    progress = ReadingProgress(on_progress)
+    progress.total = size
     with written_durably(file) as partial:
-        with BagReader(file, skip_damaged=True, on_progress=progress.on_opening) as reader:
+        with _open(file, progress, size) as reader:
             if file.suffix != ".mcap":
                 raise BagError(f"{file}: only MCAP files have an index; pass the folder of the file")
             if reader.has_index:
-                for _ in progress.counted(reader.raw_messages(), 2 * _count(reader)):
+                for _ in _messages(reader, progress, size // 2):
                     pass
                 if not reader.damaged:
                     raise BagError(f"{file} already has an index, and no damage; it needs no reindexing")
@@ -153,7 +143,7 @@ def reindex_file(file: Path, on_progress: OnProgress | None = None) -> Reindexed
             with BagWriter(partial) as writer:
                 for channel in reader.channels:
                     writer.add_raw_topic(channel)
-                for message in progress.counted(reader.raw_messages(), _count(reader), begin=0.5):
+                for message in _messages(reader, progress, size):
                     writer.write_raw(message)
                     count += 1
         file.rename(backup)

@@ -23,7 +23,7 @@ from rosidl_py_gen.bags.remote import local_copy, unreachable_as_error
 from rosidl_py_gen.bags.storage.mcap_chunks import BLOCK_BYTES, MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.bags.storage.sqlite_file import SqliteFile
-from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, OpeningProgress, library_errors_as_bag_error
+from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, ReadingProgress, library_errors_as_bag_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -49,7 +49,7 @@ def open_files(
     validate_crcs: bool,
     max_bytes: int,
     on_skipped: Callable[[DamagedPart], None] | None = None,
-    progress: OpeningProgress | None = None,
+    progress: ReadingProgress | None = None,
 ) -> tuple[list[Path], list[Storage], dict[tuple[str, str], str], str]:
     """Open the files of a bag; `resources` closes them.
 
@@ -62,7 +62,7 @@ def open_files(
         OSError: a file cannot be opened.
     """
     storages: list[Storage] = []
-    progress = progress or OpeningProgress()
+    progress = progress or ReadingProgress()
     with unreachable_as_error(path):
         files, may_compress_messages, hashes, distro = _files_of(path)
         progress.total += sum(file.stat().st_size for file in files if file.suffix == SUFFIX and file.exists())
@@ -178,7 +178,7 @@ def _is_decompressible(path: Path) -> bool:
     return size > 0 and size >= stated_size
 
 
-def _decompressed(path: Path, resources: ExitStack, max_bytes: int, progress: OpeningProgress) -> Path:
+def _decompressed(path: Path, resources: ExitStack, max_bytes: int, progress: ReadingProgress) -> Path:
     if path.suffix == SUFFIX or (path.suffix == ".db3" and not isinstance(path, Path)):
         folder = Path(resources.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-")))
         path = local_copy(path, folder)
@@ -188,7 +188,7 @@ def _decompressed(path: Path, resources: ExitStack, max_bytes: int, progress: Op
     return path
 
 
-def _decompress_file(path: Path, folder: Path, max_bytes: int, progress: OpeningProgress) -> Path:
+def _decompress_file(path: Path, folder: Path, max_bytes: int, progress: ReadingProgress) -> Path:
     """Decompress a file into `folder`; a file may grow to a thousand times its size, and to `max_bytes`."""
     target = folder / path.name.removesuffix(SUFFIX)
     room = shutil.disk_usage(folder).free // 2

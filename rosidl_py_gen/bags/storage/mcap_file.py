@@ -36,7 +36,7 @@ from rosidl_py_gen.bags.storage.storage_api import (
     MAX_UNPACKED_BYTES,
     BagChannel,
     MessageBlock,
-    OpeningProgress,
+    ReadingProgress,
     library_errors_as_bag_error,
     merge_channels,
 )
@@ -73,10 +73,10 @@ class McapFile:
         validate_crcs: bool,
         max_decompressed_bytes: int = MAX_UNPACKED_BYTES,
         on_skipped: Callable[[DamagedPart], None] | None = None,
-        progress: OpeningProgress | None = None,
+        progress: ReadingProgress | None = None,
     ) -> None:
         self._path = path
-        self._progress = progress or OpeningProgress()
+        self._progress = progress or ReadingProgress()
         self._on_skipped = on_skipped
         self._max_bytes = max_decompressed_bytes
         self._chunks = ChunkDecompressor(path, max_decompressed_bytes, validate_crcs)

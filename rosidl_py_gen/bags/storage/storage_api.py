@@ -34,20 +34,21 @@ MAX_UNPACKED_BYTES = 1 << 30
 LOG_TIME = itemgetter(2)
 
 
-class OpeningProgress:
-    """Progress of reading and decompressing whole files, while a bag is opened.
+class ReadingProgress:
+    """Progress of reading or decompressing whole files.
 
     Attributes:
         total: number of bytes to read.
+        position: number of bytes of the present file that are read.
     """
 
     def __init__(self, on_progress: Callable[[int, int], object] | None = None) -> None:
         self._on_progress = on_progress
-        self._done = 0
-        self.total = 0
+        self._done = self.total = self.position = 0
 
     def show(self, position: int) -> None:
-        """Report the number of bytes of the present file that are read."""
+        """Report a position in the present file."""
+        self.position = position
         if self._on_progress is not None:
             self._on_progress(self._done + position, self.total)
 
