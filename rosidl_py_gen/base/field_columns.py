@@ -24,9 +24,11 @@ Get: TypeAlias = "Callable[[Any], Any]"
 Op: TypeAlias = "str | Get"
 """Name of an attribute, or a function of a value."""
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+_TIME_FIELDS = [("sec", "int32"), ("nanosec", "uint32")]
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
 VARIABLE_LENGTH = -1
-_MAX_COLUMNS = 10_000
+"""Length of sequences."""
+MAX_COLUMNS = 10_000
 _MAX_LISTED_NAMES = 500
 
 
@@ -56,12 +58,18 @@ class Column:
         return () if self.length is None else (self.length,)
 
 
+def is_time(cls: type[Any]) -> bool:
+    """Return True for Time and Duration; a bag may contain other definitions of these names."""
+    info = cls._TYPE
+    return info.name in _TIMES and [(one.ros_name, str(one.type)) for one in info.fields] == _TIME_FIELDS
+
+
 def message_columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
     """Return the columns of paths, or of all numbers, texts and times outside of arrays; raises `FieldPathError`."""
     if fields is None:
-        columns = list(islice(_scalar_columns(cls, "", []), _MAX_COLUMNS + 1))
-        if len(columns) > _MAX_COLUMNS:
-            raise FieldPathError(f"more than {_MAX_COLUMNS} columns; pass fields=")
+        columns = list(islice(_scalar_columns(cls, "", []), MAX_COLUMNS + 1))
+        if len(columns) > MAX_COLUMNS:
+            raise FieldPathError(f"more than {MAX_COLUMNS} columns; pass fields=")
         return columns
     paths = [fields] if isinstance(fields, str) else fields
     return list({column.name: column for path in paths for column in _columns_of_path(cls, path)}.values())
@@ -78,7 +86,7 @@ def _value_columns(field: Any, name: str, ops: list[Op], length: int | None) -> 
     if field.cls is None:
         primitive = PRIMITIVES.get(field.type.base)
         yield Column(name, _combined(ops), "U" if primitive is None else primitive.numpy, length)
-    elif field.cls._TYPE.name in _TIMES:
+    elif is_time(field.cls):
         yield Column(name, _combined([*ops, stamp_ns]), "i8", length, True)
     else:
         yield from _scalar_columns(field.cls, f"{name}.", ops, length)
@@ -179,7 +187,7 @@ def _unknown_path_text(cls: type[Any], at: type[Any], path: str, done: str) -> s
 def _path_names(cls: type[Any], path: str = "", depth: int = 0) -> Iterator[str]:
     for field in cls._TYPE.fields:
         name = path + field.ros_name + ("" if field.type.arity is Arity.SCALAR else "[:]")
-        if field.cls is None or field.cls._TYPE.name in _TIMES or depth > 20:
+        if field.cls is None or is_time(field.cls) or depth > 20:
             yield name
         else:
             yield from _path_names(field.cls, f"{name}.", depth + 1)

@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.cdr.type_queries import constants, referenced_classes
 from rosidl_py_gen.tables.arrow import from_buffers, from_numpy, pa
-from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, VARIABLE_LENGTH, Kind
+from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

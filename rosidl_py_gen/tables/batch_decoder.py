@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.base.field_columns import VARIABLE_LENGTH
 from rosidl_py_gen.cdr.arrays import DTYPES, FieldValueError
 from rosidl_py_gen.cdr.layout import (
     COUNT_BYTES,
@@ -35,7 +36,7 @@ from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
 from rosidl_py_gen.cdr.structured_layout import cached_per_class
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
-from rosidl_py_gen.tables.columns import VARIABLE_LENGTH, Kind, nodes_of
+from rosidl_py_gen.tables.columns import Kind, nodes_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence

@@ -13,6 +13,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.base.field_columns import MAX_COLUMNS, VARIABLE_LENGTH, is_time
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.structured_layout import cached_per_class
@@ -36,12 +37,9 @@ class Kind(Enum):
 
 LOG_TIME = "log_time"
 PUBLISH_TIME = "publish_time"
-MAX_COLUMNS = 10_000
 _MAX_DEPTH = 60
 _MAX_LISTED_NAMES = 200
 _TIME_KINDS = {"builtin_interfaces/msg/Time": Kind.TIME, "builtin_interfaces/msg/Duration": Kind.DURATION}
-VARIABLE_LENGTH = -1
-"""Length of sequences."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,10 +77,7 @@ def kind_of(field: Field) -> Kind:
         return Kind.STRING if field.type.is_string else Kind.NUMBER
     if not field.cls._TYPE.fields:
         return Kind.EMPTY
-    fields = [(one.ros_name, str(one.type)) for one in field.cls._TYPE.fields]
-    if fields != [("sec", "int32"), ("nanosec", "uint32")]:  # a bag may contain another definition of Time
-        return Kind.STRUCT
-    return _TIME_KINDS.get(field.type.base, Kind.STRUCT)
+    return _TIME_KINDS[field.type.base] if is_time(field.cls) else Kind.STRUCT
 
 
 @cached_per_class

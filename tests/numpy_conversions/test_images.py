@@ -261,13 +261,6 @@ def test_bayer_patterns_keep_what_they_saw_and_take_the_mean_of_neighbours(
         assert abs(int(made[row, column, at]) - np.mean(used)) <= 0.5
 
 
-def test_one_colour_stays_one_colour_through_a_bayer_pattern() -> None:
-    color = np.array([200, 100, 50], np.uint8)
-    values = np.zeros((8, 8), np.uint8)
-    values[0::2, 0::2], values[0::2, 1::2], values[1::2, 0::2], values[1::2, 1::2] = color[[0, 1, 1, 2]]
-    assert (image_to_array(array_to_image(values, "bayer_rggb8"), to="rgb8") == color).all()
-
-
 @given(st.sampled_from([*COLORS, "mono8", "mono16", "bayer_gbrg8", "uyvy", "nv21"]), st.sampled_from(TARGETS))
 def test_every_pair_gives_the_shape_and_type_that_its_name_says(source: str, target: str) -> None:
     if source == "uyvy":

@@ -7,9 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import numpy as np
-import polars as pl
 import pyarrow as pa
 import pytest
 from geometry_msgs.msg import Point32, Polygon, PoseStamped
@@ -138,17 +136,6 @@ def test_fields_called_as_the_times_of_the_bag_have_an_underscore(tmp_path: Path
         writer.write_table(table)
     with BagReader(tmp_path / "b.mcap") as bag:
         assert next(iter(bag)).message == cls(3, 4)
-
-
-def test_polars_pandas_and_duckdb_take_it(tmp_path: Path) -> None:
-    with BagReader(write(tmp_path / "a.mcap", "/imu", *imus(5))) as bag:
-        frame = pl.DataFrame(bag.batches("/imu"))
-        assert frame["linear_acceleration"].struct["x"].to_list() == [0, 0.5, 1, 1.5, 2]
-        assert frame["header"].struct["stamp"].dt.epoch("ns").to_list() == [n * 10**9 for n in range(5)]
-        table = bag.table("/imu", ["header.stamp", "linear_acceleration.x"])
-        assert table.to_pandas()["linear_acceleration.x"].sum() == 5
-        found = duckdb.connect().register("imu", bag.batches("/imu")).sql("select max(header.stamp), count(*) from imu")
-        assert found.fetchall()[0][1] == 5
 
 
 def test_batches_have_messages_of_so_many_bytes(tmp_path: Path) -> None:
