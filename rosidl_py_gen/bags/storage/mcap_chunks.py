@@ -40,7 +40,6 @@ MAX_WHOLE_CHUNK_BYTES = 1 << 23
 MAX_WINDOW = 1 << 27
 """Maximum window of zstd, as of `zstd` itself without ``--long``."""
 Read = Callable[[int, int], bytes]
-"""Reads bytes of the file: offset and size; fewer at its end."""
 MESSAGE = struct.Struct("<BQHIQQ")
 """Start of a message record: opcode, length, channel, sequence, log time and publish time; the data follow."""
 MIN_MESSAGE_BYTES = MESSAGE.size - RECORD.size
@@ -70,7 +69,6 @@ class ChunkHeader(NamedTuple):
     compression: str
     size: int
     crc: int
-    where: str
 
 
 class Zstd(threading.local):
@@ -81,32 +79,101 @@ class Zstd(threading.local):
 
 
 class ChunkDecompressor:
-    """Decompressor and parser for the chunks of a file.
+    """Decompressor and parser for the chunks of a file. Methods raise `BagError`, and exceptions of the libraries.
 
     Args:
+        read: reads bytes of the file: offset and size; fewer at its end.
         max_bytes: maximum size of a decompressed chunk.
         validate_crcs: compare checksums.
     """
 
-    def __init__(self, path: Path, max_bytes: int, validate_crcs: bool) -> None:
-        self.path = path
-        self.where = str(path)
-        """Path of the file, for errors."""
+    def __init__(self, path: Path, read: Read, max_bytes: int, validate_crcs: bool) -> None:
+        self.path, self.where = path, str(path)
+        self.read = read
         self._max_bytes = max_bytes
         self.validate_crcs = validate_crcs
         self._zstd = Zstd()
 
-    def decompress(self, read: Read, head: ChunkHeader) -> bytes:
-        """Return the records of a chunk. Raises `BagError`, and exceptions of the libraries."""
-        data = self._decompressed(head, read(head.at, head.end - head.at))
+    def header(self, body: int, end: int) -> ChunkHeader:
+        """Return the header of the chunk whose record has its body from `body` to `end`."""
+        _, _, size, crc, name = _HEAD.unpack(self.read(body, _HEAD.size))
+        if name > _MAX_NAME:
+            raise BagError(f"{self.where}: damaged: the compression of a chunk has a name of {name} bytes")
+        at = body + _HEAD.size + name
+        (length,) = struct.unpack("<Q", self.read(at, 8))
+        if at + 8 + length != end:
+            raise BagError(f"{self.where}: damaged: a chunk states {length} bytes of records, and has {end - at - 8}")
+        return ChunkHeader(at + 8, end, self.read(body + _HEAD.size, name).decode(), size, crc)
+
+    def decompress(self, head: ChunkHeader) -> bytes:
+        """Return the records of a chunk."""
+        data = self._decompressed(head, self.read(head.at, head.end - head.at))
         if self.validate_crcs and head.crc and zlib.crc32(data) != head.crc:
             raise BagError(f"{self.where}: damaged: the checksum of a chunk of {len(data)} bytes is wrong")
         return data
 
-    def require_size(self, read: Read, head: ChunkHeader) -> None:
-        """Raise `BagError` if the header of a chunk is inconsistent, or the chunk is too large."""
+    def is_large(self, head: ChunkHeader) -> bool:
+        """Return True if a chunk is read in blocks: it is large, and none of its first messages is half of it.
+
+        Raises `BagError` if its header is inconsistent, or it is too large.
+        """
         if head.compression:
-            self._require_size(head.size, head.end - head.at, head.compression, read(head.at, _MAX_FRAME_HEAD))
+            start = self.read(head.at, _MAX_FRAME_HEAD)
+            self._require_size(head.size, head.end - head.at, head.compression, start)
+        if head.size <= MAX_WHOLE_CHUNK_BYTES:
+            return False
+        data, at = self._block_reader(head)(BLOCK_BYTES), 0
+        while at + RECORD.size <= len(data):
+            opcode, length = RECORD.unpack_from(data, at)
+            if opcode == Opcode.MESSAGE and 2 * length >= head.size:
+                return False
+            at += RECORD.size + length
+        return True
+
+    def blocks(self, head: ChunkHeader, validate_crcs: bool) -> Iterator[tuple[bytes | bytearray, int]]:
+        """Yield the records of a chunk in blocks, each with the size of its whole records.
+
+        A wrong checksum is an error at the end.
+        """
+        unpack = self._block_reader(head)
+        left, crc, need = head.size, 0, 0
+        data: bytes | bytearray = b""
+        while left or data:
+            piece = unpack(min(left, BLOCK_BYTES))
+            if not piece:
+                raise BagError(f"{self.where}: damaged: a chunk ends within a record")
+            left -= len(piece)
+            crc = zlib.crc32(piece, crc)
+            data += piece  # in place while it is a bytearray
+            need -= len(piece)
+            if need > 0:
+                continue
+            at, need = _end_of_whole_records(data)
+            if need > left:
+                raise BagError(f"{self.where}: damaged: a record in a chunk is longer than the chunk")
+            if at:
+                yield data, at
+            data = data[at:] if need <= BLOCK_BYTES else bytearray(data[at:])
+        if unpack(1):
+            raise BagError(f"{self.where}: damaged: a chunk has more than the {head.size} bytes that it states")
+        if validate_crcs and head.crc and crc != head.crc:
+            raise BagError(f"{self.where}: damaged: the checksum of a chunk is wrong")
+
+    def _block_reader(self, head: ChunkHeader) -> Callable[[int], bytes]:
+        """Return a function that reads at most `n` decompressed bytes, and none at the end."""
+        source = _Stored(self.read, head)
+        if not head.compression:
+            return source.read
+        if head.compression == "zstd":
+            zstd = ZstdDecompressor(max_window_size=MAX_WINDOW)
+            reader = zstd.stream_reader(source, read_size=BLOCK_BYTES, read_across_frames=True)  # type: ignore[arg-type]
+            return reader.read
+        if head.compression == "lz4":
+            return _Lz4(source).read
+        raise self._unknown_compression(head)
+
+    def _unknown_compression(self, head: ChunkHeader) -> BagError:
+        return BagError(f'{self.where}: a chunk is compressed with "{head.compression[:50]}"; expected zstd or lz4')
 
     def _decompressed(self, head: ChunkHeader, stored: bytes) -> bytes:
         if not head.compression:
@@ -123,7 +190,7 @@ class ChunkDecompressor:
                 length = f"{len(data)}" if len(data) < size else "more"
                 raise BagError(f"{self.where}: damaged: a chunk states {size} bytes, but decompresses to {length}")
             return data
-        raise BagError(f'{self.where}: a chunk is compressed with "{head.compression[:50]}"; expected zstd or lz4')
+        raise self._unknown_compression(head)
 
     def _require_size(self, size: int, stored_size: int, compression: str, start: bytes = b"") -> None:
         if compression == "lz4" and size > _MAX_LZ4 * stored_size:
@@ -214,61 +281,6 @@ class ChunkDecompressor:
         return np.concatenate([*runs, np.array(single, np.int64)])
 
 
-def read_chunk_header(read: Read, body: int, end: int, where: str) -> ChunkHeader:
-    """Return the header of a chunk. Raises `BagError`, and exceptions of the libraries."""
-    _, _, size, crc, name = _HEAD.unpack(read(body, _HEAD.size))
-    if name > _MAX_NAME:
-        raise BagError(f"{where}: damaged: the compression of a chunk has a name of {name} bytes")
-    at = body + _HEAD.size + name
-    (length,) = struct.unpack("<Q", read(at, 8))
-    if at + 8 + length != end:
-        raise BagError(f"{where}: damaged: a chunk states {length} bytes of records, and has {end - at - 8}")
-    return ChunkHeader(at + 8, end, read(body + _HEAD.size, name).decode(), size, crc, where)
-
-
-def iter_chunk_blocks(read: Read, head: ChunkHeader, validate_crcs: bool) -> Iterator[tuple[bytes | bytearray, int]]:
-    """Yield the records of a chunk in blocks, each with the size of its whole records.
-
-    Raises `BagError`, for a wrong checksum at the end, and exceptions of the libraries.
-    """
-    unpack = _block_reader(_Stored(read, head), head)
-    left, crc, need = head.size, 0, 0
-    data: bytes | bytearray = b""
-    while left or data:
-        piece = unpack(min(left, BLOCK_BYTES))
-        if not piece:
-            raise BagError(f"{head.where}: damaged: a chunk ends within a record")
-        left -= len(piece)
-        crc = zlib.crc32(piece, crc)
-        data += piece  # in place while it is a bytearray
-        need -= len(piece)
-        if need > 0:
-            continue
-        at, need = _end_of_whole_records(data)
-        if need > left:
-            raise BagError(f"{head.where}: damaged: a record in a chunk is longer than the chunk")
-        if at:
-            yield data, at
-        data = data[at:] if need <= BLOCK_BYTES else bytearray(data[at:])
-    if unpack(1):
-        raise BagError(f"{head.where}: damaged: a chunk has more than the {head.size} bytes that it states")
-    if validate_crcs and head.crc and crc != head.crc:
-        raise BagError(f"{head.where}: damaged: the checksum of a chunk is wrong")
-
-
-def is_large(read: Read, head: ChunkHeader) -> bool:
-    """Return True if a chunk is read in blocks: it is large, and none of its first messages is half of it."""
-    if head.size <= MAX_WHOLE_CHUNK_BYTES:
-        return False
-    data, at = _block_reader(_Stored(read, head), head)(BLOCK_BYTES), 0
-    while at + RECORD.size <= len(data):
-        opcode, length = RECORD.unpack_from(data, at)
-        if opcode == Opcode.MESSAGE and 2 * length >= head.size:
-            return False
-        at += RECORD.size + length
-    return True
-
-
 def _end_of_whole_records(data: bytes | bytearray) -> tuple[int, int]:
     """Return the end of the last whole record, and the number of missing bytes of the next."""
     at, size = 0, len(data)
@@ -289,18 +301,6 @@ class _Stored:
         data = self._read(self._at, left if size < 0 else min(size, left))
         self._at += len(data)
         return data
-
-
-def _block_reader(source: _Stored, head: ChunkHeader) -> Callable[[int], bytes]:
-    """Return a function that reads at most `n` decompressed bytes, and none at the end."""
-    if not head.compression:
-        return source.read
-    if head.compression == "zstd":
-        zstd = ZstdDecompressor(max_window_size=MAX_WINDOW)
-        return zstd.stream_reader(source, read_size=BLOCK_BYTES, read_across_frames=True).read  # type: ignore[arg-type]
-    if head.compression == "lz4":
-        return _Lz4(source).read
-    raise BagError(f'{head.where}: a chunk is compressed with "{head.compression}"; expected zstd or lz4')
 
 
 class _Lz4:

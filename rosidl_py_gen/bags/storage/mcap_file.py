@@ -12,7 +12,7 @@ from heapq import heapify, heappop, heappush
 from io import SEEK_END
 from itertools import chain, pairwise
 from operator import attrgetter
-from threading import Lock
+from threading import RLock
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -26,9 +26,6 @@ from rosidl_py_gen.bags.storage.mcap_chunks import (
     RECORD,
     ChunkDecompressor,
     TooLargeError,
-    is_large,
-    iter_chunk_blocks,
-    read_chunk_header,
 )
 from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, read_index, recorded_distro
 from rosidl_py_gen.bags.storage.storage_api import (
@@ -79,8 +76,8 @@ class McapFile:
         self._progress = progress or ReadingProgress()
         self._on_skipped = on_skipped
         self._max_bytes = max_decompressed_bytes
-        self._chunks = ChunkDecompressor(path, max_decompressed_bytes, validate_crcs)
-        self._lock = Lock()  # of `_stream`, which several iterations may read from
+        self._chunks = ChunkDecompressor(path, self._read, max_decompressed_bytes, validate_crcs)
+        self._lock = RLock()  # of `_stream`, which several iterations may read from
         self._stream = opened(path)
         self._is_ordered: dict[int, bool] = {}  # offset of a large chunk -> its messages are in order
         try:
@@ -89,7 +86,7 @@ class McapFile:
                 self._stream.seek(0)
                 if not MCAP0_MAGIC.startswith(self._stream.read(len(MCAP0_MAGIC))):  # shorter: nothing was written yet
                     raise BagError(f"{path}: damaged: does not begin with the magic bytes of MCAP")
-                self._stored_index = read_index(self._stream, self._size)
+                self._stored_index = read_index(self._stream, self._read, self._size)
         except BaseException:
             self._stream.close()
             raise
@@ -139,7 +136,7 @@ class McapFile:
         with library_errors_as_bag_error(self._path), self._lock:
             try:
                 show = self._progress.show
-                Walk(self._stream, self._size, self._chunks, index, on_damage, skips, show).run(start, end)
+                Walk(self._size, self._chunks, index, on_damage, skips, show).run(start, end)
                 self._progress.end_file(end - start)
             except BagError as error:
                 raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
@@ -302,13 +299,13 @@ class McapFile:
 
         Each comes with the size of its whole records, -1 for all of it, and True if more may follow.
         """
-        head = read_chunk_header(self._read, segment.offset, segment.end, str(self._path)) if segment.is_chunk else None
+        head = self._chunks.header(segment.offset, segment.end) if segment.is_chunk else None
         if head is None:
             yield self._read(segment.offset, max(0, segment.end - segment.offset)), -1, False
         elif not self._reads_in_blocks(head, known):
-            yield self._chunks.decompress(self._read, head), -1, False
+            yield self._chunks.decompress(head), -1, False
         else:
-            for data, size in iter_chunk_blocks(self._read, head, False):  # its checksum was compared
+            for data, size in self._chunks.blocks(head, False):  # its checksum was compared
                 yield data, size, True
 
     def _blocks(
@@ -326,14 +323,13 @@ class McapFile:
 
     def _reads_in_blocks(self, head: ChunkHeader, known: Container[int]) -> bool:
         """Return True for a large chunk whose messages are in order, which is found by reading it."""
-        self._chunks.require_size(self._read, head)
-        if not is_large(self._read, head):
+        if not self._chunks.is_large(head):
             return False
         is_ordered = self._is_ordered.get(head.at)
         if is_ordered is None:
             last, is_ordered = 0, True
             everything = self._channels(self._index)
-            for some, whole in iter_chunk_blocks(self._read, head, self._chunks.validate_crcs):
+            for some, whole in self._chunks.blocks(head, self._chunks.validate_crcs):
                 for _, _, log_time, _ in self._chunks.messages(some, everything, known, whole):
                     is_ordered, last = is_ordered and log_time >= last, log_time
             self._is_ordered[head.at] = is_ordered

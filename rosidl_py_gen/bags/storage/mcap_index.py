@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from mcap.summary import Summary
 
+    from rosidl_py_gen.bags.storage.mcap_chunks import Read
+
 _FOOTER = Struct("<BQQQI8s")
 """End of a file: opcode, length, start of the summary, start of its offsets, checksum of the summary, magic bytes."""
 _FOOTER_CRC = 12
@@ -109,12 +111,12 @@ def _require_same(before: Schema | Channel, now: Schema | Channel) -> None:
         raise BagError(f"damaged: {kind} {now.id} has two different definitions")
 
 
-def read_index(stream: IO[bytes], size: int) -> Index | None:
+def read_index(stream: IO[bytes], read: Read, size: int) -> Index | None:
     """Return the file's index; None if it is missing, wrong or incomplete."""
     try:
         stream.seek(-_FOOTER.size, SEEK_END)
         _, _, start, _, expected, _ = _FOOTER.unpack(stream.read())
-        if not start or (expected and expected != checksum(stream, start, size - _FOOTER_CRC)):
+        if not start or (expected and expected != checksum(read, start, size - _FOOTER_CRC)):
             return None
         stream.seek(0)
         summary = SeekingReader(stream, record_size_limit=size).get_summary()
@@ -125,12 +127,11 @@ def read_index(stream: IO[bytes], size: int) -> Index | None:
         return None
 
 
-def checksum(stream: IO[bytes], start: int, end: int) -> int:
+def checksum(read: Read, start: int, end: int) -> int:
     """Return the CRC of a range, read in blocks, as the range may be the whole file."""
-    stream.seek(start)
     crc = 0
     for at in range(start, end, _BLOCK_BYTES):
-        crc = zlib.crc32(stream.read(min(_BLOCK_BYTES, end - at)), crc)
+        crc = zlib.crc32(read(at, min(_BLOCK_BYTES, end - at)), crc)
     return crc
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable
-from typing import IO, TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
@@ -27,9 +27,6 @@ from rosidl_py_gen.bags.storage.mcap_chunks import (
     RECORD,
     ChunkDecompressor,
     TooLargeError,
-    is_large,
-    iter_chunk_blocks,
-    read_chunk_header,
 )
 from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, checksum
 from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, library_errors_as_bag_error
@@ -91,15 +88,14 @@ class Walk:
 
     def __init__(
         self,
-        stream: IO[bytes],
         size: int,
-        unpacker: ChunkDecompressor,
+        chunks: ChunkDecompressor,
         index: Index,
         on_damage: OnDamage,
         skips: bool,
         on_progress: Callable[[int], object],
     ) -> None:
-        self._stream, self._size, self._unpacker, self._index = stream, size, unpacker, index
+        self._read, self._size, self._chunks, self._index = chunks.read, size, chunks, index
         self._on_damage, self._skips, self._on_progress = on_damage, skips, on_progress
         self._unchunked = _UnchunkedMessages(index)
         self._end = 0
@@ -147,10 +143,6 @@ class Walk:
         self._unchunked.end()
         if at > max(start, end):
             self._skip(end, at, BagError(f"a record exceeds byte {end}, where the next one begins"))
-
-    def _read(self, at: int, size: int) -> bytes:
-        self._stream.seek(at)
-        return self._stream.read(size)
 
     def _next_chunk(self, at: int) -> int:
         return next_chunk(self._read, at + 1, self._end, self._size) if self._skips else self._end
@@ -207,10 +199,10 @@ class Walk:
 
     def _check_crc(self, at: int, length: int) -> None:
         """Compare the checksum of all data: records and messages outside of chunks have no other."""
-        if not self._unpacker.validate_crcs or length != _CRC.size:
+        if not self._chunks.validate_crcs or length != _CRC.size:
             return
         (expected,) = _CRC.unpack(self._read(at + RECORD.size, _CRC.size))
-        if expected and expected != checksum(self._stream, 0, at):
+        if expected and expected != checksum(self._read, 0, at):
             raise BagError("damaged: the checksum of its messages is wrong")
 
     def _add_other_record(self, opcode: int, at: int, after: int) -> int:
@@ -218,7 +210,7 @@ class Walk:
         head = ChunkHead.at(self._read, at)
         body = at + RECORD.size
         try:
-            with library_errors_as_bag_error(self._unpacker.path):
+            with library_errors_as_bag_error(self._chunks.path):
                 if opcode == Opcode.CHUNK:
                     _add_chunk(self._chunk_blocks(body, after), body, after, self._index)
                     self._is_doubtful = False
@@ -238,12 +230,11 @@ class Walk:
         return after
 
     def _chunk_blocks(self, body: int, end: int) -> Iterator[bytes | bytearray]:
-        head = read_chunk_header(self._read, body, end, self._unpacker.where)
-        self._unpacker.require_size(self._read, head)
-        if not is_large(self._read, head):
-            yield self._unpacker.decompress(self._read, head)
+        head = self._chunks.header(body, end)
+        if not self._chunks.is_large(head):
+            yield self._chunks.decompress(head)
             return
-        for data, whole in iter_chunk_blocks(self._read, head, self._unpacker.validate_crcs):
+        for data, whole in self._chunks.blocks(head, self._chunks.validate_crcs):
             yield data if whole == len(data) else data[:whole]
 
 
