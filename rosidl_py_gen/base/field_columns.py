@@ -53,10 +53,6 @@ class Column:
     length: int | None = None
     is_time: bool = False
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return () if self.length is None else (self.length,)
-
 
 def is_time(cls: type[Any]) -> bool:
     """Return True for Time and Duration; a bag may contain other definitions of these names."""
