@@ -5,7 +5,7 @@ import resource
 import messages
 import rclpy
 from rclpy.client import Client
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import qos_profile_system_default
@@ -141,35 +141,8 @@ def introspect(peer, kind, name, state):
     )
 
 
-class Lifecycle(LifecycleNode):
-    """Node that records its transitions; activation fails if `fail` is set."""
-
-    def __init__(self, name):
-        super().__init__(name)
-        self.declare_parameter("fail", False)
-        self.done = []
-
-    def on_configure(self, state):
-        self.done.append("configure")
-        return super().on_configure(state)
-
-    def on_activate(self, state):
-        self.done.append("activate")
-        if self.get_parameter("fail").value:
-            return TransitionCallbackReturn.FAILURE
-        return super().on_activate(state)
-
-    def on_shutdown(self, state):
-        self.done.append("shutdown")
-        return super().on_shutdown(state)
-
-
 def lifecycle_node(peer, name):
-    peer.add_node(Lifecycle(name))
-
-
-def transitions(peer, name):
-    return peer.nodes[name].done
+    peer.add_node(LifecycleNode(name))
 
 
 def memory_mb(peer):
