@@ -44,13 +44,13 @@ _INDEX = re.compile(r"\[[^\]]*\]\Z")
 
 def complete_names(what: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete names that `options.completion` describes; hidden names only if a hidden part was typed."""
-    names = _or_empty(lambda: _names(what, context))
-    return shells.items((name for name in names if "/_" in incomplete or "/_" not in name), incomplete)
+    shows_hidden = "/_" in incomplete
+    return _items(lambda: [one for one in _names(what, context) if shows_hidden or "/_" not in one], incomplete)
 
 
 def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the topics, services or actions of the bags on the command line."""
-    return shells.items(_or_empty(lambda: _bag_names(kind, context)), incomplete)
+    return _items(lambda: _bag_names(kind, context), incomplete)
 
 
 def complete_call(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
@@ -60,16 +60,16 @@ def complete_call(kind: str, context: click.Context, incomplete: str) -> list[Co
     """
     words = context.params.get("words") or ()
     if not words:
-        announced = _or_empty(lambda: _announced_types(kind, context))
-        return shells.items(announced, incomplete) or complete_names(_TYPE_KINDS[kind], context, incomplete)
+        announced = _items(lambda: _announced_types(kind, context), incomplete)
+        return announced or complete_names(_TYPE_KINDS[kind], context, incomplete)
     if len(words) == 1 and "/" in words[0] and not context.params.get("stdin"):
-        return shells.items(_or_empty(lambda: [_prototype(kind, words[0], context)]), incomplete)
+        return _items(lambda: [_prototype(kind, words[0], context)], incomplete)
     return []
 
 
 def complete_fields(context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the path of a field of the topic's messages."""
-    return shells.items(_or_empty(lambda: _field_paths(_class("topic", None, context), incomplete)), incomplete)
+    return _items(lambda: _field_paths(_class("topic", None, context), incomplete), incomplete)
 
 
 def complete_plot_words(source: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
@@ -78,7 +78,7 @@ def complete_plot_words(source: str, context: click.Context, incomplete: str) ->
     if source == "bag":
         if not words:
             return [CompletionItem(incomplete, type="file")]
-        return shells.items(_or_empty(lambda: _plotted_in_bag(words, context, incomplete)), incomplete)
+        return _items(lambda: _plotted_in_bag(words, context, incomplete), incomplete)
     topics = [word for word in words if word.startswith("/")]
     if incomplete.startswith("/") or not topics:
         return complete_names("topics", context, incomplete)
@@ -105,13 +105,13 @@ def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: st
         return _field_paths(reader.message_class(topics[-1]), incomplete)
 
 
-def _or_empty(find: Callable[[], Iterable[str]]) -> Iterable[str]:
+def _items(find: Callable[[], Iterable[str]], incomplete: str) -> list[CompletionItem]:
     import asyncio
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return find()
+            return shells.items(find(), incomplete)
     except (RosidlError, OSError, ImportError, TypeError, ValueError, KeyError, asyncio.TimeoutError):
         return []
 

@@ -171,10 +171,7 @@ def _into_network(ctx: click.Context, param: click.Parameter, value: Any) -> Non
     ctx.params.setdefault("network", {})[param.name] = value
 
 
-def _network_option(*names: str, **settings: Any) -> Callable[[F], F]:
-    return click.option(*names, expose_value=False, callback=_into_network, **settings)
-
-
+_network_option = partial(click.option, expose_value=False, callback=_into_network)
 node_options = all_of(
     _network_option(
         "--domain",
@@ -206,15 +203,13 @@ node_options = all_of(
 """Options of every command that has a node, passed as `network` (`NetworkOptions`)."""
 
 
-def node_verb(function: Callable[..., Coroutine[Any, Any, int | None]]) -> Callable[..., None]:
-    """Decorate the callback of a command with `node_options`; it gets a `CommandNode` instead of `network`."""
-    return endless_node_verb(lambda arguments: False)(function)
-
-
 def endless_node_verb(
     is_endless: Callable[[dict[str, Any]], object],
 ) -> Callable[[Callable[..., Coroutine[Any, Any, int | None]]], Callable[..., None]]:
-    """Decorate as `node_verb`; with the arguments for which `is_endless` is true, the command is an endless one."""
+    """Decorate the callback of a command with `node_options`; it gets a `CommandNode` instead of `network`.
+
+    With the arguments for which `is_endless` is true, the command is an endless one.
+    """
 
     def decorate(function: Callable[..., Coroutine[Any, Any, int | None]]) -> Callable[..., None]:
         @wraps(function)
@@ -230,6 +225,9 @@ def endless_node_verb(
         return node_options(verb(run))
 
     return decorate
+
+
+node_verb = endless_node_verb(lambda arguments: False)
 
 
 # ------------------------------------------------------------------------------------------------------------ bags
@@ -386,32 +384,15 @@ def _completer(function: str, *arguments: str) -> _Completer:
     return complete
 
 
-def completion(what: str) -> _Completer:
-    """Complete names.
-
-    Args:
-        what: ``topics``, ``services``, ``actions``, ``nodes`` or ``parameters`` of the live graph; ``types``,
-            ``service types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path; or
-            ``workspace packages``.
-    """
-    return _completer("complete_names", what)
-
-
-def call_completion(kind: str) -> _Completer:
-    """Complete ``[TYPE] [VALUES]`` of a topic, service or action (`kind`)."""
-    return _completer("complete_call", kind)
-
-
-def bag_completion(kind: str) -> _Completer:
-    """Complete topics, services or actions (`kind`) of the bag on the command line."""
-    return _completer("complete_bag_names", kind)
-
-
-def plot_completion(source: str) -> _Completer:
-    """Complete topics and fields, of a ``bag`` or of the live ``graph``."""
-    return _completer("complete_plot_words", source)
-
-
+completion = partial(_completer, "complete_names")
+"""Completes ``topics``, ``services``, ``actions``, ``nodes`` or ``parameters`` of the live graph; ``types``, ``service
+types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path; or ``workspace packages``."""
+call_completion = partial(_completer, "complete_call")
+"""Completes ``[TYPE] [VALUES]`` of a ``topic``, ``service`` or ``action``."""
+bag_completion = partial(_completer, "complete_bag_names")
+"""Completes topics, services or actions, such as ``topic``, of the bag on the command line."""
+plot_completion = partial(_completer, "complete_plot_words")
+"""Completes topics and fields, of a ``bag`` or of the live ``graph``."""
 field_completion = _completer("complete_fields")
 launch_completion = _completer("complete_launch_words")
 

@@ -345,18 +345,6 @@ async def test_a_topic_as_fast_as_the_rate_is_shown_in_full(memory: World, tool:
     assert (ended.out, ended.err) == ("".join(f"{number}\n" for number in range(20)), "")
 
 
-async def test_the_dropped_are_told_when_echo_is_interrupted(memory: World, tool: Any) -> None:
-    publisher = memory.node("talker").create_publisher(STRING, "/words")
-    process = await tool.start("topic", "echo", "/words", "--field", "data", "--max-rate", "0.1")
-    assert await publisher.wait_for_subscribers(25)
-    for word in ("a", "b", "c"):
-        publisher.publish({"data": word})
-    await asyncio.sleep(1)
-    ended = await tool.interrupt(process)
-    assert (ended.code, ended.out) == (0, "a\n---\n")
-    assert ended.err == "2 messages were dropped, as --max-rate is 0.1\n"
-
-
 async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> None:
     process = await tool.start("topic", "echo", "/late", "--once", "--timeout", "20")
     line = await asyncio.wait_for(process.stderr.readline(), 25)

@@ -146,20 +146,12 @@ async def _discovered(command_node: CommandNode) -> list[Finding]:
 
 
 def _row(finding: Finding) -> dict[str, Any]:
-    row: dict[str, Any] = {"level": finding.level, "text": finding.text}
-    if finding.advice:
-        row["advice"] = finding.advice
-    return {**row, **({"data": finding.data} if finding.data else {})}
+    return {name: value for name in ("level", "text", "advice", "data") if (value := getattr(finding, name))}
 
 
 def _print(section: str, findings: list[Finding], *, as_report: bool) -> None:
     """Print a line for each finding and each advice; all begin with the word of the level."""
     for finding in findings:
         word, style = _WORDS[finding.level], "" if as_report else _STYLES[finding.level]
-        _print_line(word, f"{section}: {finding.text}", style)
-        if finding.advice:
-            _print_line(word, f"-> {finding.advice}", style)
-
-
-def _print_line(word: str, text: str, style: str) -> None:
-    terminal_output.line(f"{word:<7}  {' '.join(text.split())}", style)
+        for text in (f"{section}: {finding.text}", *([f"-> {finding.advice}"] if finding.advice else [])):
+            terminal_output.line(f"{word:<7}  {' '.join(text.split())}", style)

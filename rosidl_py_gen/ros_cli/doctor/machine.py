@@ -14,6 +14,7 @@ from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
+from rosidl_py_gen.ros_cli.doctor.network import FIRST_PORT, PORTS_PER_DOMAIN
 from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, SecurityError, find_security, middleware, read_environment
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ _SHOWN_VARIABLES = (
     *("RMW_IMPLEMENTATION", "FASTDDS_BUILTIN_TRANSPORTS", "AMENT_PREFIX_PATH"),
 )
 _DDS = ("rmw_cyclonedds_cpp", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
-_FIRST_PORT = 7400
-_PORTS_PER_DOMAIN = 250
 _MIDDLEWARE_OF = {"cyclonedds": "dds", "eclipse-zenoh": "zenoh"}
 
 
@@ -113,13 +112,13 @@ def discovery_ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_loc
         low, high = map(int, file.read_text().split())
     except (OSError, ValueError):  # not Linux, or hidden
         return
-    first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id
-    if low <= first + _PORTS_PER_DOMAIN and first <= high:
+    first = FIRST_PORT + PORTS_PER_DOMAIN * domain_id
+    if low <= first + PORTS_PER_DOMAIN and first <= high:
         yield Finding(
             NOTE,
             f"the UDP ports of domain {domain_id} begin at {first}, in the range that Linux assigns to other programs "
             f"({low} to {high}): a port may be in use, or a node of another domain may be found",
-            f"a domain below {(low - _FIRST_PORT) // _PORTS_PER_DOMAIN} is safe",
+            f"a domain below {(low - FIRST_PORT) // PORTS_PER_DOMAIN} is safe",
         )
 
 

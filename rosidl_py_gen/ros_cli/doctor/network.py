@@ -25,8 +25,8 @@ _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # linux/if.h
 _GROUP = "239.255.0.1"
 """Multicast group of DDS discovery."""
 _MULTICAST_TIMEOUT_S = 0.2
-_FIRST_PORT = 7400
-_PORTS_PER_DOMAIN = 250
+FIRST_PORT = 7400
+PORTS_PER_DOMAIN = 250
 _MAX_DOMAIN = 101
 """Ports of higher domains are assigned to other programs, too."""
 _UNICAST_OFFSETS = range(10, 42, 2)
@@ -43,11 +43,6 @@ class Interface:
     is_loopback: bool | None = None
     multicast_flag: bool | None = None
     multicast_works: bool | None = None
-
-    @property
-    def reaches_others(self) -> bool:
-        """True if the interface probably leads to other machines."""
-        return bool(self.address and self.is_up and not self.is_loopback)
 
 
 def interfaces() -> list[Interface]:
@@ -112,7 +107,7 @@ def check_interfaces(interfaces: list[Interface], settings: DomainSettings | Non
         return
     if settings is None or settings.discovery_range.name != "SUBNET":
         return
-    yield from _check_subnet([one for one in interfaces if one.reaches_others], settings)
+    yield from _check_subnet([one for one in interfaces if one.address and one.is_up and not one.is_loopback], settings)
 
 
 def _describe(one: Interface, is_local: bool) -> Finding:
@@ -163,7 +158,7 @@ def other_domains(own: int, files: tuple[Path, ...] = (Path("/proc/net/udp"),)) 
             ports.update(int(line.split()[1].rpartition(":")[2], 16) for line in file.read_text().splitlines()[1:])
     domains = set()
     for port in ports:
-        domain, offset = divmod(port - _FIRST_PORT, _PORTS_PER_DOMAIN)
+        domain, offset = divmod(port - FIRST_PORT, PORTS_PER_DOMAIN)
         if 0 <= domain <= _MAX_DOMAIN and domain != own and (offset == 0 or offset in _UNICAST_OFFSETS):
             domains.add(domain)
     if domains:

@@ -20,6 +20,7 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.ros_cli.doctor.echo import topics
 from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
+from rosidl_py_gen.ros_cli.doctor.network import FIRST_PORT, PORTS_PER_DOMAIN
 from rosidl_py_gen.runtime import SecurityError, WaitTimeoutError
 
 if TYPE_CHECKING:
@@ -179,14 +180,15 @@ def _is_dds(command_node: CommandNode) -> bool:
 
 def _no_peers(command_node: CommandNode) -> Finding:
     settings = command_node.context.settings
-    first = 7400 + 250 * settings.domain_id
+    first = FIRST_PORT + PORTS_PER_DOMAIN * settings.domain_id
+    last = first + PORTS_PER_DOMAIN - 1
     advice = (
         f"check that the other nodes use ROS_DOMAIN_ID={settings.domain_id}, and a ROS_AUTOMATIC_DISCOVERY_RANGE that "
         f"fits {settings.discovery_range.name}."
     )
     if settings.discovery_range.name != "LOCALHOST":
         advice += (
-            f" Firewalls between machines must pass UDP ports {first} to {first + 249} and multicast to 239.255.0.1; "
+            f" Firewalls between machines must pass UDP ports {first} to {last} and multicast to 239.255.0.1; "
             "otherwise set ROS_STATIC_PEERS to the machines"
         )
     if not _is_dds(command_node):
