@@ -7,6 +7,7 @@ import contextlib
 import json
 import subprocess
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Int32
@@ -80,12 +81,10 @@ async def test_publishing_from_many_threads_loses_nothing_between_two_processes(
 
     with counter(0.0) as process:
         assert await publisher.wait_for_subscribers(timeout_s=10)
-        threads = [threading.Thread(target=publish, args=(number * each,)) for number in range(THREADS)]
-        for thread in threads:
-            thread.start()
-        told = await result(process)
-        for thread in threads:
-            thread.join(5)
+        with ThreadPoolExecutor(THREADS) as pool:
+            publishing = pool.map(publish, range(0, COUNT, each))
+            told = await result(process)
+            list(publishing)
     assert told["dropped"] == 0
     assert sorted(told["seen"]) == list(range(COUNT))
     for number in range(THREADS):  # and what one thread sends stays in order

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from rosidl_py_gen.runtime import Context, MemoryTransport
@@ -91,14 +91,8 @@ def test_threads_send_one_after_the_other_each_in_its_order() -> None:
     sent: list[tuple[int, int]] = []
     with Context(transport=MemoryTransport(), args=["p"]) as context:
         later = DeferredSender(context._core.loop_binding, sent.append)
-        threads = [
-            threading.Thread(target=lambda n=number: [later.add((n, count)) for count in range(500)])
-            for number in range(4)
-        ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        with ThreadPoolExecutor(4) as pool:
+            list(pool.map(lambda number: [later.add((number, count)) for count in range(500)], range(4)))
     assert len(sent) == 2000
     for number in range(4):
         assert [count for who, count in sent if who == number] == list(range(500))

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -34,20 +35,12 @@ def someone_waits(node: Node) -> bool:
 
 @contextlib.contextmanager
 def waiting_call(client: Any) -> Iterator[None]:
-    outcomes: list[BaseException] = []
-
-    def call() -> None:
-        try:
-            client.call_sync(SetBool.Request(), timeout_s=60)
-        except BaseException as error:
-            outcomes.append(error)
-
-    thread = threading.Thread(target=call)
-    thread.start()
-    yield
-    client.close()
-    thread.join(10)
-    assert [type(outcome) for outcome in outcomes] == [ClosedError]
+    with ThreadPoolExecutor() as pool:
+        call = pool.submit(client.call_sync, SetBool.Request(), timeout_s=60)
+        yield
+        client.close()
+        with pytest.raises(ClosedError):
+            call.result(10)
 
 
 @pytest.mark.every_transport
@@ -69,29 +62,20 @@ def test_two_threads_may_wait_for_services_without_a_loop(world: World) -> None:
         while not stop.is_set():
             await asyncio.sleep(0.01)
 
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    assert serving.wait(5)
     client = caller.create_client(AddTwoInts, "slow")
-    sums: dict[int, object] = {}
 
-    def call(number: int, timeout_s: float) -> None:
-        try:
-            sums[number] = client.call_sync(AddTwoInts.Request(a=number), timeout_s).sum
-        except CallTimeoutError as error:
-            sums[number] = error
+    def call(number: int, timeout_s: float) -> int:
+        return int(client.call_sync(AddTwoInts.Request(a=number), timeout_s).sum)
 
-    call(0, 20)  # the first call makes the private loop
-    threads = [threading.Thread(target=call, args=args) for args in ((1, 30), (2, 30), (3, 30), (4, 0.3))]
-    for one in threads:
-        one.start()
-    for one in threads:
-        one.join(40)
-        assert not one.is_alive()
-    stop.set()
-    thread.join()
-    assert isinstance(sums.pop(4), CallTimeoutError)
-    assert sums == {0: 0, 1: 1, 2: 2, 3: 3}
+    with ThreadPoolExecutor(5) as pool:
+        pool.submit(asyncio.run, serve())
+        assert serving.wait(5)
+        assert call(0, 20) == 0  # the first call makes the private loop
+        *calls, late = [pool.submit(call, *args) for args in ((1, 30), (2, 30), (3, 30), (4, 0.3))]
+        assert [one.result(40) for one in calls] == [1, 2, 3]
+        with pytest.raises(CallTimeoutError):
+            late.result(40)
+        stop.set()
 
 
 @pytest.mark.every_transport
@@ -169,59 +153,41 @@ def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(dds: Wor
 @pytest.mark.every_transport
 def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:
     client = world.node("caller").create_client(SetBool, "s")
-    outcomes: list[BaseException | None] = []
 
     def calls(times: int) -> None:
         for _ in range(times):
-            try:
+            with pytest.raises(CallTimeoutError):
                 client.call_sync(SetBool.Request(), timeout_s=0.02)
-            except BaseException as error:
-                outcomes.append(error)
 
     calls(1)
-    threads = [threading.Thread(target=calls, args=(10,)) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    calls(10)
-    for thread in threads:
-        thread.join(10)
-    assert len(outcomes) == 51
-    assert {type(outcome) for outcome in outcomes} == {CallTimeoutError}
+    with ThreadPoolExecutor(4) as pool:
+        others = [pool.submit(calls, 10) for _ in range(4)]
+        calls(10)
+        for other in others:
+            other.result(10)
 
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("style", ["paused", "ended"])
 def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, style: str) -> None:
     client = world.node("caller").create_client(SetBool, "s")
-    outcomes: list[BaseException] = []
+    loop = asyncio.new_event_loop()
 
-    def call() -> None:
-        try:
-            client.call_sync(SetBool.Request(), timeout_s=30)
-        except BaseException as error:
-            outcomes.append(error)
-
-    async def begin() -> threading.Thread:
+    async def begin() -> Future[Any]:
         with pytest.raises(WaitTimeoutError):
             await client.wait_for_service(timeout_s=0.01)  # attaches the loop
-        thread = threading.Thread(target=call)
-        thread.start()
+        call = pool.submit(client.call_sync, SetBool.Request(), timeout_s=30)
         await until(lambda: len(asyncio.all_tasks()) == 2)  # this one and the call
-        return thread
+        return call
 
-    if style == "ended":
-        thread = asyncio.run(begin())
-    else:
-        loop = asyncio.new_event_loop()
-        thread = loop.run_until_complete(begin())
-    thread.join(20)
-    assert not thread.is_alive()
-    assert [type(outcome) for outcome in outcomes] == [ClosedError]
+    with ThreadPoolExecutor() as pool:
+        call = asyncio.run(begin()) if style == "ended" else loop.run_until_complete(begin())
+        with pytest.raises(ClosedError):
+            call.result(20)
     with pytest.raises(CallTimeoutError):
         client.call_sync(SetBool.Request(), timeout_s=0.05)
-    if style == "paused":
-        end_tasks(loop)
-        loop.close()
+    end_tasks(loop)
+    loop.close()
 
 
 @pytest.mark.every_transport
@@ -237,19 +203,17 @@ def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
             except BaseException as error:
                 outcomes.append(type(error))
 
-    threads = [threading.Thread(target=calls) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    wait_until(lambda: someone_waits(node))
-
     async def main() -> None:
         async with node:
             node.create_service(SetBool, "s", lambda request: SetBool.Response(success=request.data))
             await until(lambda: True in outcomes)
             stop.set()
-            await asyncio.to_thread(lambda: [thread.join(5) for thread in threads])
+            await asyncio.to_thread(wait, waiting, 5)
 
-    asyncio.run(main())
+    with ThreadPoolExecutor(2) as pool:
+        waiting = [pool.submit(calls) for _ in range(2)]
+        wait_until(lambda: someone_waits(node))
+        asyncio.run(main())
     assert set(outcomes) <= {CallTimeoutError, True}
 
 
@@ -274,21 +238,20 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
     loop.run_until_complete(begin())
     call(0.05)
     loop.run_until_complete(go_on())
-    # The thread that took the context from the loop is not the last one that needs it.
-    threads = [threading.Thread(target=call, args=(timeout_s,)) for timeout_s in (0.2, 0.5)]
-    for thread in threads:
-        thread.start()
-        wait_until(lambda thread=thread: someone_waits(node) or not thread.is_alive())
-    for thread in threads:
-        thread.join(20)
-    loop.run_until_complete(go_on())
-    # Nothing can be given back once the context is closed.
-    last = threading.Thread(target=call, args=(60,))
-    last.start()
-    wait_until(lambda: someone_waits(node))
-    node.context.close()
-    last.join(10)
-    assert not last.is_alive()
+    with ThreadPoolExecutor() as pool:
+        # The thread that took the context from the loop is not the last one that needs it.
+        calls = []
+        for timeout_s in (0.2, 0.5):
+            calls.append(pool.submit(call, timeout_s))
+            wait_until(lambda: someone_waits(node) or calls[-1].done())
+        for one in calls:
+            one.result(20)
+        loop.run_until_complete(go_on())
+        # Nothing can be given back once the context is closed.
+        last = pool.submit(call, 60)
+        wait_until(lambda: someone_waits(node))
+        node.context.close()
+        last.result(10)
     loop.close()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -51,21 +52,14 @@ def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
     task = forgotten.create_task(abandoned)
     forgotten.run_until_complete(asyncio.sleep(0))
     forgotten.close()
-    outcomes: list[bool] = []
-    threads = [
-        threading.Thread(target=lambda: outcomes.append(asyncio.run(waiters.wait(happened.is_set, 60))))
-        for _ in range(3)
-    ]
-    for thread in threads:
-        thread.start()
-    while len(waiters._futures) < 4:
-        time.sleep(0.001)
-    happened.set()
-    waiters.wake()
-    waiters.wake()
-    for thread in threads:
-        thread.join(20)
-    assert outcomes == [True] * 3
+    with ThreadPoolExecutor(3) as pool:
+        waiting = [pool.submit(asyncio.run, waiters.wait(happened.is_set, 60)) for _ in range(3)]
+        while len(waiters._futures) < 4:
+            time.sleep(0.001)
+        happened.set()
+        waiters.wake()
+        waiters.wake()
+        assert [one.result(20) for one in waiting] == [True] * 3
     with pytest.raises(RuntimeError, match="closed"):
         task.cancel()
     task._log_destroy_pending = False
