@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -57,18 +58,12 @@ def connected(driver: LoopRunner, node: Node) -> tuple[Publisher[String], Subscr
     return publisher, subscription
 
 
-def started(function: Callable[[], object]) -> tuple[threading.Thread, list[Any]]:
-    outcomes: list[Any] = []
-
-    def call() -> None:
-        try:
-            outcomes.append(function())
-        except BaseException as error:
-            outcomes.append(error)
-
-    thread = threading.Thread(target=call)
-    thread.start()
-    return thread, outcomes
+def started(function: Callable[[], object]) -> Future[Any]:
+    """Call a function in a thread of its own."""
+    pool = ThreadPoolExecutor(1)
+    future = pool.submit(function)
+    pool.shutdown(wait=False)
+    return future
 
 
 def is_driven(driver: LoopRunner, waiting: int = 1) -> bool:
@@ -184,8 +179,8 @@ def test_the_answer_is_that_of_the_condition(driver: LoopRunner) -> None:
     with pytest.raises(ZeroDivisionError):
         driver.wait(lambda: 1 / 0)
     answers = iter([0, 0, 1 / 1])
-    thread, _ = started(lambda: driver.wait(lambda: next(answers)))
-    while thread.is_alive():
+    waiting = started(lambda: driver.wait(lambda: next(answers)))
+    while not waiting.done():
         driver.wake()
     assert list(answers) == []
 
@@ -200,9 +195,7 @@ def test_a_wake_up_is_not_left_to_the_periodic_check(
     wait_until(lambda: is_driven(driver, 3))
     done.append(1)
     driver.wake()
-    for thread, outcomes in waits:
-        thread.join(10)
-        assert outcomes == [[1]]
+    assert [one.result(10) for one in waits] == [[1]] * 3
 
 
 def test_wrong_arguments_are_refused(driver: LoopRunner) -> None:
@@ -234,9 +227,8 @@ def test_what_a_condition_takes_is_not_lost_between_threads(driver: LoopRunner, 
             driver.wait(timeout_s=0)
     for _ in threads:
         publisher.publish(String(data="end"))
-    for thread, outcomes in threads:
-        thread.join(20)
-        assert outcomes == [None]
+    for thread in threads:
+        thread.result(20)
     assert sorted(map(int, found)) == list(range(300))
 
 
@@ -278,24 +270,21 @@ def test_a_callback_that_fails_ends_the_wait_where_that_is_asked_for(driver: Loo
 def test_one_drives_the_others_wait_and_one_takes_over(driver: LoopRunner, node: Node) -> None:
     publisher, heard = node.create_publisher(String, "t"), list[str]()
     node.create_subscription(String, "t", lambda message: heard.append(message.data))
-    first, first_found = started(lambda: driver.wait(lambda: "1" in heard))
+    first = started(lambda: driver.wait(lambda: "1" in heard))
     wait_until(lambda: is_driven(driver))
-    second, second_found = started(lambda: driver.wait(lambda: "2" in heard))
-    third, third_found = started(lambda: driver.wait(lambda: "3" in heard))
-    late, late_found = started(lambda: driver.wait(lambda: "never" in heard, timeout_s=0.02))
-    late.join(10)
-    assert late_found == [False]  # by its own limit
+    second = started(lambda: driver.wait(lambda: "2" in heard))
+    third = started(lambda: driver.wait(lambda: "3" in heard))
+    late = started(lambda: driver.wait(lambda: "never" in heard, timeout_s=0.02))
+    assert late.result(10) is False  # by its own limit
     wait_until(lambda: is_driven(driver, 3))
     publisher.publish(String(data="2"))  # of one that waits beside
-    second.join(10)
-    assert second_found == [True]
+    assert second.result(10)
     assert is_driven(driver, 2)
     publisher.publish(String(data="1"))  # of the driver: the third goes on
-    first.join(10)
+    assert first.result(10)
     wait_until(lambda: is_driven(driver))
     publisher.publish(String(data="3"))
-    third.join(10)
-    assert [first_found, third_found] == [[True], [True]]
+    assert third.result(10)
     assert not driver.loop.is_running()
 
 
@@ -309,17 +298,17 @@ def test_a_condition_that_fails_concerns_its_own_wait_only(driver: LoopRunner) -
             raise OSError("mine")
         return False
 
-    thread, outcomes = started(lambda: driver.wait(lambda: done))
+    waiting = started(lambda: driver.wait(lambda: done))
     wait_until(lambda: is_driven(driver))
-    other, failures = started(lambda: driver.wait(fails_later))
-    while other.is_alive():
+    failing = started(lambda: driver.wait(fails_later))
+    while not failing.done():
         driver.wake()
-    assert [str(failure) for failure in failures] == ["mine"]
-    assert thread.is_alive()
+    with pytest.raises(OSError, match="mine"):
+        failing.result()
+    assert not waiting.done()
     done.append(1)
     driver.wake()
-    thread.join(10)
-    assert outcomes == [[1]]
+    assert waiting.result(10) == [1]
 
 
 def test_a_function_is_called_in_the_loop_by_whoever_runs_it(driver: LoopRunner) -> None:
@@ -331,9 +320,10 @@ def test_a_function_is_called_in_the_loop_by_whoever_runs_it(driver: LoopRunner)
 
     assert driver.call(where) == (threading.get_ident(), True, "mine")
     stop: list[int] = []
-    thread, _ = started(lambda: driver.wait(lambda: stop))
+    waiting = started(lambda: driver.wait(lambda: stop) and threading.get_ident())
     wait_until(lambda: is_driven(driver))
-    assert driver.call(where) == (thread.ident, True, "mine")
+    leader, *rest = driver.call(where)
+    assert rest == [True, "mine"]
     with pytest.raises(ZeroDivisionError):
         driver.call(lambda: 1 / 0)
 
@@ -345,7 +335,7 @@ def test_a_function_is_called_in_the_loop_by_whoever_runs_it(driver: LoopRunner)
     assert driver.run(rung()) == "rung"
     stop.append(1)
     driver.wake()
-    thread.join(10)
+    assert waiting.result(10) == leader != threading.get_ident()
     with pytest.raises(ZeroDivisionError):
         driver.call(lambda: 1 / 0)
 
@@ -407,13 +397,13 @@ def handler(number: int, function: Callable[..., Any]) -> Iterator[None]:
         signal.signal(number, before)
 
 
-def send_when(is_so: Callable[[], object], number: int, *, interrupts_main_thread: bool = True) -> threading.Thread:
+def send_when(is_so: Callable[[], object], number: int, *, interrupts_main_thread: bool = True) -> Future[Any]:
     def send() -> None:
         wait_until(is_so)
         interrupted = threading.main_thread() if interrupts_main_thread else threading.current_thread()
         signal.pthread_kill(interrupted.ident or 0, number)
 
-    return started(send)[0]
+    return started(send)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -427,20 +417,19 @@ def test_ctrl_c_ends_the_wait_of_the_main_thread_and_others_go_on(
     publisher, subscription = connected(driver, node)
     waiting = 1
     if role == "waits":
-        waiting, (beside, found) = 2, started(lambda: driver.wait(subscription.take))
+        waiting, beside = 2, started(lambda: driver.wait(subscription.take))
         wait_until(lambda: is_driven(driver))
     sender = send_when(lambda: is_driven(driver, waiting), signal.SIGINT, interrupts_main_thread=interrupts_main_thread)
     began_s = time.monotonic()
     with handler(signal.SIGINT, signal.default_int_handler), pytest.raises(KeyboardInterrupt):
         driver.wait(timeout_s=60)
     assert time.monotonic() - began_s < 30
-    sender.join(10)
+    sender.result(10)
     if role == "drives":
         assert not driver.loop.is_running()
-        beside, found = started(lambda: driver.wait(subscription.take))
+        beside = started(lambda: driver.wait(subscription.take))
     publisher.publish(String(data="a"))
-    beside.join(10)
-    assert [message.data for message in found] == ["a"]
+    assert beside.result(10).data == "a"
     publisher.publish(String(data="b"))
     assert driver.wait(subscription.take, timeout_s=10).data == "b"
 
@@ -456,7 +445,7 @@ def test_a_signal_handler_may_wake(driver: LoopRunner) -> None:
     sender = send_when(lambda: is_driven(driver), signal.SIGUSR1)
     with handler(signal.SIGUSR1, on_signal):
         assert driver.wait(lambda: came, timeout_s=20) == [signal.SIGUSR1]
-    sender.join(10)
+    sender.result(10)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -470,7 +459,7 @@ def test_ctrl_c_ends_a_wait_in_a_coroutine(driver: LoopRunner) -> None:
 
     with handler(signal.SIGINT, lambda *_: signal.default_int_handler(signal.SIGINT, None)):
         asyncio.run(main())
-    sender.join(10)
+    sender.result(10)
     assert [one.name for one in threading.enumerate() if one.name.startswith("rosidl-py-gen")] == []
 
 
@@ -531,9 +520,9 @@ def test_closing_ends_all_waits(node: Node, driver: LoopRunner) -> None:
     node.context.close()
     driver.close()
     driver.close()
-    for thread, outcomes in waits:
-        thread.join(10)
-        assert [str(outcome) for outcome in outcomes] == ["this LoopRunner is closed"]
+    for waiting in waits:
+        with pytest.raises(ClosedError, match="this LoopRunner is closed"):
+            waiting.result(10)
     assert task.cancelled()
     assert driver.is_closed
     assert driver.loop.is_closed()
