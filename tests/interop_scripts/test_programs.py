@@ -11,7 +11,6 @@ from observed_programs import (
     Case,
     Graph,
     Interrupt,
-    Observation,
     Observed,
     Parameters,
     Printed,
@@ -107,14 +106,3 @@ CASES = [
 def test_a_program_does_the_same(case: Case, observed: Observed) -> None:
     if different := difference(case, *observed(case)):
         pytest.fail(different, pytrace=False)
-
-
-def test_an_abort_of_real_rclpy_is_looked_over_only_where_a_thread_stays_in_it() -> None:
-    aborted = Observation(output=["main ends"], errors=["terminate called without an active exception"], code=-6)
-    ended = Observation(output=["main ends"], code=0)
-    stays = Case("leaves_early", leaves_threads=True)
-    assert not difference(stays, aborted, ended)
-    assert difference(Case("talker"), aborted, ended)
-    assert difference(stays, ended, aborted)
-    assert difference(stays, aborted, Observation(output=["main ends"], code=1))
-    assert difference(stays, aborted, Observation(code=0))

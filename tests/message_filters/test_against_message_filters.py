@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import random
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -78,21 +77,6 @@ def test_exact_sets_are_those_of_message_filters(message_filters: Any, stream: A
 def test_approximate_sets_are_those_of_message_filters(message_filters: Any, stream: Any, slop_s: float) -> None:
     inputs, size, messages = stream
     assert sets(inputs, size, slop_s, messages) == message_filters.ask(["sets", inputs, size, slop_s, messages])
-
-
-def test_sensors_with_jitter_make_the_sets_of_message_filters(message_filters: Any) -> None:
-    rng = random.Random(5)
-    arriving = []
-    for index, period in enumerate((33 * MS, 50 * MS, 100 * MS)):
-        for number in range(300):
-            stamp = 10**9 + number * period + rng.randrange(5 * MS)
-            if rng.random() > 0.1:
-                arriving.append((stamp + rng.randrange(60 * MS), index, stamp))
-    messages = [(index, stamp) for _, index, stamp in sorted(arriving)]
-    for slop_s in (0.005, 0.02, 0.05):
-        wanted = message_filters.ask(["sets", 3, 10, slop_s, messages])
-        assert sets(3, 10, slop_s, messages) == wanted
-        assert slop_s < 0.02 or sum(map(len, wanted)) > 60
 
 
 @given(

@@ -69,13 +69,10 @@ def test_arguments_without_options_are_deprecated(words: str, rotation: Any, cap
         ("--frame-id a --child-frame-id a", "both 'a'; expected two frames"),
         (f"{FRAMES} --x one", "--x: got 'one'; expected a number such as 1.5"),
         (f"{FRAMES} --x nan", "--x: got 'nan'"),
-        (f"{FRAMES} --yaw inf", "--yaw: got 'inf'"),
         (f"{FRAMES} --yaw 1 --qw 1", "found --yaw, --qw; expected angles or a quaternion"),
         (f"{FRAMES} --w 1", "found '--w' of 6 arguments; expected options as in --help, or only x y z"),
         ("1 2 3 4 5 6 a b --x 1", "found '1' of 10 arguments"),
-        ("1 2 3 4 5 6 7 a b --frame-id c", "found '1' of 11 arguments"),
         ("1 2 3 4 5 6 a b 100", "--qw: got 'a'"),  # the period of ROS 1
-        ("1 2 3 4 5 6 a a", "both 'a'"),
         ("1 2 3 4 5 6 7 8 a b", "found '1' of 10 arguments"),
     ],
 )
@@ -118,7 +115,7 @@ async def test_a_process_ends_with_its_code(dds: World) -> None:
     process.send_signal(signal.SIGINT)
     out, err = await process.communicate()
     assert process.returncode == 0 and b"frame_id map, child_frame_id odom" in out + err
-    for words, code in (("--x 1 -h", 0), ("--help", 0), ("--frame-id a", 1)):
+    for words, code in (("--x 1 -h", 0), ("--frame-id a", 1)):
         process = await start_process(*command, *words.split(), stderr=-1, stdout=-1)
         out, err = await process.communicate()
         assert process.returncode == code and out.startswith(b"usage: static_transform_publisher") == (code == 0)

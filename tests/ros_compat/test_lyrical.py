@@ -38,24 +38,16 @@ node.trigger_configure()
 Broken("broken").trigger_configure()
 spin_until(lambda: len(seen) == 2)
 for event in seen:
-    stamp = event.stamp.sec > 0 if hasattr(event, "stamp") else event.timestamp
-    print(stamp, event.transition.id, event.transition.label, event.goal_state.label)
+    print(event.stamp.sec > 0, event.transition.id, event.transition.label, event.goal_state.label)
 """
 
 
-@pytest.mark.parametrize(
-    ("distro", "expected"),
-    [
-        ("lyrical", ["True 1 configure configuring", "True 10 transition_success inactive"]),
-        ("jazzy", ["0 0  configuring", "0 0  inactive"]),
-    ],
-)
-def test_lifecycle_events_have_the_definition_of_the_distribution(
-    tmp_path: Path, distro: str, expected: list[str]
-) -> None:
+def test_lifecycle_events_have_the_definition_of_the_distribution(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM, encoding="utf-8")
     settings = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    done = run(program, ROS_DISTRO=distro, **settings)
-    assert done.stdout.splitlines() == expected, done.stderr
+    done = run(program, ROS_DISTRO="lyrical", **settings)
+    assert done.stdout.splitlines() == ["True 1 configure configuring", "True 10 transition_success inactive"], (
+        done.stderr
+    )
     assert "[broken]: on_configure raised ValueError: broken\n" in done.stderr  # rclpy does not log it

@@ -120,21 +120,6 @@ async def until_infos(peer, topic, what, nodes):
     ]
 
 
-def log(peer, text):
-    """Log once with every level; rclpy requires a line of its own for each level."""
-    logger = peer.node.get_logger()
-    logger.info(text)
-    logger.warning(text)
-    logger.error(text)
-    logger.fatal(text)
-
-
-async def now_ns(peer, node, at_least):
-    clock = peer.nodes[node].get_clock()
-    await peer.until(lambda: clock.now().nanoseconds >= at_least)
-    return clock.now().nanoseconds
-
-
 def introspect(peer, kind, name, state):
     peer.entities[kind, name].configure_introspection(
         peer.node.get_clock(), qos_profile_system_default, getattr(ServiceIntrospectionState, state)
