@@ -18,8 +18,6 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
 from support.bag_samples import count_of, wait_for_lines, write_foreign, write_map_and_words
@@ -237,14 +235,6 @@ def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
 )
 def test_keys_are_what_terminals_send(data: bytes, keys: list[str], rest: bytes) -> None:
     assert keys_of(data) == (keys, rest)
-
-
-@given(st.lists(st.sampled_from([RIGHT, UP, DOWN, SPACE, b"q"])), st.integers(0, 40))
-def test_keys_may_come_in_pieces(sent: list[bytes], cut: int) -> None:
-    whole = b"".join(sent)
-    first, rest = keys_of(whole[:cut])
-    second, left = keys_of(rest + whole[cut:])
-    assert (first + second, left) == keys_of(whole)
 
 
 class Terminal:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from support.browser import Browser
     from support.node_fixtures import World
 
+    from rosidl_py_gen.runtime import Node
+
 __all__ = ["browser"]
 
 pytestmark = pytest.mark.needs("matplotlib")
@@ -323,8 +325,20 @@ def test_reduced_lines_have_first_last_and_extremes_of_each_bucket(seed: int) ->
     assert same[1].tolist() == [0.0, 999.0]
 
 
-async def test_a_topic_is_plotted_while_it_is_received(memory: World, tool: Any, tmp_path: Path) -> None:
-    node = memory.node("robot", enable_rosout=False, parameter_events=False)
+@pytest.fixture
+def node(memory: World) -> Node:
+    return memory.node("robot", enable_rosout=False, parameter_events=False)
+
+
+async def send_numbers(publisher: Any, count: int, interval_s: float, factor: float = 1.0) -> None:
+    """Publish 0, 1, ... as soon as there is a subscriber."""
+    await publisher.wait_for_subscribers(5)
+    for number in range(count):
+        publisher.publish(Float64(data=number * factor))
+        await asyncio.sleep(interval_s)
+
+
+async def test_a_topic_is_plotted_while_it_is_received(node: Node, tool: Any, tmp_path: Path) -> None:
     publisher, switch = node.create_publisher(Imu, "/imu"), node.create_publisher(Bool, "/on")
     out = tmp_path / "live.svg"
     words = ("/imu", "angular_velocity.x", "/on", "data", "--stamp")
@@ -347,14 +361,10 @@ async def test_a_topic_is_plotted_while_it_is_received(memory: World, tool: Any,
     assert (np.diff(heights) < 0).all()
 
 
-async def test_a_live_plot_ends_after_messages_or_seconds(memory: World, tool: Any, tmp_path: Path) -> None:
-    node = memory.node("robot", enable_rosout=False, parameter_events=False)
+async def test_a_live_plot_ends_after_messages_or_seconds(node: Node, tool: Any, tmp_path: Path) -> None:
     publisher = node.create_publisher(Float64, "/f")
     process = await tool.start("topic", "plot", "/f", "-n", "3")
-    await publisher.wait_for_subscribers(5)
-    for number in range(4):
-        publisher.publish(Float64(data=number * 2.0))
-        await asyncio.sleep(0.1)
+    await send_numbers(publisher, 4, 0.1, factor=2.0)
     ended = await tool.end(process)
     assert ended.code == 0 and ended.out.startswith("/f\n4.00 ┤") and "━ data\n" in ended.out
     silent = await tool("topic", "plot", "/f", "data", "--duration", "2")
@@ -365,13 +375,12 @@ async def test_a_live_plot_ends_after_messages_or_seconds(memory: World, tool: A
     assert missing.code == 1 and "no topic /g was found" in missing.err
     options = ("--duration", "10", "--last", "1", "--out", str(tmp_path / "a.png"))
     process = await tool.start("topic", "plot", "/f", *options)
-    await publisher.wait_for_subscribers(5)
-    publisher.publish(Float64(data=1.0))
+    await send_numbers(publisher, 1, 0)
     ended = await tool.end(process)
     assert (ended.code, ended.out) == (0, f"1 messages of /f in {tmp_path / 'a.png'}\n")
 
 
-async def test_a_window_is_redrawn_until_it_is_closed(memory: World, tool: Any, monkeypatch: Any) -> None:
+async def test_a_window_is_redrawn_until_it_is_closed(node: Node, tool: Any, monkeypatch: Any) -> None:
     from rosidl_py_gen.ros_cli.topic import plot
 
     drawn: list[int] = []
@@ -386,28 +395,18 @@ async def test_a_window_is_redrawn_until_it_is_closed(memory: World, tool: Any, 
                 drawn.append(panels[0].count)
 
     monkeypatch.setattr(plot, "plot_window", lambda count, in_terminal: nullcontext(Window()))
-    node = memory.node("robot", enable_rosout=False, parameter_events=False)
-    publisher = node.create_publisher(Float64, "/f")
     process = await tool.start("topic", "plot", "/f")
-    await publisher.wait_for_subscribers(5)
-    for number in range(5):
-        publisher.publish(Float64(data=float(number)))
-        await asyncio.sleep(0.4)
+    await send_numbers(node.create_publisher(Float64, "/f"), 5, 0.4)
     ended = await tool.end(process)
     assert (ended.code, ended.out, drawn) == (0, "4 messages of /f\n", [1, 2, 3, 4])
 
 
-async def test_a_terminal_is_redrawn(memory: World, tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_terminal_is_redrawn(node: Node, tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[int] = []
     monkeypatch.setattr(output.terminal_output, "is_terminal", lambda: True)
     monkeypatch.setattr(output, "_rows", lambda panels, axis: drawn.append(panels[0].count) or [])
-    node = memory.node("robot", enable_rosout=False, parameter_events=False)
-    publisher = node.create_publisher(Float64, "/f")
     process = await tool.start("topic", "plot", "/f", "--duration", "2")
-    await publisher.wait_for_subscribers(5)
-    for number in range(6):
-        publisher.publish(Float64(data=float(number)))
-        await asyncio.sleep(0.3)
+    await send_numbers(node.create_publisher(Float64, "/f"), 6, 0.3)
     assert (await tool.end(process)).code == 0
     assert drawn == sorted(drawn) and len({*drawn}) >= 4 and drawn[-1] == 6
 

@@ -91,20 +91,16 @@ class TopicPublishers:
 
         With a limit of the user, missing acknowledgements are noted.
         """
-        if timeout_ms is None:
-            await wait_each_until_timeout(
-                publisher.wait_for_acknowledged(_ACKNOWLEDGEMENT_TIMEOUT_S) for publisher in self._publishers
-            )
-            return
-        for publisher in self._publishers:
-            if publisher.qos.reliability is Reliability.BEST_EFFORT:
-                terminal_output.note(
-                    f"--wait-for-all-acked: {publisher.topic} is best effort, without acknowledgements"
-                )
-        timeout_s = timeout_ms / 1000 if timeout_ms else None
-        waits = (publisher.wait_for_acknowledged(timeout_s) for publisher in self._publishers)
-        for timed_out in await wait_each_until_timeout(waits):
-            terminal_output.note(f"--wait-for-all-acked: {timed_out}")
+        timeout_s = _ACKNOWLEDGEMENT_TIMEOUT_S if timeout_ms is None else timeout_ms / 1000 or None
+        waits = [publisher.wait_for_acknowledged(timeout_s) for publisher in self._publishers]
+        notes: list[object] = [
+            f"{publisher.topic} is best effort, without acknowledgements"
+            for publisher in self._publishers
+            if publisher.qos.reliability is Reliability.BEST_EFFORT
+        ]
+        notes += await wait_each_until_timeout(waits)
+        for text in notes if timeout_ms is not None else ():
+            terminal_output.note(f"--wait-for-all-acked: {text}")
 
 
 async def wait_each_until_timeout(waits: Iterable[Awaitable[object]]) -> list[WaitTimeoutError]:

@@ -14,43 +14,34 @@ class Timeline:
     def __init__(self, at_ns: int, rate: float, *, is_paused: bool = False) -> None:
         self._at_ns = at_ns
         self._since_s = now_s()
-        self._rate = rate
-        self._is_paused = is_paused
+        self.rate = rate
+        """Speed; 2.0 is twice as fast."""
+        self.is_paused = is_paused
         self._wake_up: asyncio.Future[bool] | None = None
         self._changes = 0
 
-    @property
-    def rate(self) -> float:
-        """Speed; 2.0 is twice as fast."""
-        return self._rate
-
-    @property
-    def is_paused(self) -> bool:
-        """True while paused."""
-        return self._is_paused
-
     def now_ns(self) -> int:
         """Return the time of the recording, in nanoseconds."""
-        if self._is_paused:
+        if self.is_paused:
             return self._at_ns
-        return self._at_ns + round((now_s() - self._since_s) * self._rate * NS_PER_S)
+        return self._at_ns + round((now_s() - self._since_s) * self.rate * NS_PER_S)
 
     def pause(self) -> None:
         """Stop the time."""
         self.jump(self.now_ns())
-        self._is_paused = True
+        self.is_paused = True
 
     def resume(self) -> None:
         """Continue the time."""
         self.jump(self.now_ns())
-        self._is_paused = False
+        self.is_paused = False
 
     def set_rate(self, rate: float) -> bool:
         """Set the rate; returns False if it is not a positive number."""
         if not 0 < rate < float("inf"):
             return False
         self.jump(self.now_ns())
-        self._rate = rate
+        self.rate = rate
         return True
 
     def jump(self, at_ns: int) -> None:
@@ -66,8 +57,8 @@ class Timeline:
 
     async def until(self, at_ns: int | None) -> bool:
         """Wait for a time, None without end; returns False if the time was changed, so that it must be rechecked."""
-        if not self._is_paused and at_ns is not None:
-            left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self._rate - now_s()
+        if not self.is_paused and at_ns is not None:
+            left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self.rate - now_s()
             if left_s <= 0:
                 before = self._changes
                 await asyncio.sleep(0)

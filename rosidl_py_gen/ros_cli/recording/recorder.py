@@ -67,7 +67,6 @@ class Recorder:
         self._selection = selection
         self._qos = qos
         self._subscriptions: list[AdaptiveSubscription[bytes]] = []
-        self._has_searched = False
         self._compile_lock = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
         self._owners: set[TopicOwner] = set()  # of what is recorded
@@ -79,20 +78,15 @@ class Recorder:
         self.early = 0
         """Number of skipped messages before the first time of ``/clock``."""
 
-    def pause(self) -> None:
-        """Skip received messages."""
-        if not self.is_paused:
-            self.is_paused = True
-            self._note("paused")
-
-    def resume(self) -> None:
-        """Record received messages."""
-        if self.is_paused:
-            self.is_paused = False
-            self._note("recording resumed")
+    def set_paused(self, is_paused: bool) -> None:
+        """Skip received messages, or record them."""
+        if is_paused != self.is_paused:
+            self.is_paused = is_paused
+            self._note("paused" if is_paused else "recording resumed")
 
     def toggle_paused(self) -> None:
-        (self.resume if self.is_paused else self.pause)()
+        """Pause or resume."""
+        self.set_paused(not self.is_paused)
 
     def split(self) -> None:
         """Continue in a new file."""
@@ -127,6 +121,8 @@ class Recorder:
                     if self._options.no_discovery:
                         raise CommandError(f"no publisher of {what}, and --no-discovery does not wait for one")
                     terminal_output.note(f"no publisher of {what} yet; waiting for it")
+            if self._options.no_discovery:
+                await asyncio.Event().wait()
             pause_s = self._options.polling_ms / 1000
             await asyncio.sleep(pause_s)
             self._subscribe_to_new()
@@ -153,9 +149,6 @@ class Recorder:
                     task.result()  # raises its error
 
     def _subscribe_to_new(self) -> None:
-        if self._has_searched and self._options.no_discovery:
-            return
-        self._has_searched = True
         for name, kinds in self._node.get_topic_names_and_types():
             is_wanted = name not in self.recorded and self._selection.takes(name, kinds[0])
             if not (is_wanted and self._has_required_endpoints(name) and self._is_valid(name, kinds[0])):
@@ -309,8 +302,8 @@ async def _record(
 
 def _serve(node: Node, recorder: Recorder, *, snapshots: bool) -> None:
     handlers: dict[str, Callable[[Any], dict[str, Any] | None]] = {
-        "pause": lambda _: recorder.pause(),
-        "resume": lambda _: recorder.resume(),
+        "pause": lambda _: recorder.set_paused(True),
+        "resume": lambda _: recorder.set_paused(False),
         "toggle_paused": lambda _: recorder.toggle_paused(),
         "is_paused": lambda _: {"paused": recorder.is_paused},
         "split_bagfile": lambda _: recorder.split(),
