@@ -355,6 +355,7 @@ async def test_the_graph_is_told_and_followed(node: Node, memory: World, watchin
         for _ in range(5):  # each time it is told the whole
             await seen.send("unsubscribeConnectionGraph")
             await seen.send("subscribeConnectionGraph")
+        await seen.handled()
         other.close()
         gone = "/other/list_parameters"
         await seen.until(lambda: any(gone in said["removedServices"] for said in seen.of("connectionGraphUpdate")))

@@ -12,10 +12,14 @@ K = TypeVar("K")
 
 
 class KeyedTasks(Generic[K]):
-    """Task for each wanted key, by `run`; it is cancelled when the key is not wanted any more."""
+    """Task for each wanted key, by `run`; it is cancelled when the key is not wanted any more.
 
-    def __init__(self, run: Callable[[K], Coroutine[Any, Any, None]]) -> None:
+    `limiter` is for the part of a task that sends requests to nodes.
+    """
+
+    def __init__(self, run: Callable[[K], Coroutine[Any, Any, None]], max_concurrent: int = 8) -> None:
         self._run = run
+        self.limiter = asyncio.Semaphore(max_concurrent)
         self._tasks: dict[K, asyncio.Task[None]] = {}
 
     def update(self, wanted: Collection[K]) -> None:

@@ -27,7 +27,6 @@ _TIMEOUT_S = 5.0
 """Timeout of requests to a node."""
 _FIRST_REPLY_S = 1.5
 """Time that the first viewer waits for the nodes; later replies are in the next update."""
-_MAX_CONCURRENT = 4
 _SEPARATOR = "."
 """Separator of node and parameter; names of nodes do not contain it."""
 
@@ -49,8 +48,7 @@ class ParameterBridge:
         self._values: dict[str, dict[str, Any]] = {}
         """Node -> parameter -> value."""
         self._changed_names: set[str] = set()
-        self._queries = KeyedTasks(self._query)
-        self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
+        self._queries = KeyedTasks(self._query, max_concurrent=4)
         self._listening: asyncio.Task[None] | None = None
         self._first: asyncio.Task[None] | None = None
 
@@ -63,7 +61,7 @@ class ParameterBridge:
         self._queries.update([node for node in current if not is_hidden_node(node)])
 
     async def _query(self, node: str) -> None:
-        async with self._limiter:
+        async with self._queries.limiter:
             try:
                 with closing(self._node.create_parameter_client(node)) as client:
                     names = (await client.list(timeout_s=_TIMEOUT_S)).names

@@ -120,7 +120,7 @@ class ClientPublishing:
                 return await self._compiling.run(lambda: get_message(name, path=self._paths))
             except TypeNotFoundError:
                 if offer.schema_encoding == "ros2msg":
-                    return await self._compile(name, offer.schema)
+                    return await self._compiling.run(self._compiled_class, name, offer.schema)
                 if not await self._command_node.wait_for(lambda: self._has_type(topic, name)):
                     raise
         cls: type[Message] = await type_resolution.interface_class(
@@ -135,13 +135,7 @@ class ClientPublishing:
             raise CommandError(f"its type is {', '.join(announced)}; expected {name}")
         return bool(announced)
 
-    async def _compile(self, name: str, schema: bytes) -> type[Message]:
-        cls = await self._compiling.run(self._compiled_class, name, schema)
-        if not issubclass(cls, Message):
-            raise CommandError(f"{name} is a service or action; expected a message")
-        return cls
-
-    def _compiled_class(self, name: str, schema: bytes) -> type[Any]:
+    def _compiled_class(self, name: str, schema: bytes) -> type[Message]:
         """Return the class of a definition. Thread: worker."""
         key = (name, hashlib.sha256(schema).digest())
         if key not in self._compiled:
@@ -153,7 +147,10 @@ class ClientPublishing:
                 )
             self._compiled[key] = compile_definition(name, schema.decode(errors="replace"))
             self._compiled_bytes = size
-        return self._compiled[key]
+        cls = self._compiled[key]
+        if not issubclass(cls, Message):
+            raise CommandError(f"{name} is a service or action; expected a message")
+        return cls
 
     async def _publish(self, client: _ClientPublisher, topic: str, data: bytes) -> None:
         assert client.decoder is not None and client.publisher is not None

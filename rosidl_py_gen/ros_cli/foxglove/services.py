@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Client
 
 _CALL_TIMEOUT_S = 10.0
-_MAX_CONCURRENT = 8
 _LINE = "=" * 80 + "\n"
 _SECTION = re.compile(rf"^{_LINE}", re.MULTILINE)
 _RESPONSE = re.compile(r"^---[ \t\r]*\n", re.MULTILINE)
@@ -43,7 +42,6 @@ class ServiceBridge:
         self._clients: dict[int, Client[Any, Any] | None] = {}
         """Clients of advertised services by their number for viewers; None before the first call."""
         self._tasks = KeyedTasks(self._show)
-        self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
         self._decoding = Worker()
 
     def refresh(self) -> None:
@@ -61,7 +59,7 @@ class ServiceBridge:
         name, type_name = name_and_type
         try:
             split_ros_name(type_name, "srv")
-            async with self._limiter:
+            async with self._tasks.limiter:
                 cls: Any = await type_resolution.interface_class(
                     self._command_node, "service", name, type_name, self._paths
                 )

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel
     from rosidl_py_gen.runtime import TopicEndpointInfo
 
-_MAX_CONCURRENT = 8
-"""Number of definitions that are requested at a time."""
-
 
 class _Key(NamedTuple):
     topic: str
@@ -71,7 +68,6 @@ class TopicBridge:
         self._hidden = hidden
         self._topics: dict[_Key, _WatchedTopic] = {}
         self._tasks = KeyedTasks(self._show)
-        self._limiter = asyncio.Semaphore(_MAX_CONCURRENT)
 
     def refresh(self) -> None:
         """Advertise new topics, and withdraw those that have disappeared."""
@@ -95,7 +91,7 @@ class TopicBridge:
         return [one for one in infos if one.participant_guid not in own]
 
     async def _show(self, key: _Key) -> None:
-        async with self._limiter:
+        async with self._tasks.limiter:
             text, cls = await self._definition(key)
         topic = self._topics[key] = _WatchedTopic(self._server.open_channel(key.topic, key.type_name, text), cls)
         try:

@@ -70,8 +70,6 @@ def reduced(times: Floats, values: Floats, count: int) -> tuple[Floats, Floats]:
 
     The times rise. Values that are not numbers count only as the first and last ones.
     """
-    if len(times) <= 4 * count:
-        return times, values
     width = (times[-1] - times[0]) / count or 1.0
     buckets = np.minimum((times - times[0]) // width, count - 1)
     starts = np.flatnonzero(np.diff(buckets, prepend=-1.0))
@@ -113,8 +111,6 @@ class TopicLines:
 
     def use(self, cls: type[Any]) -> None:
         """Prepare for messages of a class; raises `CommandError` for fields that cannot be drawn."""
-        if cls in self._columns:
-            return
         if self._by_stamp:
             require_stamp(self._topic, cls)
         self._columns[cls] = columns = numeric_columns(cls, self._topic, self._paths)
@@ -279,8 +275,6 @@ class TimeAxis:
         """Return seconds since 1970 as days in local time, which matplotlib displays as dates."""
         from datetime import datetime
 
-        if not len(times):
-            return times
         try:
             offset = datetime.fromtimestamp(float(times[0])).astimezone().utcoffset()
         except (OverflowError, ValueError, OSError):
