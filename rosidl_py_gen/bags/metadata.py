@@ -125,7 +125,6 @@ class FileStatistics:
     counts: dict[str, int] = field(default_factory=dict)
 
     def add(self, topic: str, log_time: int) -> None:
-        """Count a message."""
         self.first = log_time if self.first is None else min(self.first, log_time)
         self.last = max(self.last, log_time)
         self.counts[topic] = self.counts.get(topic, 0) + 1
@@ -134,11 +133,6 @@ class FileStatistics:
     def total(self) -> int:
         """Number of messages."""
         return sum(self.counts.values())
-
-    @property
-    def duration(self) -> int:
-        """Time from the first to the last message, in nanoseconds."""
-        return 0 if self.first is None else self.last - self.first
 
 
 def metadata_text(
@@ -179,7 +173,7 @@ def metadata_text(
             {
                 "path": file.path,
                 "starting_time": {"nanoseconds_since_epoch": file.first or 0},
-                "duration": {"nanoseconds": file.duration},
+                "duration": {"nanoseconds": 0 if file.first is None else file.last - file.first},
                 "message_count": file.total,
             }
             for file in files

@@ -98,14 +98,8 @@ class _RangeFile:
         except Exception as error:
             raise BagUnreachableError(f"{self._path}: {type(error).__name__}: {str(error)[:300]}") from None
 
-    def seek(self, offset: int, whence: int = 0) -> int:
-        return int(self._stream.seek(offset, whence))
-
-    def tell(self) -> int:
-        return int(self._stream.tell())
-
-    def close(self) -> None:
-        self._stream.close()
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def local_copy(path: Path, folder: Path) -> Path:

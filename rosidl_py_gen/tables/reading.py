@@ -227,7 +227,6 @@ class _MessageList:
         return len(self._messages)
 
     def raw(self) -> Sequence[RawTuple]:
-        """Return each message."""
         return self._messages
 
     def cursor(self) -> BatchCursor:
@@ -235,7 +234,6 @@ class _MessageList:
         return concatenate([message[1] for message in self._messages])
 
     def times(self) -> tuple[Times, Times]:
-        """Return log times and publish times."""
         _, _, log_times, publish_times = zip(*self._messages, strict=True)
         return np.array(log_times, np.uint64), np.array(publish_times, np.uint64)
 
@@ -250,7 +248,6 @@ class _MessageBlocks:
         return sum(len(block.begin) for block in self._blocks)
 
     def raw(self) -> Sequence[RawTuple]:
-        """Return each message."""
         return [
             (block.channel, *row)
             for block in self._blocks
@@ -258,7 +255,6 @@ class _MessageBlocks:
         ]
 
     def cursor(self) -> BatchCursor:
-        """Return a cursor after the header of each; raises `BatchUnsupportedError`."""
         size = int(self._blocks[0].size[0])
         if not all((block.size == size).all() for block in self._blocks):
             return concatenate([data for block in self._blocks for data in _slices(block)])
@@ -272,7 +268,6 @@ class _MessageBlocks:
         return cursor_at(rows.reshape(-1).data, np.arange(count) * width, np.full(count, size))
 
     def times(self) -> tuple[Times, Times]:
-        """Return log times and publish times."""
         blocks = self._blocks
         log_times = np.concatenate([block.log_times for block in blocks])
         return log_times, np.concatenate([block.publish_times for block in blocks])

@@ -26,7 +26,6 @@ from rosidl_py_gen.numpy import (
     array_to_image,
     array_to_occupancygrid,
     array_to_pointcloud,
-    load_ipython_extension,
 )
 from rosidl_py_gen.numpy.notebook import bag_html, message_html, node_html
 
@@ -274,15 +273,6 @@ def test_bags_and_nodes_are_tables() -> None:
     assert "100 more" in text_of(bag_html(bag))
     node = SimpleNamespace(entities=[SimpleNamespace()])
     assert "kind" in text_of(node_html(node))
-
-
-def test_formatters_are_registered_by_class_and_by_name() -> None:
-    registered: dict[Any, Any] = {}
-    html = SimpleNamespace(
-        for_type=registered.__setitem__, for_type_by_name=lambda module, name, view: registered.update({name: view})
-    )
-    load_ipython_extension(SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": html})))
-    assert {name if isinstance(name, str) else name.__name__ for name in registered} == {"Message", "BagReader", "Node"}
 
 
 def test_a_process_without_ipython_imports_nothing_for_views() -> None:
