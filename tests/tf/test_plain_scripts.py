@@ -148,7 +148,8 @@ def test_a_script_receives_pairs_of_nodes_in_several_contexts(world: World) -> N
 def test_a_closed_node_ends_the_waits_of_other_threads(memory: World) -> None:
     viewer = memory.node("viewer")
     buffer, errors = TransformBuffer(viewer), []
-    pairs = ApproximateTimeSynchronizer([Subscriber(viewer, PointStamped, "a")], slop_s=1)
+    subscriber = Subscriber(viewer, PointStamped, "a")
+    pairs = ApproximateTimeSynchronizer([subscriber], slop_s=1)
 
     def wait(method: Any, *arguments: object) -> None:
         with pytest.raises(ClosedError) as raised:
@@ -170,6 +171,8 @@ def test_a_closed_node_ends_the_waits_of_other_threads(memory: World) -> None:
     with pytest.raises(ClosedError, match="node /viewer is closed"):
         buffer.wait_for_transform_sync("map", "lidar")
     assert not buffer.can_transform("map", "lidar")
+    with pytest.raises(ClosedError, match="node /viewer is closed"):
+        Cache(subscriber)
 
 
 async def test_a_closed_node_ends_a_wait_on_the_loop(memory: World) -> None:
@@ -180,14 +183,6 @@ async def test_a_closed_node_ends_a_wait_on_the_loop(memory: World) -> None:
     viewer.close()
     with pytest.raises(ClosedError, match="node /viewer of the transform buffer is closed"):
         await waiting
-
-
-def test_a_filter_of_a_closed_node_is_refused(memory: World) -> None:
-    viewer = memory.node("viewer")
-    subscriber = Subscriber(viewer, PointStamped, "a")
-    viewer.close()
-    with pytest.raises(ClosedError, match="node /viewer is closed"):
-        Cache(subscriber)
 
 
 def test_a_failure_of_a_callback_ends_a_lookup_with_on_error_raise(memory: World) -> None:
