@@ -36,7 +36,7 @@ from rosidl_py_gen.cdr.structured_arrays import find_structured_codec
 from rosidl_py_gen.cdr.structured_layout import cached_per_class
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
-from rosidl_py_gen.tables.columns import Kind, nodes_of
+from rosidl_py_gen.tables.arrow_columns import Kind, nodes_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rosidl_py_gen.cdr.structured_arrays import StructuredCodec
-    from rosidl_py_gen.tables.arrow_columns import ColumnArrays
-    from rosidl_py_gen.tables.columns import ColumnNode
+    from rosidl_py_gen.tables.arrow_columns import ColumnArrays, ColumnNode
 
     Ints: TypeAlias = NDArray[np.int64]
     Program: TypeAlias = Sequence["ReadStep"]

@@ -19,7 +19,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.type_queries import referenced_classes
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.arrow import pa, parquet
-from rosidl_py_gen.tables.columns import free_name, nodes_of
+from rosidl_py_gen.tables.arrow_columns import free_name, nodes_of
 from rosidl_py_gen.tables.output_files import Output, joined
 from rosidl_py_gen.tables.reading import BatchBuffer, BatchBuilder
 

@@ -24,7 +24,7 @@ from rosidl_py_gen.cdr.layout import MAX_ALIGN, NETWORK_ALIGN, align_up
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import arrow_columns
 from rosidl_py_gen.tables.arrow import from_numpy, pa
-from rosidl_py_gen.tables.arrow_columns import NANOSECONDS, element_type, schema_of
+from rosidl_py_gen.tables.arrow_columns import NANOSECONDS, Kind, element_type, schema_of, select_columns
 from rosidl_py_gen.tables.batch_decoder import (
     BatchCursor,
     BatchUnsupportedError,
@@ -33,7 +33,6 @@ from rosidl_py_gen.tables.batch_decoder import (
     read_program_for,
     run,
 )
-from rosidl_py_gen.tables.columns import Kind, select_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags import BagReader
     from rosidl_py_gen.bags.common import BagMessage, BagTopic
     from rosidl_py_gen.bags.storage.storage_api import BagChannel, RawTuple, TableInput
-    from rosidl_py_gen.tables.columns import ColumnNode, SelectedColumn
+    from rosidl_py_gen.tables.arrow_columns import ColumnNode, SelectedColumn
 
     Times = NDArray[np.uint64]
     Decode = Callable[[Iterable[RawTuple]], Iterator[BagMessage]]

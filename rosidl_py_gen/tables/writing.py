@@ -20,14 +20,14 @@ from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import EncodeError, RosidlError, printable
 from rosidl_py_gen.tables import arrow_columns as schema
 from rosidl_py_gen.tables.arrow import pa
-from rosidl_py_gen.tables.columns import LOG_TIME, PUBLISH_TIME, Kind, nodes_of
+from rosidl_py_gen.tables.arrow_columns import LOG_TIME, PUBLISH_TIME, Kind, nodes_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.tables.columns import ColumnNode
+    from rosidl_py_gen.tables.arrow_columns import ColumnNode
 
 Tree: TypeAlias = "dict[str, Any]"
 """Arrow arrays by name; nested columns are trees."""
