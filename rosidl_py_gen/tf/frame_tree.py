@@ -318,13 +318,11 @@ class FrameTree:
 
     def _loop_error(self, frame: str) -> UnknownFrameError:
         seen: list[str] = []
-        while frame not in seen and len(seen) < 20:
-            seen.append(frame)
-            cache = self._frames.get(frame)
-            if cache is None:
+        for name, _ in self._near(frame, 0):
+            seen.append(name)
+            if name in seen[:-1] or len(seen) > 20:
                 break
-            frame = cache.latest()[1]
-        names = (printable(name, _MAX_NAME) for name in (*seen, frame))
+        names = (printable(name, _MAX_NAME) for name in seen)
         return UnknownFrameError(f"the frames form a loop: {' -> '.join(names)}")
 
     def _connectivity_error(self, target: str, source: str) -> ConnectivityError:

@@ -33,7 +33,6 @@ RECORD = struct.Struct("<BQ")
 """Opcode and length of an MCAP record."""
 _HEAD = struct.Struct("<QQQII")
 """Start of a chunk: log times, size, checksum, and length of the compression's name."""
-_MAX_NAME = 100
 BLOCK_BYTES = 1 << 20
 MAX_WHOLE_CHUNK_BYTES = 1 << 23
 """Size up to which chunks are decompressed at once, which is faster."""
@@ -97,8 +96,6 @@ class ChunkDecompressor:
     def header(self, body: int, end: int) -> ChunkHeader:
         """Return the header of the chunk whose record has its body from `body` to `end`."""
         _, _, size, crc, name = _HEAD.unpack(self.read(body, _HEAD.size))
-        if name > _MAX_NAME:
-            raise BagError(f"{self.where}: damaged: the compression of a chunk has a name of {name} bytes")
         at = body + _HEAD.size + name
         (length,) = struct.unpack("<Q", self.read(at, 8))
         if at + 8 + length != end:
