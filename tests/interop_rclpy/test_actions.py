@@ -43,7 +43,7 @@ ENDS = [
     ("raise", GoalStatus.ABORTED, {"sequence": []}),
     ("cancel", GoalStatus.CANCELED, DONE),
 ]
-"""How an execute callback ends, and the status and the result that the client gets."""
+"""Ends of an execute callback, with the status and the result that the client gets."""
 
 
 @pytest.mark.parametrize(("how", "status", "expected"), ENDS)
