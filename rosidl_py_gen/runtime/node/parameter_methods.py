@@ -29,8 +29,8 @@ from rosidl_py_gen.runtime.parameters.values import (
     PythonValue,
     SetResult,
     WrongParameterTypeError,
+    as_names,
     as_parameters,
-    as_prefixes,
     parameter_value,
     require_name,
     require_names,
@@ -297,7 +297,7 @@ class ParameterMethods(NodeBase):
 
     def list_parameters(self, prefixes: str | Sequence[str] = (), depth: int = 0) -> ListParametersResult:
         """Return names and groups, all of them or those below prefixes; depth 0 has no limit."""
-        return self._store.listing(as_prefixes(prefixes), depth)
+        return self._store.listing(as_names(prefixes, "prefixes"), depth)
 
     def set_parameter(self, name: str, value: object) -> None:
         """Set a parameter, from any thread.

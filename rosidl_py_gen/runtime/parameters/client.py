@@ -52,10 +52,9 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterValue,
     PythonValue,
     SetResult,
+    as_names,
     as_parameters,
-    as_prefixes,
     parameter_value,
-    require_names,
     widened,
 )
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -119,23 +118,6 @@ class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
         self._subscription.close()
 
 
-class _NameQuery:
-    """Request for one name or several."""
-
-    def __init__(self, node: str, names: str | Sequence[str]) -> None:
-        self._node = node
-        self._single = isinstance(names, str)
-        self.names = [names] if isinstance(names, str) else require_names(names)
-
-    def result(self, items: list[T]) -> T | list[T]:
-        """Return the item of a single name, or all; raises `ParameterNotDeclaredError`, `MalformedAnswerError`."""
-        if len(items) == len(self.names):
-            return items[0] if self._single else items
-        if not items:
-            raise ParameterNotDeclaredError(self.names, self._node)
-        raise MalformedAnswerError(f"{self._node} returned {len(items)} values for {len(self.names)} parameters")
-
-
 class ParameterClient(CompositeEntity):
     """Client of the parameters of another node; created by `create_parameter_client`.
 
@@ -191,8 +173,10 @@ class ParameterClient(CompositeEntity):
         Raises:
             ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
-        query = _NameQuery(self.node, names)
-        return query.result([item.value for item in await self._get_values(query.names, Deadline(timeout_s))])
+        requested = as_names(names)
+        return self._select(
+            names, requested, [item.value for item in await self._get_values(requested, Deadline(timeout_s))]
+        )
 
     get_sync = blocking(get)
 
@@ -206,8 +190,8 @@ class ParameterClient(CompositeEntity):
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
         """Return one type for one name, a list for several; raises as `get`."""
-        query = _NameQuery(self.node, names)
-        return query.result(await self._get_types(query.names, Deadline(timeout_s)))
+        requested = as_names(names)
+        return self._select(names, requested, await self._get_types(requested, Deadline(timeout_s)))
 
     get_types_sync = blocking(get_types)
 
@@ -221,10 +205,18 @@ class ParameterClient(CompositeEntity):
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
         """Return one descriptor for one name, a list for several; raises `ParameterNotDeclaredError`."""
-        query = _NameQuery(self.node, names)
-        return query.result(await self._get_descriptors(query.names, Deadline(timeout_s)))
+        requested = as_names(names)
+        return self._select(names, requested, await self._get_descriptors(requested, Deadline(timeout_s)))
 
     describe_sync = blocking(describe)
+
+    def _select(self, names: str | Sequence[str], requested: list[str], items: list[T]) -> T | list[T]:
+        """Return the item of a single name, or all; raises `ParameterNotDeclaredError`, `MalformedAnswerError`."""
+        if len(items) == len(requested):
+            return items[0] if isinstance(names, str) else items
+        if not items:
+            raise ParameterNotDeclaredError(requested, self.node)
+        raise MalformedAnswerError(f"{self.node} returned {len(items)} values for {len(requested)} parameters")
 
     async def _get_values(self, names: list[str], deadline: Deadline) -> list[ParameterValue]:
         response = await self._get.call(GetParameters_Request(names=names), deadline.remaining_s())
@@ -343,7 +335,7 @@ class ParameterClient(CompositeEntity):
         self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None
     ) -> ListParametersResult:
         """Return names and groups, below the prefixes if there are some; depth 0 is unlimited."""
-        request = ListParameters_Request(prefixes=as_prefixes(prefixes), depth=depth)
+        request = ListParameters_Request(prefixes=as_names(prefixes, "prefixes"), depth=depth)
         result = (await self._list.call(request, timeout_s)).result
         return ListParametersResult(tuple(result.names), tuple(result.prefixes))
 

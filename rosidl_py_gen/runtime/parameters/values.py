@@ -273,9 +273,9 @@ def require_names(names: object, subject: str = "names of parameters") -> list[s
     return [require_name(name) for name in names]
 
 
-def as_prefixes(prefixes: str | Sequence[str]) -> list[str]:
-    """Return a list of one or several prefixes; raises `TypeError`."""
-    return require_names([prefixes] if isinstance(prefixes, str) else prefixes, "prefixes")
+def as_names(names: str | Sequence[str], subject: str = "names of parameters") -> list[str]:
+    """Return a list of one or several names; raises `TypeError`."""
+    return require_names([names] if isinstance(names, str) else names, subject)
 
 
 def _plain(value: object) -> object:
