@@ -243,6 +243,8 @@ def test_command_line_and_constructor_overrides(world: World) -> None:
     )
     assert {n: node.get_parameter(n) for n in ("a", "b")} == {"a": 9, "b": 2}
     assert not node.has_parameter("c")
+    refused = SetResult(False, "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'")
+    assert node.set_parameters({"b": "text"}) == [refused]
 
 
 @pytest.mark.every_transport
