@@ -42,12 +42,8 @@ def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
     path = _path(prefix, resource_type, resource_name)
     if not os.path.isfile(path):
         return _source_resources(resource_type)[resource_name][1], prefix
-    try:
-        with open(path, encoding="utf-8") as file:
-            return file.read(), prefix
-    except OSError as error:
-        text = f"Could not open the resource '{resource_name}' of type '{resource_type}':\n{error}"
-        raise OSError(text) from error
+    with open(path, encoding="utf-8") as file:
+        return file.read(), prefix
 
 
 def get_resources(resource_type: str) -> dict[str, str]:

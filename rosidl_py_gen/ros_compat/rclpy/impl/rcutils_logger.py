@@ -55,12 +55,9 @@ class LoggingFilter:
 
     @classmethod
     def initialize_context(cls, context: dict[str, Any], **kwargs: Any) -> None:
-        """Store the options of the first call; raise TypeError if a required one is missing."""
+        """Store the options of the first call."""
         for param, default in cls.params.items():
             context[param] = kwargs.get(param, default)
-            if context[param] is None:
-                text = f'Required parameter "{param}" was not specified for logging filter "{cls.__name__}"'
-                raise TypeError(text)
 
     @staticmethod
     def should_log(context: dict[str, Any]) -> bool:
