@@ -85,6 +85,20 @@ def book(*stamps: int, timeout_ns: int = 100) -> Book:
     return made
 
 
+def test_results_are_forgotten_when_their_time_is_over() -> None:
+    """r2r keeps every result for ever."""
+    goals = book(0, 0, timeout_ns=100)
+    assert goals.next_expiry_ns() is None
+    for number in (1, 2):
+        goals.apply(gid(number), E.EXECUTE)
+    goals.finish(gid(1), E.SUCCEED, "r", 1000)
+    assert goals.expire(1100) == [] and goals.next_expiry_ns() == 1101
+    assert goals.expire(1101) == [gid(1)]
+    assert goals.status(gid(1)) is S.UNKNOWN and goals.result(gid(1)) is None
+    assert goals.expire(10**9) == [] and gid(2) in goals
+    assert goals.accept(gid(1), 2000) is not None
+
+
 def test_without_end_a_finished_goal_is_kept_for_ever() -> None:
     goals = Book(None)
     goals.accept(gid(1), 0)
@@ -100,6 +114,29 @@ def mixed() -> Book:
     goals.apply(gid(3), E.CANCEL_GOAL)
     goals.finish(gid(4), E.SUCCEED, "r", 45)
     return goals
+
+
+@pytest.mark.parametrize(
+    ("goal", "stamp", "code", "chosen"),
+    [
+        (1, 0, 0, [1]),
+        (2, 0, 0, [2]),
+        (3, 0, 3, []),  # canceling already
+        (4, 0, 3, []),  # terminal
+        (9, 0, 2, []),  # unknown
+        (0, 0, 0, [1, 2, 5]),
+        (0, 20, 0, [1, 2]),
+        (0, 5, 0, []),
+        (5, 10, 0, [1, 5]),
+        (1, 10, 0, [1]),
+        (4, 10, 0, [1]),
+        (9, 20, 0, [1, 2]),
+    ],
+)
+def test_who_is_cancelled_with_which_code(goal: int, stamp: int, code: int, chosen: list[int]) -> None:
+    got = mixed().select_for_cancel(gid(goal), stamp)
+    assert (int(got.code), [int.from_bytes(info.goal_id, "big") for info in got.goals]) == (code, chosen)
+    assert all(info.stamp_ns for info in got.goals)
 
 
 @pytest.mark.parametrize(

@@ -215,8 +215,12 @@ async def test_closed_things_say_so(world: World) -> None:
     alice, _ = world.pair()
     publisher = alice.create_publisher(String, "s", QoSProfile().manual_liveliness(lease_s=60))
     publisher.assert_liveliness()
+    waiting = asyncio.ensure_future(publisher.wait_for_subscribers())
+    await asyncio.sleep(0)  # it has begun to wait
     publisher.close()
     publisher.close()
+    with pytest.raises(ClosedError, match="publisher on /s"):
+        await asyncio.wait_for(waiting, 10)
     for call in (lambda: publisher.publish(String()), publisher.assert_liveliness):
         with pytest.raises(ClosedError, match="publisher on /s"):
             call()

@@ -54,8 +54,8 @@ def test_every_request_in_every_state() -> None:
         for number in range(70):
             got = requested_transition(state, number, "")
             assert (None if got is None else got.goal) == by_id.get((state, number)), (state, number)
-    got = requested_transition(State.INACTIVE, 3, "cleanup")
-    assert got is not None and got.id == 2, "a label takes precedence over the id"
+    got = requested_transition(State.INACTIVE, 2, "activate")
+    assert got is not None and got.id == 3, "a label takes precedence over the id"
     assert requested_transition(State.CONFIGURING, 0, "transition_success") is None
 
 

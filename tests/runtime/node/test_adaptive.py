@@ -40,6 +40,24 @@ async def test_it_asks_for_less_when_one_appears_that_offers_less(world: World) 
         await follow.receive_with_info(1)
 
 
+async def test_it_asks_for_more_only_of_the_first_publishers_and_before_anything_arrived(memory: World) -> None:
+    near, far = memory.pair()
+    durable = presets.DEFAULT.transient_local()
+    follow: AdaptiveSubscription[String] = AdaptiveSubscription(near, "t", String)
+    called: AdaptiveSubscription[String] = AdaptiveSubscription(near, "t", String, print)
+    far.create_publisher(String, "t", durable)
+    for one, expected in ((follow, Durability.TRANSIENT_LOCAL), (called, Durability.VOLATILE)):
+        one.refresh()
+        assert one.qos.durability is expected
+    late: AdaptiveSubscription[String] = AdaptiveSubscription(near, "u", String)
+    volatile = far.create_publisher(String, "u")
+    late.refresh()
+    volatile.close()
+    far.create_publisher(String, "u", durable)
+    late.refresh()
+    assert late.qos.durability is Durability.VOLATILE
+
+
 async def test_what_arrived_is_kept_and_what_was_dropped_counted_when_it_subscribes_again(world: World) -> None:
     near, far = world.pair()
     publisher = far.create_publisher(Int32, "t")
