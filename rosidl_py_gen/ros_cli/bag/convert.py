@@ -21,14 +21,7 @@ if TYPE_CHECKING:
 @click.command("convert", cls=options.MultiValueCommand)
 @options.bag_path
 @click.argument("output", type=click.Path())
-@click.option(
-    "-s",
-    "--storage",
-    type=click.Choice(["mcap", "sqlite3"]),
-    default="mcap",
-    show_default=True,
-    help="Storage format of the output bag.",
-)
+@options.output_storage("storage")
 @options.bag_selection
 @options.compression
 @options.split_options

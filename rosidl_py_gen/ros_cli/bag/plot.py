@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     metavar="BAG... /TOPIC FIELD...",
     shell_complete=options.plot_completion("bag"),
 )
-@options.seconds("--start-offset", "offset_s", default=0.0, help="Time to skip at the beginning.")
-@options.seconds("--duration", "duration_s", help="Duration of the selected part.")
+@options.start_offset
+@options.duration
 @plot_options
 @options.skip_damaged
 @options.paths

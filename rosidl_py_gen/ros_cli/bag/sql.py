@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -145,21 +146,14 @@ def _format_of(output: str | None) -> str:
 
 
 def _print_result(result: Result, form: str, output: str | None) -> None:
-    if form == "table":
-        _show(result, output)
-    elif output is not None:
-        result.write(output, form)
-    else:
-        terminal_output.records(result.json_lines() if form == "json" else result.csv_lines())
-
-
-def _show(result: Result, output: str | None) -> None:
     if output is not None:
-        raise CommandError("--format table cannot be written to a file; expected csv, json or parquet")
-    rows: list[list[str]] = []
-    for row in result.rows():
-        if len(rows) == _MAX_ROWS:
+        if form == "table":
+            raise CommandError("--format table cannot be written to a file; expected csv, json or parquet")
+        result.write(output, form)
+    elif form != "table":
+        terminal_output.records(result.json_lines() if form == "json" else result.csv_lines())
+    else:
+        rows = [*islice(result.rows(), _MAX_ROWS + 1)]
+        if len(rows) > _MAX_ROWS:
             terminal_output.note(f"printed only the first {_MAX_ROWS} rows; --format csv prints all")
-            break
-        rows.append(row)
-    terminal_output.table(rows, *result.columns, has_names=False)
+        terminal_output.table(rows[:_MAX_ROWS], *result.columns, has_names=False)

@@ -7,17 +7,16 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
+from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp, stamp_ns
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.display import duration_text
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.ros_cli.bag.rosbag2_services import serve_rosbag2
-from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of
+from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions, first_of, now_s
 from rosidl_py_gen.ros_cli.keyboard import read_keys
 from rosidl_py_gen.ros_cli.name_lookup import full_name
 from rosidl_py_gen.ros_cli.playback.recording import Recording, by_publish_time, select_messages, selected_topics
 from rosidl_py_gen.ros_cli.playback.senders import Requests, TopicPublishers, cannot_play_reason
-from rosidl_py_gen.ros_cli.playback.timeline import Timeline
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -27,6 +26,75 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.bag.selection import BagSelection
     from rosidl_py_gen.ros_cli.playback.command import PlayOptions
     from rosidl_py_gen.runtime import Node
+
+
+class Timeline:
+    """Clock that runs at a rate, pauses and jumps. Thread: loop."""
+
+    def __init__(self, at_ns: int, rate: float, *, is_paused: bool = False) -> None:
+        self._at_ns = at_ns
+        self._since_s = now_s()
+        self.rate = rate
+        """Speed; 2.0 is twice as fast."""
+        self.is_paused = is_paused
+        self._wake_up: asyncio.Future[bool] | None = None
+        self._changes = 0
+
+    def now_ns(self) -> int:
+        """Return the time of the recording, in nanoseconds."""
+        if self.is_paused:
+            return self._at_ns
+        return self._at_ns + round((now_s() - self._since_s) * self.rate * NS_PER_S)
+
+    def set_paused(self, is_paused: bool) -> None:
+        """Stop the time, or continue it."""
+        self.jump(self.now_ns())
+        self.is_paused = is_paused
+
+    def set_rate(self, rate: float) -> bool:
+        """Set the rate; returns False if it is not a positive number."""
+        if not 0 < rate < float("inf"):
+            return False
+        self.jump(self.now_ns())
+        self.rate = rate
+        return True
+
+    def jump(self, at_ns: int) -> None:
+        """Set the time, and wake up `until`."""
+        self._at_ns, self._since_s = at_ns, now_s()
+        self.wake()
+
+    def wake(self) -> None:
+        """Make `until` return."""
+        self._changes += 1
+        if self._wake_up is not None and not self._wake_up.done():
+            self._wake_up.set_result(False)
+
+    async def until(self, at_ns: int | None) -> bool:
+        """Wait for a time, None without end; returns False if the time was changed, so that it must be rechecked."""
+        if not self.is_paused and at_ns is not None:
+            left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self.rate - now_s()
+            if left_s <= 0:
+                before = self._changes
+                await asyncio.sleep(0)
+                return before == self._changes
+        else:
+            left_s = None
+        loop = asyncio.get_running_loop()
+        waiting: asyncio.Future[bool] = loop.create_future()
+        self._wake_up = waiting
+        due = None if left_s is None else loop.call_later(left_s, _set_due, waiting)
+        try:
+            return await waiting
+        finally:
+            self._wake_up = None
+            if due is not None:
+                due.cancel()
+
+
+def _set_due(waiting: asyncio.Future[bool]) -> None:
+    if not waiting.done():
+        waiting.set_result(True)
 
 
 class Player:
@@ -152,10 +220,7 @@ class Player:
 
     def toggle(self) -> None:
         """Pause or resume."""
-        if self.timeline.is_paused:
-            self.timeline.resume()
-        else:
-            self.timeline.pause()
+        self.timeline.set_paused(not self.timeline.is_paused)
         self.on_change()
 
     def change_rate(self, by: float) -> None:
@@ -318,8 +383,8 @@ def _serve(node: Node, player: Player) -> None:
         node,
         f"{_PLAYER}/",
         {
-            "pause": lambda _: timeline.pause(),
-            "resume": lambda _: timeline.resume(),
+            "pause": lambda _: timeline.set_paused(True),
+            "resume": lambda _: timeline.set_paused(False),
             "toggle_paused": lambda _: player.toggle(),
             "is_paused": lambda _: {"paused": timeline.is_paused},
             "get_rate": lambda _: {"rate": timeline.rate},
