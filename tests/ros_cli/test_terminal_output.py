@@ -182,7 +182,6 @@ def test_an_error_takes_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
 Image: Any = get_message("sensor_msgs/msg/Image")
 MESSAGES = 200
-AT_ONCE = "from rosidl_py_gen.ros_cli.bag import display; display._PROGRESS_DELAY_S = display._PROGRESS_INTERVAL_S = 0"
 BYTES = re.compile(r"\d+ % of \d+\.\d MiB, [\d.]+ [KMG]?i?B/s, \d:\d\d:\d\d left")
 COUNT = re.compile(rf"\d+ % of {MESSAGES} messages, \d+ messages/s, \d:\d\d:\d\d left")
 
@@ -266,35 +265,27 @@ def test_lines_appear_above_a_status_line(monkeypatch: pytest.MonkeyPatch) -> No
     )
 
 
-async def test_commands_that_read_whole_bags_show_progress(bag: Path, tmp_path: Path) -> None:
+def test_commands_that_read_whole_bags_show_progress(
+    run_here: Any, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(display, "_PROGRESS_DELAY_S", 0)
+    monkeypatch.setattr(display, "_PROGRESS_INTERVAL_S", 0)
+    monkeypatch.setattr(terminal_output, "is_error_terminal", lambda: True)
     killed, folder = without_index(bag), tmp_path / "folder"
     folder.mkdir()
     shutil.copy(bag, folder)
-    commands = {
-        ("info", str(killed)): BYTES,
-        ("convert", str(bag), str(tmp_path / "b.mcap")): COUNT,
-        ("convert", str(killed), str(tmp_path / "c.mcap")): BYTES,
-        ("table", str(bag), "--include-large", "--out", str(tmp_path / "dataset")): BYTES,
-        ("reindex", str(folder)): BYTES,
-        ("sql", 'select count(*) from "/camera"', str(bag)): COUNT,
-    }
-    results = await asyncio.gather(*(on_terminal("bag", *command, setup=AT_ONCE) for command in commands))
-    for (command, pattern), done in zip(commands.items(), results, strict=True):
-        assert done.code == 0, (command, done)
-        assert pattern.search(done.screen), (command, done.screen)
-        assert done.raw.rpartition("\r\x1b[2K")[2], "the result comes after the bar"
-        assert not pattern.search(done.raw.rpartition("\r\x1b[2K")[2])
-    again = await on_terminal("bag", "reindex", str(killed), setup=AT_ONCE)
-    assert again.code == 0 and BYTES.search(again.screen)
-
-
-async def test_pipes_get_results_only(bag: Path, tmp_path: Path) -> None:
-    as_json, errors = await asyncio.gather(
-        on_terminal("bag", "convert", str(bag), str(tmp_path / "b.mcap"), "--json", stdout=False, setup=AT_ONCE),
-        on_terminal("bag", "convert", str(bag), str(tmp_path / "c.mcap"), stderr=False, setup=AT_ONCE),
-    )
-    assert json.loads(as_json.piped)["messages"] == MESSAGES and COUNT.search(as_json.screen)
-    assert errors.piped == "" and errors.screen == f"{MESSAGES} messages of 1 topics in {tmp_path / 'c.mcap'}\n"
+    for *command, pattern in (
+        ("info", str(killed), BYTES),
+        ("convert", str(bag), str(tmp_path / "b.mcap"), "--json", COUNT),
+        ("convert", str(killed), str(tmp_path / "c.mcap"), BYTES),
+        ("table", str(bag), "--include-large", "--out", str(tmp_path / "dataset"), BYTES),
+        ("reindex", str(folder), BYTES),
+        ("sql", 'select count(*) from "/camera"', str(bag), COUNT),
+        ("reindex", str(killed), BYTES),
+    ):
+        code, out, err = run_here("bag", *command)
+        assert code == 0 and pattern.search(err), (command, err)
+        assert out and not pattern.search(out + err.rpartition("\r\x1b[2K")[2]), (command, out, err)
 
 
 def test_an_index_is_not_reported_as_reading(bag: Path) -> None:
