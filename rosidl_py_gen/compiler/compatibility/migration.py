@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.base import lazy_numpy as np
@@ -58,14 +57,6 @@ class MigrationRules:
         return rule.target if rule else old
 
 
-class ConversionKind(Enum):
-    """Conversion of a value: a copy, a number of another type, or a message of another definition."""
-
-    COPY = "copy"
-    NUMBER = "number"
-    MESSAGE = "message"
-
-
 class FieldConversion(NamedTuple):
     """Conversion of an old field to a new one."""
 
@@ -73,7 +64,6 @@ class FieldConversion(NamedTuple):
     new: str
     old_type: FieldType
     new_type: FieldType
-    kind: ConversionKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,9 +109,7 @@ def plan(old: Types, new: Types, top: str, rules: MigrationRules | None) -> dict
         if pair in plans:
             continue
         plans[pair] = one = _message(pair, old, new, rules, problems)
-        pending += [
-            (step.old_type.base, step.new_type.base) for step in one.steps if step.kind is ConversionKind.MESSAGE
-        ]
+        pending += [(step.old_type.base, step.new_type.base) for step in one.steps if step.new_type.is_message]
     if problems:
         raise MigrationError("\n".join(dict.fromkeys(problems)))
     return plans
@@ -143,12 +131,14 @@ def _message(
         if target not in now:
             dropped.append(name)
             continue
-        try:
-            steps.append(FieldConversion(name, target, kind, now[target], _conversion_kind(kind, now[target], rules)))
-        except _NotConvertibleError as error:
-            becomes = "" if name == target else f" becomes {target}"
-            advice = f"; a rule `fields: {{{old_name}: {{{name}: null}}}}` drops it" if rules else ""
-            problems.append(f"{old_name}.{name}{becomes}: {error}{advice}")
+        new_type = now[target]
+        if _is_convertible(kind, new_type, rules):
+            steps.append(FieldConversion(name, target, kind, new_type))
+            continue
+        problem = f"{old_name}.{name}{'' if name == target else f' becomes {target}'}: {kind} cannot become {new_type}"
+        if rules and kind.is_message and new_type.is_message and _is_same_arity(kind, new_type):
+            problem += f", unless a rule `types: {{{kind.base}: {new_type.base}}}` maps one to the other"
+        problems.append(f"{problem}; a rule `fields: {{{old_name}: {{{name}: null}}}}` drops it" if rules else problem)
     filled = {step.new for step in steps}
     by_rule = tuple(name for name in dropped if name in own)
     return MessagePlan(
@@ -175,32 +165,21 @@ def _check_rules(
             problems.append(f"{rule.place}: {rule.target} is the target of {first} already")
 
 
-class _NotConvertibleError(RosidlError):
-    """A value of one type cannot become one of another."""
+def _is_same_arity(old: FieldType, new: FieldType) -> bool:
+    return (old.arity is Arity.SCALAR) is (new.arity is Arity.SCALAR)
 
 
-def _conversion_kind(old: FieldType, new: FieldType, rules: MigrationRules | None) -> ConversionKind:
-    """Return the conversion between two types, regardless of bounds and lengths; raises `_NotConvertibleError`."""
-    if (old.arity is Arity.SCALAR) is not (new.arity is Arity.SCALAR):
-        raise _NotConvertibleError(f"{old} cannot become {new}")
-    if old.is_message or new.is_message:
-        if not (old.is_message and new.is_message):
-            raise _NotConvertibleError(f"{old} cannot become {new}")
-        if (rules.type_name(old.base) if rules else old.base) != new.base:
-            advice = f", unless a rule `types: {{{old.base}: {new.base}}}` maps one to the other" if rules else ""
-            raise _NotConvertibleError(f"{old} cannot become {new}{advice}")
-        return ConversionKind.MESSAGE
-    if old.is_string and new.is_string:
-        return ConversionKind.COPY
+def _is_convertible(old: FieldType, new: FieldType, rules: MigrationRules | None) -> bool:
+    """Return True if values of one type can become values of another, regardless of bounds and lengths."""
+    if not _is_same_arity(old, new):
+        return False
+    if old.is_message and new.is_message:
+        return (rules.type_name(old.base) if rules else old.base) == new.base
     one, other = old.primitive, new.primitive
     if one is None or other is None:
-        raise _NotConvertibleError(f"{old} cannot become {new}")
-    if one.python == other.python and one.code == other.code:
-        return ConversionKind.COPY
+        return old.is_string and new.is_string
     order = ("bool", "int", "float")
-    if order.index(one.python) > order.index(other.python):
-        raise _NotConvertibleError(f"{old} cannot become {new}")
-    return ConversionKind.NUMBER
+    return order.index(one.python) <= order.index(other.python)
 
 
 def fields_of(cls: type[Message]) -> dict[str, list[tuple[str, FieldType]]]:
@@ -220,11 +199,11 @@ def message_converter(plans: Plans, old: type[Message], new: type[Message]) -> C
         return makers[pair]
 
     def converter_of(step: FieldConversion, path: str) -> Converter | None:
-        return None if step.kind is ConversionKind.MESSAGE and is_same(step) else _field_converter(step, path, maker)
+        return None if step.new_type.is_message and is_same(step) else _field_converter(step, path, maker)
 
     def is_same(step: FieldConversion) -> bool:
         pair = step.old_type.base, step.new_type.base
-        nested = (field for field in plans[pair].steps if field.kind is ConversionKind.MESSAGE)
+        nested = (field for field in plans[pair].steps if field.new_type.is_message)
         same_class = old_classes[pair[0]] is new_classes[pair[1]]
         return same_class and not plans[pair].is_conversion and all(map(is_same, nested))
 
@@ -255,18 +234,13 @@ def _field_converter(
 ) -> Converter | None:
     """Return a converter, None if the value is copied; array sizes are checked when the message is encoded."""
     is_scalar = step.new_type.arity is Arity.SCALAR
-    match step.kind:
-        case ConversionKind.COPY:
-            return None
-        case ConversionKind.MESSAGE:
-            field = maker((step.old_type.base, step.new_type.base))
-            return field if is_scalar else lambda values: [field(value) for value in values]
-        case ConversionKind.NUMBER:
-            assert step.new_type.primitive is not None
-            primitive = step.new_type.primitive
-            if is_scalar:
-                return _scalar(primitive.python, path)
-            return _array(np.dtype(primitive.numpy), primitive.code, path)
+    if step.new_type.is_message:
+        field = maker((step.old_type.base, step.new_type.base))
+        return field if is_scalar else lambda values: [field(value) for value in values]
+    one, other = step.old_type.primitive, step.new_type.primitive
+    if one is None or other is None or (one.python, one.code) == (other.python, other.code):
+        return None
+    return _scalar(other.python, path) if is_scalar else _array(np.dtype(other.numpy), other.code, path)
 
 
 def _scalar(kind: str, path: str) -> Converter:
