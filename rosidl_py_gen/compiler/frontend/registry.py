@@ -257,38 +257,32 @@ def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
                 _visit(registry, message, state, sizes)
 
 
-def _visit(registry: InterfaceRegistry, top: MessageDef, state: dict[str, int], sizes: SizeChecker) -> None:
-    if str(top.name) in state:
-        return
-    stack = [(top, iter(top.fields), [0])]
-    state[str(top.name)] = -1
-    while stack:
-        message, fields, depth = stack[-1]
-        item = next((one for one in fields if one.type.is_message), None)
-        if item is None:
-            stack.pop()
-            state[str(message.name)] = depth[0]
-            sizes.check(message)
-            if depth[0] == MAX_LEVELS:  # types that contain this one would be deeper
-                at = Location(message.source, 1, 1)
-                registry.diagnostics.add(at, f"{message.name} nests types deeper than {MAX_LEVELS - 1} levels")
-            if stack:
-                stack[-1][2][0] = max(stack[-1][2][0], depth[0] + 1)
-            continue
+def _visit(
+    registry: InterfaceRegistry, message: MessageDef, state: dict[str, int], sizes: SizeChecker, level: int = 1
+) -> int:
+    """Check a message and the messages that it contains, and return the depth of its types."""
+    name = str(message.name)
+    if name in state:
+        return state[name]
+    state[name] = -1
+    depth = 0
+    for item in (one for one in message.fields if one.type.is_message):
         target = registry.message(item.type.base)
-        if target is None and not registry.diagnostics.is_full(item.location):
-            _report_unknown(registry, message, item)
-        elif target is None:
-            continue
+        if target is None:
+            if not registry.diagnostics.is_full(item.location):
+                _report_unknown(registry, message, item)
         elif state.get(item.type.base) == -1:
             registry.diagnostics.add(item.location, f"{item.type.base} contains itself through this field")
-        elif item.type.base in state:
-            depth[0] = max(depth[0], state[item.type.base] + 1)
-        elif len(stack) > MAX_LEVELS:
+        elif item.type.base not in state and level > MAX_LEVELS:
             registry.diagnostics.add(item.location, f"types are nested deeper than {MAX_LEVELS} levels here")
         else:
-            state[item.type.base] = -1
-            stack.append((target, iter(target.fields), [0]))
+            depth = max(depth, _visit(registry, target, state, sizes, level + 1) + 1)
+    state[name] = depth
+    sizes.check(message)
+    if depth == MAX_LEVELS:  # types that contain this one would be deeper
+        at = Location(message.source, 1, 1)
+        registry.diagnostics.add(at, f"{message.name} nests types deeper than {MAX_LEVELS - 1} levels")
+    return depth
 
 
 def _report_unknown(registry: InterfaceRegistry, message: MessageDef, item: FieldDef) -> None:
