@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr.support import Append, Readable
 
 M = TypeVar("M", bound=Message)
-_MAX_INIT_FIELDS = 1000
-"""Number of fields up to which a dataclass generates its constructor; that takes quadratic time."""
 _ZERO: dict[str, Any] = {"bool": False, "int": 0, "float": 0.0}
 _PYTHON = {"bool": bool, "int": int, "float": float}
 _NESTED = re.compile(r"(\d+)(.*)\Z", re.ASCII)
@@ -79,11 +77,9 @@ def add_table_members(cls: type[M]) -> type[M]:
         annotations[py_name(name)] = ClassVar[_PYTHON[PRIMITIVES[base].python] if base in PRIMITIVES else str]
     for item in info.fields:
         setattr(cls, item.py_name, _default(item, info.values.get(item.ros_name)))
-        annotations[item.py_name] = _annotation(item)
-    is_short = len(info.fields) <= _MAX_INIT_FIELDS
-    if not is_short:
-        cls.__init__ = _init  # type: ignore[method-assign]
-    return dataclass(slots=True, eq=False, repr=False, init=is_short)(cls)
+        annotations[item.py_name] = Any
+    cls.__init__ = _init  # type: ignore[method-assign]  # that of a dataclass takes quadratic time to compile
+    return dataclass(slots=True, eq=False, repr=False, init=False)(cls)
 
 
 def _init(self: Any, *args: Any, **kwargs: Any) -> None:
@@ -102,14 +98,6 @@ def _init(self: Any, *args: Any, **kwargs: Any) -> None:
         if name not in values:
             values[name] = field.default if field.default is not MISSING else field.default_factory()
         setattr(self, name, values[name])
-
-
-def _annotation(item: Field) -> Any:
-    primitive = item.type.primitive
-    if primitive is not None and item.type.arity is not Arity.SCALAR:
-        return support.ndarray
-    base = _PYTHON[primitive.python] if primitive is not None else item.cls or str
-    return base if item.type.arity is Arity.SCALAR else list[base]  # type: ignore[valid-type]
 
 
 def _default(item: Field, value: Any) -> Any:
