@@ -7,13 +7,12 @@ exports the native classes of `class_lookup`.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import RosName, py_name, snake_case, split_ros_name
 from rosidl_py_gen.type_loading import disk_cache
-from rosidl_py_gen.type_loading.class_lookup import get_action, get_message, get_service
+from rosidl_py_gen.type_loading.class_lookup import find_named_class
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,8 +31,6 @@ _SUFFIXES = {
     ),
 }
 """Suffixes of an interface's classes by kind."""
-_SERVICES_OF_ACTIONS = {"_SendGoal", "_GetResult"}
-_GET: dict[str, Callable[..., type]] = {"msg": get_message, "srv": get_service, "action": get_action}
 
 
 class Interfaces:
@@ -83,8 +80,8 @@ class Interfaces:
             exec(code, module.__dict__)
             return
         for part in _SUFFIXES[name.kind]:
-            get = get_service if part in _SERVICES_OF_ACTIONS else get_message if part else _GET[name.kind]
-            module.__dict__[py_name(name.name + part)] = get(f"{name}{part}", path=self._folders, distro=self._distro)
+            cls = find_named_class(f"{name}{part}", path=self._folders, distro=self._distro)
+            module.__dict__[py_name(name.name + part)] = cls
         module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 
     def code(self, name: RosName) -> tuple[disk_cache.Parts, CodeType]:

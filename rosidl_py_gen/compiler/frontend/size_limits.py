@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.cdr.layout import fixed_count, has_count
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.compiler.frontend.model import Diagnostics, FieldDef, MessageDef
+    from rosidl_py_gen.compiler.frontend.model import Diagnostics, MessageDef
 
 MAX_LEVELS = 100
 """Maximum depth of nested types."""
@@ -57,31 +57,24 @@ class SizeChecker:
         types: set[str] = set()
         for item in message.fields:
             below = self._sizes.get(item.type.base, _UNKNOWN) if item.type.is_message else _UNKNOWN
-            count = 0 if has_count(item.type) else fixed_count(item.type)
-            values += 1 + (0 if item.type.primitive else count * below.values)
-            size += count * (item.type.primitive.size if item.type.primitive else below.size)
+            elements = 0 if has_count(item.type) else fixed_count(item.type)
+            values += 1 + (0 if item.type.primitive else elements * below.values)
+            size += elements * (item.type.primitive.size if item.type.primitive else below.size)
             inline_fields += below.inline_fields if below.inline_fields <= _MAX_INLINE_FIELDS else 1
             if item.type.is_message and item.type.base not in types:
                 new = (below.types | {item.type.base}) - types
                 other_fields += sum(self._sizes.get(name, _UNKNOWN).inline_fields for name in new)
                 types |= new
-            if self._is_too_large(message, item, values, size, inline_fields + other_fields, len(types)):
-                self._sizes[str(message.name)] = _UNKNOWN
-                return
+            for count, maximum, text in (
+                (values, MAX_VALUES, "values in nested messages and fixed arrays"),
+                (size, MAX_BYTES, "bytes in fixed arrays"),
+                (inline_fields + other_fields, MAX_FIELDS, "fields with those of nested messages"),
+                (len(types), MAX_TYPES, "types that it refers to"),
+            ):
+                if count > maximum:
+                    text = f"{message.name} has {count} {text} up to here, at most {maximum} are allowed"
+                    self._diagnostics.add(item.location, text)
+                    self._sizes[str(message.name)] = _UNKNOWN
+                    return
         sizes = max(1, values), max(1, size), max(1, inline_fields)
         self._sizes[str(message.name)] = _TypeSize(*sizes, frozenset(types))
-
-    def _is_too_large(
-        self, message: MessageDef, item: FieldDef, values: int, size: int, fields: int, types: int
-    ) -> bool:
-        for count, maximum, text in (
-            (values, MAX_VALUES, "values in nested messages and fixed arrays"),
-            (size, MAX_BYTES, "bytes in fixed arrays"),
-            (fields, MAX_FIELDS, "fields with those of nested messages"),
-            (types, MAX_TYPES, "types that it refers to"),
-        ):
-            if count > maximum:
-                text = f"{message.name} has {count} {text} up to here, at most {maximum} are allowed"
-                self._diagnostics.add(item.location, text)
-                return True
-        return False
