@@ -10,7 +10,7 @@ Two consequences of the rules that all of them use:
   value ended, and its first member adds the padding.
 - A message whose size does not depend on values contains a member of its largest alignment. Its end is therefore known
   modulo that alignment wherever it begins, so in a sequence all elements after the first are equally long
-  (`sequence_end`).
+  (`structured_layout.sequence_end_offset`).
 
 Source: docs/internals/protocol.md 2.1 for the header, 2.2 for values, 2.4 for padding at the end.
 """
@@ -22,8 +22,6 @@ from typing import TYPE_CHECKING, TypeVar
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
     from numpy.typing import NDArray
 
@@ -41,7 +39,6 @@ MAX_ALIGN = 8
 COUNT_BYTES = 4
 """Size and alignment of the length prefix of a sequence, string or wstring."""
 COUNT_CODE = "I"
-MAX_COUNT = 0xFFFFFFFF
 NUL = b"\0"
 """Terminator of a string, included in its length prefix. A wstring has none."""
 WSTRING_UNIT_BYTES = 4
@@ -101,14 +98,3 @@ def min_element_size(kind: FieldType) -> int:
     if kind.is_string:
         return COUNT_BYTES
     return len(EMPTY_MESSAGE) if kind.primitive is None else kind.primitive.size
-
-
-def sequence_end(position: int, count: int, end_of: Callable[[int], int]) -> int:
-    """Return the end of `count` elements, of which the first begins at or after a position.
-
-    `end_of` returns the end of an element by the position that the previous one ended at.
-    """
-    if not count:
-        return position
-    first = end_of(position)
-    return first + (count - 1) * (end_of(first) - first) if count > 1 else first

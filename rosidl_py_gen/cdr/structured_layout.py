@@ -11,7 +11,7 @@ Source: docs/internals/protocol.md 2.2.
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar, cast
 
 from rosidl_py_gen.base import lazy_numpy as np
@@ -24,7 +24,6 @@ from rosidl_py_gen.cdr.layout import (
     element_alignment,
     fixed_count,
     has_fixed_size,
-    sequence_end,
 )
 
 if TYPE_CHECKING:
@@ -96,7 +95,8 @@ def _length(cls: MessageClass, position: int) -> int:
 
 def sequence_end_offset(cls: MessageClass, position: int, count: int) -> int:
     """Return the end of `count` messages of a sequence, of which the first begins at `position`."""
-    return sequence_end(position, count, partial(end_offset, cls))
+    first = end_offset(cls, position)
+    return first + (count - 1) * (end_offset(cls, first) - first) if count > 1 else first
 
 
 def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lark import Lark, Transformer, v_args
 from lark import Token as LarkToken
-from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedEOF, UnexpectedInput, UnexpectedToken, VisitError
+from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
 from rosidl_py_gen.compiler.frontend.model import SyntaxProblem, Token
 
@@ -125,15 +125,6 @@ IdlDefinition = IdlModule | IdlStruct | IdlConst | IdlTypedef | IdlEnum
 
 def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
     """Return the definitions of an .idl file; raises `SyntaxProblem`, also for a text that is too large."""
-    try:
-        return _parse(text)
-    except LarkError as error:
-        raise _translate(error, text) from error
-    except RecursionError:
-        raise SyntaxProblem(1, 1, "nested too deeply") from None
-
-
-def _parse(text: str) -> tuple[IdlDefinition, ...]:
     parsing = _idl_parser().parse_interactive(text)
     last: LarkToken | None = None
     try:
@@ -141,9 +132,10 @@ def _parse(text: str) -> tuple[IdlDefinition, ...]:
             if number > MAX_TOKENS:
                 raise SyntaxProblem(last.line or 1, last.column or 1, f"more than {MAX_TOKENS} words and signs")
         return parsing.feed_eof(last)  # type: ignore[no-any-return, no-untyped-call]
-    except UnexpectedToken as error:
-        error.interactive_parser = parsing  # returns the tokens that would have been accepted
-        raise
+    except LarkError as error:
+        if isinstance(error, UnexpectedToken):
+            error.interactive_parser = parsing  # returns the tokens that would have been accepted
+        raise _translate(error, text) from error
 
 
 @lru_cache(maxsize=1)
@@ -154,8 +146,6 @@ def _idl_parser() -> Lark:
 
 
 def _translate(error: LarkError, text: str) -> SyntaxProblem:
-    if isinstance(error, VisitError) and isinstance(error.orig_exc, SyntaxProblem):
-        return error.orig_exc
     if not isinstance(error, UnexpectedInput):
         return SyntaxProblem(1, 1, str(error).splitlines()[0])
     names: Iterable[str] = ()
@@ -170,8 +160,6 @@ def _translate(error: LarkError, text: str) -> SyntaxProblem:
             found = f'"{text_found if len(text_found) <= 40 else text_found[:37] + "..."}"'
         else:
             column = -1
-    elif isinstance(error, UnexpectedEOF):
-        names, column = error.expected, -1
     if column < 1:
         lines = text.splitlines() or [""]
         row, column = len(lines), len(lines[-1]) + 1
