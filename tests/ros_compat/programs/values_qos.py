@@ -37,6 +37,12 @@ qos_check_compatible(QoSProfile(depth=1,reliability=2),QoSProfile(depth=1))
 qos_check_compatible(qos_profile_system_default,qos_profile_system_default)
 qos_check_compatible(qos_profile_unknown,QoSProfile(depth=1))
 qos_check_compatible(QoSProfile(depth=1,deadline=Duration(seconds=2), durability=2,liveliness=1),QoSProfile(depth=1,deadline=Duration(seconds=1),durability=1,liveliness=3,liveliness_lease_duration=Duration(seconds=1)))
+[qos_check_compatible(QoSProfile(depth=1,reliability=a),QoSProfile(depth=1,reliability=b)) for a in range(4) for b in range(4)]
+[qos_check_compatible(QoSProfile(depth=1,durability=a),QoSProfile(depth=1,durability=b)) for a in range(4) for b in range(4)]
+[qos_check_compatible(QoSProfile(depth=1,liveliness=a),QoSProfile(depth=1,liveliness=b)) for a in (0,1,3,4) for b in (0,1,3,4)]
+[qos_check_compatible(QoSProfile(depth=1,deadline=Duration(seconds=a)),QoSProfile(depth=1,deadline=Duration(seconds=b))) for a in range(3) for b in range(3)]
+[qos_check_compatible(QoSProfile(depth=1,liveliness=1,liveliness_lease_duration=Duration(seconds=a)),QoSProfile(depth=1,liveliness=1,liveliness_lease_duration=Duration(seconds=b))) for a in range(3) for b in range(3)]
+qos_check_compatible(QoSProfile(depth=1,reliability=2,durability=2,liveliness=1),QoSProfile(depth=1,reliability=1,durability=1,liveliness=3,deadline=Duration(seconds=1),liveliness_lease_duration=Duration(seconds=1)))
 qos_profile_best_available==QoSProfile(depth=10)
 qos_check_compatible(QoSProfile(depth=1,deadline=Duration(seconds=-2)),QoSProfile(depth=1))  # ours: a negative period
 list(LivelinessPolicy.__members__.items())
