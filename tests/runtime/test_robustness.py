@@ -1,4 +1,4 @@
-"""Cancelled futures, closed objects, stopped servers, busy descriptors."""
+"""Closed objects, stopped servers, wrong arguments."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Readers and writers with names of DDS, for tests that inspect bytes or announce invalid data.
-
-In memory a service has no bytes of its own, but its halves can be announced.
-"""
+"""Readers and writers with names of DDS, for tests that inspect bytes or announce invalid data."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ def reply_name(name: str) -> str:
 
 
 def spec(node: Any, topic: str, type: str, qos: QoSProfile, type_hash: str) -> EndpointSpec:
-    """``rt/chatter`` is a topic; the halves of services, which only memory has words for, are bare elsewhere."""
+    """``rt/chatter`` is a topic; the halves of services are bare names, except in memory, where names are compared."""
     topic_key, participant = topic_key_of(topic), node._scope.participant
     if topic_key.kind != "topic" and not isinstance(participant, MemoryParticipant):
         topic_key = TopicKey("unmangled", topic)
