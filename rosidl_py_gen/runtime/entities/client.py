@@ -66,7 +66,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         window = RequestFlowControl(name, batch_interval_s)
         self._window = scope.request_windows.setdefault(self._spec.topic_keys[0], window)
         self._transport_client.set_sink(self._on_replies)
-        self._loss_registration = scope.discovery.on_endpoint_lost.add(self._on_endpoint_lost)
+        self._loss_registration = scope.discovery.on_change.add(self._on_discovery)
         reader, writer = self._transport_client.endpoints
         scope.register(self, reader=reader, writer=writer)
 
@@ -322,7 +322,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             if pending is not None:
                 self._handle_reply(pending, data, server)
 
-    def _on_endpoint_lost(self) -> None:
+    def _on_discovery(self) -> None:
         if self._pending:
             self._scope.loop_binding.call_soon(self._check_lost_requests)
 

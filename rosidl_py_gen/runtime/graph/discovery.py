@@ -48,8 +48,6 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Waiters for a change of the graph."""
-        self.on_endpoint_lost: RegistrationSet[Callable[[], None]] = RegistrationSet()
-        """Called after participants or endpoints have left the graph, on the loop's thread if a loop runs."""
         self.on_change: RegistrationSet[Callable[[], None]] = RegistrationSet()
         """Called after each change of discovered nodes and endpoints, on the loop's thread if a loop runs."""
         self._announce_delay_s = announce_delay_s
@@ -136,15 +134,13 @@ class Discovery:
             self._participant.report_discovery()
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
-        is_any_lost = False
         for event in events:
             if isinstance(event, EntityLost):
-                is_any_lost = True
                 self._reported = {report for report in self._reported if event.guid not in report}
             new_endpoint = self.graph.apply(event)
             if new_endpoint is not None:
                 self._check_new_endpoint(new_endpoint)
-        for function in (*(self.on_endpoint_lost if is_any_lost else ()), *self.on_change):
+        for function in self.on_change:
             function()
         self._changed()
 
