@@ -168,7 +168,7 @@ class ZenohClient(_ZenohServiceEndpoint):
             raise ClosedError(f"the client of {self.info.topic_key.name} is closed")
         # Not by a listener: Zenoh calls it in the thread that undeclaring an advanced publisher waits for, up to ten
         # seconds with the GIL.
-        changes = self._owner.graph.changes
+        changes = self._owner.graph.version
         if changes != self._matching_version:
             reachable = self._find_reachable()
             if reachable is None:
@@ -241,7 +241,8 @@ class ZenohClient(_ZenohServiceEndpoint):
 
     def _refresh_servers(self) -> None:
         graph = self._owner.graph
-        changes = graph.version()
+        graph.read()
+        changes = graph.version
         if changes == self._servers_version:
             return
         readers, writers = self._connected(self._writer_info), self._connected(self.info)
@@ -347,8 +348,9 @@ class ZenohServer(_ZenohServiceEndpoint):
 
     def _is_limited(self) -> bool:
         graph = self._owner.graph
-        if graph.changes != self._window_version:
-            self._window_version = graph.version()
+        if graph.version != self._window_version:
+            graph.read()
+            self._window_version = graph.version
             readers = self._connected(self._writer_info)
             self._window.set_readers(reader.qos for reader in readers.values())
         return self._window.limit > 0

@@ -12,7 +12,7 @@ Source: docs/internals/zenoh.md 3 and 8.
 from __future__ import annotations
 
 import threading
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -27,6 +27,7 @@ from rosidl_py_gen.runtime.transport.api import (
     TopicKey,
 )
 from rosidl_py_gen.runtime.transport.dds.names import ros_type
+from rosidl_py_gen.runtime.transport.endpoint_index import EndpointIndex
 from rosidl_py_gen.runtime.transport.matching import IncompatibilityKind
 from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
     EndpointToken,
@@ -62,8 +63,6 @@ class _Node:
 
 Infos: TypeAlias = tuple[DiscoveredEndpoint, ...]
 """Endpoints in the graph of a publisher or subscription, which is one, or of a client or server, which is two."""
-Key: TypeAlias = tuple[TopicKey, str, str, bool]
-"""Topic, type and hash of endpoints that match; True for the writers."""
 
 
 def endpoints_of(token: EndpointToken, gid: bytes) -> Infos:
@@ -83,21 +82,18 @@ def endpoints_of(token: EndpointToken, gid: bytes) -> Infos:
     )
 
 
-class TokenGraph:
-    """Endpoints of a domain. Thread: any."""
+class TokenGraph(EndpointIndex):
+    """Endpoints of a domain; `version` and the methods of the base class do not count unread tokens. Thread: any."""
 
     def __init__(self, own_zid: str, enclave: str) -> None:
+        super().__init__()
         self._own_zid = own_zid
         self._unread: deque[tuple[bool, str]] = deque()
         self._lock = threading.RLock()
         self._sessions: dict[str, dict[int, _Node]] = {}
         """Nodes by session and number."""
         self._tokens: dict[str, Infos] = {}
-        self._endpoints: defaultdict[Key, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
-        """Existing endpoints by GUID."""
         self._events: list[DiscoveryEvent] = [ParticipantDiscovered(participant_guid(own_zid), enclave)]
-        self.changes = 0
-        """Number of changes, without unread tokens."""
 
     def on_token(self, exists: bool, token: str) -> None:
         """Record that a token appeared or disappeared, to be read later."""
@@ -116,18 +112,12 @@ class TokenGraph:
                 self._remove_endpoint(endpoint)
 
     def _add_endpoint(self, endpoint: DiscoveredEndpoint) -> None:
-        self._endpoints[_key(endpoint, endpoint.is_writer)][endpoint.guid] = endpoint
+        self.add(endpoint)
         self._events.append(endpoint)
-        self.changes += 1
 
     def _remove_endpoint(self, endpoint: DiscoveredEndpoint) -> None:
-        key = _key(endpoint, endpoint.is_writer)
-        endpoints = self._endpoints[key]
-        endpoints.pop(endpoint.guid, None)
+        self.remove(endpoint.guid)
         self._events.append(EntityLost(endpoint.guid))
-        self.changes += 1
-        if not endpoints:
-            del self._endpoints[key]
 
     def read(self) -> None:
         """Apply all recorded tokens."""
@@ -199,27 +189,19 @@ class TokenGraph:
             events, self._events = self._events, []
         return events
 
-    def version(self) -> int:
-        """Return the number of changes, including those of recorded tokens."""
-        self.read()
-        return self.changes
-
     def connected(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
         """Return the endpoints that match an endpoint, by GUID."""
-        return self._find(_key(endpoint, not endpoint.is_writer))
+        return self._find(endpoint, writers=not endpoint.is_writer)
 
     def endpoints_on_same_side(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
         """Return the endpoints with the key and direction of an endpoint, itself included, by GUID."""
-        return self._find(_key(endpoint, endpoint.is_writer))
+        return self._find(endpoint, writers=endpoint.is_writer)
 
-    def _find(self, key: Key) -> dict[bytes, DiscoveredEndpoint]:
+    def _find(self, endpoint: DiscoveredEndpoint, *, writers: bool) -> dict[bytes, DiscoveredEndpoint]:
         self.read()
-        with self._lock:
-            return dict(self._endpoints.get(key, ()))
-
-
-def _key(endpoint: DiscoveredEndpoint, is_writer: bool) -> Key:
-    return endpoint.topic_key, endpoint.type, _announced_hash(endpoint), is_writer
+        key = endpoint.type, _announced_hash(endpoint)
+        found = self.endpoints_on(endpoint.topic_key, writers=writers)
+        return {other.guid: other for other in found if (other.type, _announced_hash(other)) == key}
 
 
 def _announced_hash(endpoint: DiscoveredEndpoint) -> str:
