@@ -141,7 +141,7 @@ class ZenohParticipant:
             subject = f"an endpoint of {infos[0].topic_key.name} at {key}"
             raise TransportError(f"Zenoh could not create {subject}: {error}") from None
         self._local_endpoints[endpoint.guid] = endpoint
-        self.graph.add_own(infos)
+        self.graph.add_endpoints(infos)
         self.ready_sinks.put(self.report_discovery)
         return endpoint
 
@@ -151,7 +151,7 @@ class ZenohParticipant:
         if endpoint is not None:
             if endpoint.token is not None:
                 endpoint.token.undeclare()
-            self.graph.remove_own(endpoint.infos)
+            self.graph.remove_endpoints(endpoint.infos)
             self.ready_sinks.put(self.report_discovery)
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:

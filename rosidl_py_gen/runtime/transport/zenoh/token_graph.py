@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -99,25 +98,19 @@ class TokenGraph(EndpointIndex):
         """Record that a token appeared or disappeared, to be read later."""
         self._unread.append((exists, token))
 
-    def add_own(self, endpoints: Iterable[DiscoveredEndpoint]) -> None:
-        """Add endpoints of the own session."""
+    def add_endpoints(self, endpoints: Infos) -> None:
+        """Add endpoints, own ones or those of a token."""
         with self._lock:
             for endpoint in endpoints:
-                self._add_endpoint(endpoint)
+                self.add(endpoint)
+            self._events += endpoints
 
-    def remove_own(self, endpoints: Iterable[DiscoveredEndpoint]) -> None:
-        """Remove endpoints of the own session."""
+    def remove_endpoints(self, endpoints: Infos) -> None:
+        """Remove endpoints, own ones or those of a token."""
         with self._lock:
             for endpoint in endpoints:
-                self._remove_endpoint(endpoint)
-
-    def _add_endpoint(self, endpoint: DiscoveredEndpoint) -> None:
-        self.add(endpoint)
-        self._events.append(endpoint)
-
-    def _remove_endpoint(self, endpoint: DiscoveredEndpoint) -> None:
-        self.remove(endpoint.guid)
-        self._events.append(EntityLost(endpoint.guid))
+                self.remove(endpoint.guid)
+                self._events.append(EntityLost(endpoint.guid))
 
     def read(self) -> None:
         """Apply all recorded tokens."""
@@ -151,7 +144,7 @@ class TokenGraph(EndpointIndex):
         endpoints = self._tokens[text] = endpoints_of(token, gid_of(text))
         for endpoint in endpoints:
             (node.writers if endpoint.is_writer else node.readers).add(endpoint.guid)
-            self._add_endpoint(endpoint)
+        self.add_endpoints(endpoints)
         return True
 
     def _remove(self, text: str, token: NodeToken | EndpointToken) -> bool:
@@ -164,7 +157,7 @@ class TokenGraph(EndpointIndex):
         for endpoint in endpoints:
             node.readers.discard(endpoint.guid)
             node.writers.discard(endpoint.guid)
-            self._remove_endpoint(endpoint)
+        self.remove_endpoints(endpoints)
         return True
 
     def _report_nodes(self, zid: str) -> None:
