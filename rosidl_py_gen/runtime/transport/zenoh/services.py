@@ -25,7 +25,7 @@ import zenoh
 from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import ClosedError, DecodeError, printable
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, TransportError
-from rosidl_py_gen.runtime.transport.endpoint_index import fair_queue_share
+from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache, fair_queue_share
 from rosidl_py_gen.runtime.transport.reply_window import ReplyWindow
 from rosidl_py_gen.runtime.transport.service_api import (
     NoReply,
@@ -135,10 +135,9 @@ class ZenohClient(_ZenohServiceEndpoint):
         self._servers = ServerAvailability()
         self._server_endpoints: frozenset[bytes] = frozenset()
         self._writer_by_session: dict[bytes, bytes] = {}
-        self._matching_version = -1
-        """Change count of the graph at which a server was reachable; a check in Zenoh takes 40 us."""
-        self._reachable_hash = ""
-        """Hash of the key of the reachable server; empty for the own one."""
+        self._reachable: MatchCache[tuple[str] | None] = MatchCache(owner.graph, self._find_reachable)
+        """Hash of the key of a reachable server, empty for the own one, by the number of accepted hashes; a check in
+        Zenoh takes 40 us."""
         self._default_timeout_s = _NO_TIMEOUT_S if _GET_RESULT in key else None
         self._queriers: dict[str, Any] = {}
         super().__init__(owner, infos, key, service=service)
@@ -151,30 +150,25 @@ class ZenohClient(_ZenohServiceEndpoint):
 
     def accept_type_hash(self, type_hash: str) -> None:
         super().accept_type_hash(type_hash)
-        self._servers_version = self._matching_version = -1
+        self._servers_version = -1
 
-    def _find_reachable(self) -> str | None:
-        """Return the hash of the key of a reachable server, None if none is reachable.
-
-        Servers with a token precede, because those without are leaving, or convert; then those with the own definition.
-        """
+    def _find_reachable(self, _: object) -> tuple[str] | None:
+        # Servers with a token precede, because those without are leaving, or convert; then those with the own
+        # definition.
         reachable = [key for key, querier in list(self._queriers.items()) if querier.matching_status.matching]
         connected = self._owner.graph.connected
         with_token = (key for key in reachable if connected(self._info_of(key) if key else self.info))
-        return next(iter((*with_token, *reachable)), None)
+        return next(((type_hash,) for type_hash in (*with_token, *reachable)), None)
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
         if self._closed:
             raise ClosedError(f"the client of {self.info.topic_key.name} is closed")
         # Not by a listener: Zenoh calls it in the thread that undeclaring an advanced publisher waits for, up to ten
         # seconds with the GIL.
-        changes = self._owner.graph.version
-        if changes != self._matching_version:
-            reachable = self._find_reachable()
-            if reachable is None:
-                return None
-            self._reachable_hash, self._matching_version = reachable, changes
-        type_hash, key = self._reachable_hash, self._key
+        reachable = self._reachable.get(len(self._other_infos))
+        if reachable is None:
+            return None
+        (type_hash,), key = reachable, self._key
         if type_hash:
             key, data = self._key_of(type_hash), self._conversion(type_hash).sent(data)
         number = self._sent + 1
