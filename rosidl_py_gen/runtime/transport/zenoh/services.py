@@ -105,6 +105,10 @@ class _ZenohServiceEndpoint(ZenohReader):
             found |= self._owner.graph.connected(replace(own, service_hash=type_hash))
         return found
 
+    def _version(self) -> tuple[int, int]:
+        """Return a value that changes with the matched endpoints, as far as tokens were read."""
+        return self._owner.graph.version, len(self._other_infos)
+
     def _info_of(self, type_hash: str) -> DiscoveredEndpoint:
         return replace(self.info, service_hash=type_hash)
 
@@ -130,8 +134,8 @@ class ZenohClient(_ZenohServiceEndpoint):
         self._in_flight: dict[int, _InFlightQuery] = {}
         self._answered: deque[int] = deque()
         """Answered queries that other servers may still answer."""
-        self._servers_version = -1
-        """Change count of the graph of which the following three were computed."""
+        self._servers_version: tuple[int, int] | None = None
+        """Result of `_version` of which the following three were computed."""
         self._servers = ServerAvailability()
         self._server_endpoints: frozenset[bytes] = frozenset()
         self._writer_by_session: dict[bytes, bytes] = {}
@@ -147,10 +151,6 @@ class ZenohClient(_ZenohServiceEndpoint):
             key, target=zenoh.QueryTarget.ALL_COMPLETE, consolidation=zenoh.ConsolidationMode.NONE
         )
         return querier
-
-    def accept_type_hash(self, type_hash: str) -> None:
-        super().accept_type_hash(type_hash)
-        self._servers_version = -1
 
     def _find_reachable(self, _: object) -> tuple[str] | None:
         # Servers with a token precede, because those without are leaving, or convert; then those with the own
@@ -236,8 +236,8 @@ class ZenohClient(_ZenohServiceEndpoint):
     def _refresh_servers(self) -> None:
         graph = self._owner.graph
         graph.read()
-        changes = graph.version
-        if changes == self._servers_version:
+        version = self._version()
+        if version == self._servers_version:
             return
         readers, writers = self._connected(self._writer_info), self._connected(self.info)
         writer_by_session = {writer.participant_guid: writer.guid for writer in writers.values()}
@@ -246,7 +246,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         depth = fair_queue_share((reader.qos for reader in readers.values()), clients)
         self._servers = ServerAvailability(is_available, depth)
         self._server_endpoints = frozenset((*readers, *writers))
-        self._writer_by_session, self._servers_version = writer_by_session, changes
+        self._writer_by_session, self._servers_version = writer_by_session, version
 
     def replying_server(self, reply: Any) -> bytes | None:
         """Return the GUID of the writer of a reply; None if unknown. Called by Zenoh."""
@@ -327,12 +327,8 @@ class ZenohServer(_ZenohServiceEndpoint):
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
         self._window = ReplyWindow(None)
-        self._window_version = -1
+        self._window_version: tuple[int, int] | None = None
         super().__init__(owner, infos, key, service=service)
-
-    def accept_type_hash(self, type_hash: str) -> None:
-        super().accept_type_hash(type_hash)
-        self._window_version = -1
 
     def take(self) -> Any:
         request = super().take()
@@ -341,10 +337,9 @@ class ZenohServer(_ZenohServiceEndpoint):
         return request
 
     def _is_limited(self) -> bool:
-        graph = self._owner.graph
-        if graph.version != self._window_version:
-            graph.read()
-            self._window_version = graph.version
+        version = self._version()
+        if version != self._window_version:
+            self._window_version = version
             readers = self._connected(self._writer_info)
             self._window.set_readers(reader.qos for reader in readers.values())
         return self._window.limit > 0
