@@ -109,10 +109,8 @@ def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
 
 def _names(text: str) -> Iterator[RosName]:
     for kind in KINDS if text.count("/") == 1 else ("msg",) if "/" in text else ():
-        try:
+        with suppress(InvalidNameError):
             yield split_ros_name(text, kind)
-        except InvalidNameError:
-            return
 
 
 def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:

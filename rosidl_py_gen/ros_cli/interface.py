@@ -153,13 +153,10 @@ def _parts(library: InterfaceRegistry, top: RosName) -> list[str]:
     from rosidl_py_gen.compiler.frontend.model import ActionDef, ServiceDef
 
     interface = library.interface(top)
-    match interface:
-        case ServiceDef():
-            return [str(message.name) for message in interface.messages]
-        case ActionDef():
-            services = [str(service.name) for service in (interface.send_goal, interface.get_result)]
-            return [*(str(message.name) for message in interface.messages), *services]
-    return []
+    if not isinstance(interface, ServiceDef | ActionDef):
+        return []
+    services = (interface.send_goal, interface.get_result) if isinstance(interface, ActionDef) else ()
+    return [str(one.name) for one in (*interface.messages, *services)]
 
 
 @click.command("proto")
