@@ -140,7 +140,6 @@ from rosidl_py_gen.runtime.runner import run as run
 from rosidl_py_gen.runtime.runner import spin as spin
 from rosidl_py_gen.runtime.time.clock import Clock as Clock
 from rosidl_py_gen.runtime.time.clock_timer import Rate as Rate
-from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError as WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockChange as ClockChange
 from rosidl_py_gen.runtime.time.values import ClockType as ClockType
 from rosidl_py_gen.runtime.time.values import ClockTypeError as ClockTypeError
@@ -148,6 +147,7 @@ from rosidl_py_gen.runtime.time.values import Duration as Duration
 from rosidl_py_gen.runtime.time.values import Time as Time
 from rosidl_py_gen.runtime.time.values import TimeJump as TimeJump
 from rosidl_py_gen.runtime.time.values import TimeRangeError as TimeRangeError
+from rosidl_py_gen.runtime.time.values import WaitTimeoutError as WaitTimeoutError
 from rosidl_py_gen.runtime.transport.api import BackendMissingError as BackendMissingError
 from rosidl_py_gen.runtime.transport.api import DiscoveryRange as DiscoveryRange
 from rosidl_py_gen.runtime.transport.api import DomainSettings as DomainSettings

@@ -60,7 +60,7 @@ class RosErrors:
         """
         import asyncio
 
-        from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError
+        from rosidl_py_gen.runtime.time.values import WaitTimeoutError
 
         now_s = asyncio.get_running_loop().time
         end_s = now_s() + timeout_s

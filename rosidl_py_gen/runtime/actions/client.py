@@ -50,8 +50,7 @@ from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError, ServerLostError, service_endpoint_qos
 from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue
-from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError, with_reason
-from rosidl_py_gen.runtime.time.values import Time, read_stamp, timeout_to_ns
+from rosidl_py_gen.runtime.time.values import Deadline, Time, WaitTimeoutError, read_stamp, timeout_to_ns, with_reason
 from rosidl_py_gen.runtime.transport.endpoint_index import MatchCache
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 

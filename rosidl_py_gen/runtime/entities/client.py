@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.entities.service_common import (
     incompatible_peer_text,
 )
 from rosidl_py_gen.runtime.loop.timeout_table import TimeoutTable
-from rosidl_py_gen.runtime.time.deadline import Deadline, with_reason
+from rosidl_py_gen.runtime.time.values import Deadline, with_reason
 from rosidl_py_gen.runtime.transport.service_api import NoReply
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from rosidl_py_gen.runtime.loop.callback_failures import CallbackFailures
 from rosidl_py_gen.runtime.loop.shared_loop import WouldDeadlockError
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_callable, start_task
 from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
-from rosidl_py_gen.runtime.time.values import ClockType
+from rosidl_py_gen.runtime.time.values import ClockType, Deadline, WaitTimeoutError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine, MutableMapping

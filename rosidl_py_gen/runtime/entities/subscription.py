@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime.entities.type_hash_filter import TypeHashFilter
 from rosidl_py_gen.runtime.graph.endpoint_events import watch_events
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.loop.user_callback import UserCallback, require_concurrency
-from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.time.values import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 

@@ -12,7 +12,7 @@ from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type
 from rosidl_py_gen.runtime.node.node_base import NodeBase
-from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.time.values import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA, Durability, Reliability
 
 if TYPE_CHECKING:

@@ -57,8 +57,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     parameter_value,
     widened,
 )
-from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.time.values import Time, read_stamp
+from rosidl_py_gen.runtime.time.values import Deadline, Time, read_stamp
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:

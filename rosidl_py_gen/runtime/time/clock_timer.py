@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import complete_threadsafe, current_loop
@@ -25,14 +24,8 @@ _MAX_SLEEP_S = 1.0
 """Maximum time between two checks of the system time; a timer is at most that late after the time was set."""
 
 
-@dataclass(frozen=True, slots=True)
-class TimerCall:
-    """Call of a timer.
-
-    Attributes:
-        since_last_ns: time since the previous call, or since creation.
-        missed: number of whole periods without a call.
-    """
+class TimerCall(NamedTuple):
+    """Call of a timer: time since the previous call or creation, and number of whole periods without a call."""
 
     since_last_ns: int
     missed: int

@@ -29,7 +29,7 @@ from rosidl_py_gen.runtime.entities.message_types import class_of, lazy_service_
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
-from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.time.values import Deadline
 from rosidl_py_gen.runtime.transport.api import SecurityError
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.type_resolution.announcements import TYPE_HASH, join_truncated

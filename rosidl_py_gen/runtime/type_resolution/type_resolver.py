@@ -27,7 +27,7 @@ from rosidl_py_gen.errors import (
     printable,
 )
 from rosidl_py_gen.runtime.entities.service_common import CallTimeoutError
-from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.time.values import Deadline
 from rosidl_py_gen.runtime.transport.api import TopicKey
 from rosidl_py_gen.runtime.type_resolution.announcements import (
     TYPE_HASH,
