@@ -242,6 +242,15 @@ class Owner:
         self.reports.append(f"{doing}: {type(sys.exc_info()[1]).__name__}")
 
 
+def test_what_makes_use_of_the_answer_may_fail_too() -> None:
+    async def main() -> None:
+        owner = Owner()
+        assert UserCallback(owner, lambda: "x", "the callback").call(on_result=int) is None
+        assert owner.reports == ["the callback: ValueError"]
+
+    asyncio.run(main())
+
+
 def test_a_cancellation_from_elsewhere_is_a_failure_and_an_own_one_an_end() -> None:
     async def main() -> None:
         owner, foreign = Owner(), asyncio.get_running_loop().create_future()
