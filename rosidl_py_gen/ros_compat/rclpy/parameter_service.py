@@ -59,10 +59,7 @@ class ParameterService:
         return response
 
     def _list_parameters_callback(self, request: Any, response: Any) -> Any:
-        try:
-            response.result = self._get_node().list_parameters(request.prefixes, request.depth)
-        except (TypeError, ValueError):
-            response.result = ListParametersResult()
+        response.result = self._get_node().list_parameters(request.prefixes, request.depth)
         return response
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
