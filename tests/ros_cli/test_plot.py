@@ -92,6 +92,11 @@ def drive(path: Path, count: int = 800, step_ns: int = 10_000_000) -> str:
     return str(path)
 
 
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return drive(tmp_path_factory.mktemp("plots") / "drive")
+
+
 def drawn_lines(path: Path) -> dict[str, list[np.ndarray[Any, Any]]]:
     """Return the points of each line of an SVG, in its coordinates; a line that is interrupted has several pieces."""
     lines: dict[str, list[np.ndarray[Any, Any]]] = {}
@@ -117,8 +122,8 @@ def check_drawn(points: np.ndarray[Any, Any], expected: Any, start_s: float, end
     assert np.abs(slope * points[:, 1] + offset - values).max() < 0.02 * np.ptp(values)
 
 
-def test_a_bag_becomes_a_picture(run_here: Any, tmp_path: Path) -> None:
-    bag, picture, drawing = drive(tmp_path / "drive"), tmp_path / "drive.png", tmp_path / "drive.svg"
+def test_a_bag_becomes_a_picture(run_here: Any, bag: str, tmp_path: Path) -> None:
+    picture, drawing = tmp_path / "drive.png", tmp_path / "drive.svg"
     words = ("/imu", "angular_velocity.x", "angular_velocity.z", "/odom", "twist.twist.linear.x")
     for out in (picture, drawing):
         code, said, err = run_here("bag", "plot", bag, *words, "--out", str(out))
@@ -141,8 +146,8 @@ def test_a_bag_becomes_a_picture(run_here: Any, tmp_path: Path) -> None:
     update_picture("bag_plot_command.png", picture.read_bytes())
 
 
-def test_fields_are_numbers_switches_times_and_elements(run_here: Any, tmp_path: Path) -> None:
-    bag, out = drive(tmp_path / "drive.mcap"), tmp_path / "a.svg"
+def test_fields_are_numbers_switches_times_and_elements(run_here: Any, bag: str, tmp_path: Path) -> None:
+    out = tmp_path / "a.svg"
     words = ("/on", "/scan", "ranges[0:3]", "ranges[-1]", "/imu", "header", "orientation_covariance[8]")
     code, _, err = run_here("bag", "plot", bag, *words, "-o", str(out))
     assert (code, err) == (0, "")
@@ -158,10 +163,12 @@ def test_fields_are_numbers_switches_times_and_elements(run_here: Any, tmp_path:
     assert len(drawn_lines(out)) == 20
 
 
-def test_the_time_is_that_of_a_part_a_header_or_the_day(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_the_time_is_that_of_a_part_a_header_or_the_day(
+    run_here: Any, bag: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TZ", "UTC")
     time.tzset()
-    bag, out = drive(tmp_path / "drive"), tmp_path / "a.svg"
+    out = tmp_path / "a.svg"
     part = ("/imu", "angular_velocity.x", "--start-offset", "2", "--duration", "3", "-o", str(out))
     assert run_here("bag", "plot", bag, *part)[1] == f"300 messages of /imu in {out}\n"
     check_drawn(drawn_lines(out)["/imu.angular_velocity.x"][0], wave, 2, 4.99)
@@ -184,8 +191,7 @@ def test_several_bags_begin_at_zero_unless_the_axis_is_a_clock(run_here: Any, tm
     assert {"a: /imu", "b: /imu"} <= {*texts(out)}
 
 
-def test_the_terminal_shows_the_lines(run_here: Any, tmp_path: Path) -> None:
-    bag = drive(tmp_path / "drive")
+def test_the_terminal_shows_the_lines(run_here: Any, bag: str) -> None:
     code, said, err = run_here("bag", "plot", bag, "/odom", "twist.twist.linear")
     rows = said.splitlines()
     assert (code, err) == (0, "")
@@ -236,11 +242,12 @@ def test_texts_are_drawn_within_their_width() -> None:
         (["/imu", "angular_velocity", "--out", "no/folder/a.png"], "no/folder/a.png: No such file or directory"),
     ],
 )
-def test_errors_name_what_there_is(words: Any, reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_errors_name_what_there_is(
+    words: Any, reason: str, run_here: Any, bag: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    bag = drive(tmp_path / "drive")
     code, said, err = run_here("bag", "plot", bag, *words)
-    assert (code, said) == (1, "") and reason in err and os.listdir() == ["drive"]
+    assert (code, said) == (1, "") and reason in err and os.listdir() == []
 
 
 def test_a_topic_without_messages_is_an_error(run_here: Any, tmp_path: Path) -> None:
@@ -251,12 +258,11 @@ def test_a_topic_without_messages_is_an_error(run_here: Any, tmp_path: Path) -> 
     assert code == 1 and err.endswith("a.mcap has no messages on /f in the selected time\n")
 
 
-def test_without_matplotlib_there_is_text(run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_matplotlib_there_is_text(run_here: Any, bag: str, tmp_path: Path, monkeypatch: Any) -> None:
     import importlib.util
 
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "matplotlib" else find(name))
-    bag = drive(tmp_path / "drive")
     code, _, err = run_here("bag", "plot", bag, "/on", "data", "--out", str(tmp_path / "a.png"))
     assert code == 1 and re.search(r"needs matplotlib, which is not installed: pip install .*\[plot\]", err)
     monkeypatch.setenv("DISPLAY", ":99")
@@ -266,7 +272,7 @@ def test_without_matplotlib_there_is_text(run_here: Any, tmp_path: Path, monkeyp
     assert run_here("bag", "plot", bag, "/on", "data", "--terminal")[2] == ""
 
 
-def test_a_window_shows_the_plot_until_it_is_closed(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_window_shows_the_plot_until_it_is_closed(run_here: Any, bag: str, monkeypatch: Any) -> None:
     import matplotlib.pyplot as plt
 
     from rosidl_py_gen.ros_cli.plotting import figure
@@ -274,7 +280,6 @@ def test_a_window_shows_the_plot_until_it_is_closed(run_here: Any, tmp_path: Pat
     shown: list[Any] = []
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("SSH_CONNECTION")
-    bag = drive(tmp_path / "drive")
     code, said, err = run_here("bag", "plot", bag, "/on", "data")
     assert code == 0 and said.startswith("/on\n")  # matplotlib finds no toolkit
     assert err == "matplotlib cannot open a window: no display, or no toolkit such as tkinter or PyQt6\n"
