@@ -490,7 +490,7 @@ def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: P
             writer.enqueue("/words", data, number, number)
         if snapshots:
             writer.enqueue("/words", data * 4, 11, 11)  # more than there is room for
-            assert (writer.dropped, writer.snapshot_size_text) == (1, "3 messages retained for a snapshot")
+            assert (writer.dropped, writer.retained_count) == (1, 3)
             assert writer.snapshot()
             assert not writer.snapshot()
         else:

@@ -26,7 +26,6 @@ from rosidl_py_gen.ros_cli.foxglove.viewer import AdvertisedChannel, AdvertisedS
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping, Sequence
-    from http import HTTPStatus
 
     from websockets.asyncio.server import Server as WebSocketServer
     from websockets.http11 import Request, Response
@@ -168,13 +167,12 @@ class Server:
                 viewer.abort()
 
     def _check_request(self, connection: ServerConnection, request: Request) -> Response | None:
-        refusal = _refusal(self.options, request.headers.get_all("Origin"), request.path)
-        if refusal is None and len(self._viewers) >= limits.MAX_VIEWERS:
-            refusal = 503, f"there are {limits.MAX_VIEWERS} viewers already"
-        if refusal is None:
-            return None
-        code: HTTPStatus | Any = refusal[0]
-        return connection.respond(code, refusal[1] + "\n")
+        status: Any = 0
+        if refusal := _refusal(self.options, request.headers.get_all("Origin"), request.path):
+            status, text = refusal
+        elif len(self._viewers) >= limits.MAX_VIEWERS:
+            status, text = 503, f"there are {limits.MAX_VIEWERS} viewers already"
+        return connection.respond(status, f"{text}\n") if status else None
 
     async def _serve(self, connection: ServerConnection, session: str) -> None:
         may_act = not self.options.is_read_only

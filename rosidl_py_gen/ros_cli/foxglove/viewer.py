@@ -282,17 +282,17 @@ class Viewer:
         others = [one for key, one in self._advertised.items() if key != number]
         size = sum(len(one.schema) for one in others) + len(offer.schema)
         if len(others) >= limits.MAX_CLIENT_CHANNELS:
-            self._reject(
-                f"{offer.topic} cannot be published: {limits.MAX_CLIENT_CHANNELS} topics are published already"
-            )
+            refusal = f"{limits.MAX_CLIENT_CHANNELS} topics are published already"
         elif len(offer.schema) > limits.MAX_SCHEMA_BYTES:
             limit = f"expected at most {limits.MAX_SCHEMA_BYTES}; without a definition the types known here can be used"
-            self._reject(f"{offer.topic} cannot be published: its definition has {len(offer.schema)} bytes, {limit}")
+            refusal = f"its definition has {len(offer.schema)} bytes, {limit}"
         elif size > limits.MAX_VIEWER_SCHEMA_BYTES:
             limit = f"expected at most {limits.MAX_VIEWER_SCHEMA_BYTES} for all topics of a viewer"
-            self._reject(f"{offer.topic} cannot be published: with its definition there are {size} bytes, {limit}")
+            refusal = f"with its definition there are {size} bytes, {limit}"
         else:
             self._advertised[number] = self._server.offers[self.number, number] = offer
+            return
+        self._reject(f"{offer.topic} cannot be published: {refusal}")
 
     def _follow_parameters(self, names: set[str]) -> None:
         if self.followed is None or not names:

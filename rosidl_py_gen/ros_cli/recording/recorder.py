@@ -140,7 +140,8 @@ class Recorder:
         while True:
             dropped = f", {self.dropped} dropped" if self.dropped else ""
             text = f"{self._writer.messages} messages of {len(self.recorded)} topics, {size_text(self._writer.bytes)}"
-            snapshot = f", {self._writer.snapshot_size_text}" if self._writer.snapshot_size_text else ""
+            retained = self._writer.retained_count
+            snapshot = "" if retained is None else f", {retained} messages retained for a snapshot"
             what = "paused after" if self.is_paused else "recording for"
             show(f"{what} {now_s() - began:.0f} s: {text}{snapshot}{dropped}; Ctrl-C ends recording")
             await asyncio.sleep(_PROGRESS_INTERVAL_S)
@@ -326,7 +327,7 @@ def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -
     )
     if early:
         terminal_output.note(f"{early} messages arrived before the first time of /clock, and were skipped")
-    if writer.dropped and writer.is_snapshot_mode:
+    if writer.dropped and writer.retained_count is not None:
         terminal_output.note(f"{writer.dropped} messages are larger than --max-cache-size, and are not in a snapshot")
         dropped = received
     if dropped:

@@ -76,14 +76,9 @@ class WriterThread:
         self._thread.start()
 
     @property
-    def is_snapshot_mode(self) -> bool:
-        """True if only snapshots are written."""
-        return self._retained is not None
-
-    @property
-    def snapshot_size_text(self) -> str:
-        """Text with the size of the next snapshot; empty without snapshots."""
-        return "" if self._retained is None else f"{len(self._retained)} messages retained for a snapshot"
+    def retained_count(self) -> int | None:
+        """Number of messages retained for a snapshot; None if all messages are written."""
+        return None if self._retained is None else len(self._retained)
 
     def add_topic(self, topic: BagTopic) -> None:
         """Register a topic before its first message."""
