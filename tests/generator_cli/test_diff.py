@@ -135,10 +135,10 @@ def test_a_change_has_its_sort_and_fails_where_that_is_asked_for(shell: Shell, t
     told = diff(shell, {"Wheel": text}, "--json", *wanted).json
     assert told["sorts"] == sorts
     assert told["breaking"] == [sort for sort in sorts if sort in ("data", "code")]
-    for sort in ("data", "code", "hash", "default", "unit", "addition"):
-        assert shell("diff", "old", "new", *wanted, "--fail-on", sort).code == int(sort in sorts)
-    assert shell("diff", "old", "new", *wanted, "--fail-on", "any").code == int(bool(sorts))
-    assert shell("diff", "old", "new", *wanted, "--fail-on", "nothing").code == 0
+    others = {"data", "code", "hash", "default", "unit", "addition"} - {*sorts}
+    for kinds, code in ((others, 0), (sorts[-1:], 1), (["any"], int(bool(sorts))), (["nothing"], 0)):
+        options = [word for kind in kinds for word in ("--fail-on", kind)]
+        assert not kinds or shell("diff", "old", "new", *wanted, *options).code == code
 
 
 def test_as_few_fields_as_possible_are_said_to_have_moved(shell: Shell) -> None:
