@@ -37,29 +37,6 @@ REL, BE = Reliability.RELIABLE, Reliability.BEST_EFFORT
 VOL, TL = Durability.VOLATILE, Durability.TRANSIENT_LOCAL
 
 
-@pytest.mark.parametrize(
-    ("name", "depth", "reliability", "durability"),
-    [
-        ("DEFAULT", 10, REL, VOL),
-        ("SENSOR_DATA", 5, BE, VOL),
-        ("SERVICES_DEFAULT", 10, REL, VOL),
-        ("PARAMETERS", 1000, REL, VOL),
-        ("PARAMETER_EVENTS", 1000, REL, VOL),
-        ("ROSOUT", 1000, REL, TL),
-        ("ACTION_STATUS", 1, REL, TL),
-        ("CLOCK", 1, BE, VOL),
-        ("SYSTEM_DEFAULT", 0, Reliability.SYSTEM_DEFAULT, Durability.SYSTEM_DEFAULT),
-        ("BEST_AVAILABLE", 10, Reliability.BEST_AVAILABLE, Durability.BEST_AVAILABLE),
-    ],
-)
-def test_presets_are_those_of_rmw(name: str, depth: int, reliability: Reliability, durability: Durability) -> None:
-    profile: QoSProfile = getattr(qos, name)
-    history = History.SYSTEM_DEFAULT if name == "SYSTEM_DEFAULT" else History.KEEP_LAST
-    lifespan_ns = 10 * 10**9 if name == "ROSOUT" else 0
-    assert (profile.history, profile.depth, profile.lifespan_ns) == (history, depth, lifespan_ns)
-    assert (profile.reliability, profile.durability) == (reliability, durability)
-
-
 def test_enumerations_have_the_numbers_of_rmw() -> None:
     assert [int(v) for v in History] == [0, 1, 2, 3]
     names = ("SYSTEM_DEFAULT", "RELIABLE", "BEST_EFFORT", "UNKNOWN", "BEST_AVAILABLE")

@@ -315,8 +315,6 @@ class CycloneParticipant:
                     _api.delete(self._topics.pop(oldest)[0])
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        if self._discovery_info is not None:
-            self._discovery_info.close()
         self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro)
 
         def on_events(events: list[DiscoveryEvent]) -> None:

@@ -163,6 +163,7 @@ def announced(profile: QoSProfile) -> QoSProfile:
         (qos.PARAMETER_EVENTS, "::,1000:,:,:,,"),
         (qos.ACTION_STATUS, ":1:,1:,:,:,,"),
         (qos.ROSOUT, ":1:,1000:,:10,0:,,"),
+        (qos.CLOCK, "2::,1:,:,:,,"),
         (DEFAULT.keep_all(), "::2,:,:,:,,"),
         (DEFAULT.keep_last(42), "::,:,:,:,,"),
         (qos.SYSTEM_DEFAULT, "::,:,:,:,,"),
