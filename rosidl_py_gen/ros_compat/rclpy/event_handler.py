@@ -155,15 +155,18 @@ class _EventCallbacks:
         defaults = ("incompatible_qos", "incompatible_type") if self.use_default_callbacks else ()
         queues = {name: deque[Any]() for name in (*defaults, *self._rosidl_program_callbacks())}
 
-        def append(queue: deque[Any], status: Any) -> None:
-            if isinstance(status, runtime.IncompatibleStatus):  # its policy is a member of the C enum in rclpy
-                policy: Any = rmw_qos_policy_kind_t(int(status.last_policy_kind))
-                status = replace(status, last_policy_kind=policy)
-            queue.append(status)
-            context.notify()
+        def appender(queue: deque[Any]) -> Callable[[Any], None]:
+            def append(status: Any) -> None:
+                if isinstance(status, runtime.IncompatibleStatus):  # its policy is a member of the C enum in rclpy
+                    policy: Any = rmw_qos_policy_kind_t(int(status.last_policy_kind))
+                    status = replace(status, last_policy_kind=policy)
+                queue.append(status)
+                context.notify()
+
+            return append
 
         by_number = {self._ROSIDL_EVENT_TYPES[name].value: queue for name, queue in queues.items()}
-        functions = {name: partial(append, queue) for name, queue in queues.items()}
+        functions = {name: appender(queue) for name, queue in queues.items()}
         return by_number, self._ROSIDL_RUNTIME_CLASS(**functions) if functions else None
 
     def _rosidl_handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:

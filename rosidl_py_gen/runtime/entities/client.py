@@ -322,7 +322,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
             if pending is not None:
                 self._handle_reply(pending, data, server)
 
-    def _on_discovery(self) -> None:
+    def _on_discovery(self, _: object) -> None:
         if self._pending:
             self._scope.loop_binding.call_soon(self._check_lost_requests)
 

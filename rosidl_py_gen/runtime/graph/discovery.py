@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EntityLost, 
 from rosidl_py_gen.runtime.transport.matching import Incompatibility, IncompatibilityKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from rosidl_py_gen.runtime.loop.loop_binding import LoopBinding
     from rosidl_py_gen.runtime.transport.api import DiscoveryEvent, Participant, TopicKey
@@ -48,8 +48,8 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Waiters for a change of the graph."""
-        self.on_change: RegistrationSet[Callable[[], None]] = RegistrationSet()
-        """Called after each change of discovered nodes and endpoints, on the loop's thread if a loop runs."""
+        self.on_change: RegistrationSet[Callable[[Collection[TopicKey]], None]] = RegistrationSet()
+        """Called with the topics of endpoints that were discovered or lost, on the loop's thread if a loop runs."""
         self._announce_delay_s = announce_delay_s
         self._announcement_is_scheduled = False
         # Held from a change of own nodes until it is announced, so that no older state is announced after it.
@@ -134,14 +134,18 @@ class Discovery:
             self._participant.report_discovery()
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
+        topics: set[TopicKey] = set()
         for event in events:
             if isinstance(event, EntityLost):
+                if (lost := self.graph.endpoints.get(event.guid)) is not None:
+                    topics.add(lost.topic_key)
                 self._reported = {report for report in self._reported if event.guid not in report}
             new_endpoint = self.graph.apply(event)
             if new_endpoint is not None:
+                topics.add(new_endpoint.topic_key)
                 self._check_new_endpoint(new_endpoint)
         for function in self.on_change:
-            function()
+            function(topics)
         self._changed()
 
     def _changed(self) -> None:

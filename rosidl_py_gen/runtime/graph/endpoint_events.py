@@ -16,11 +16,11 @@ from rosidl_py_gen.runtime.loop.user_callback import UserCallback
 from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from rosidl_py_gen.base.callbacks import Registration
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-    from rosidl_py_gen.runtime.transport.api import Reader, Writer
+    from rosidl_py_gen.runtime.transport.api import Reader, TopicKey, Writer
 
 _POLL_INTERVAL_S = 0.05
 _INCOMPATIBLE = {"incompatible_type", "incompatible_qos"}
@@ -217,8 +217,10 @@ class EndpointEventPoller:
         if self._callbacks.keys() - _INCOMPATIBLE:
             self._schedule_poll()
 
-    def _on_change(self) -> None:
-        self._loop_binding.call_soon(self._compare_endpoints)  # without a loop, the next one compares
+    def _on_change(self, topics: Collection[TopicKey]) -> None:
+        own = self._discovery.graph.endpoints.get(self._endpoint.guid)
+        if own is not None and own.topic_key in topics:
+            self._loop_binding.call_soon(self._compare_endpoints)  # without a loop, the next one compares
 
     def _poll_matched_peers(self) -> None:
         previous_total, previous_count = self._totals["matched"], len(self._peers)
