@@ -9,9 +9,10 @@ import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+import yaml
 from peer_helpers import fresh, without_definitions
 from rclpy_peer import Peer
 from support.node_fixtures import ROOT, WAITS, start_process, until
@@ -137,6 +138,15 @@ async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None
     assert found["action_servers"][action] == [FIBONACCI]
 
 
+async def test_topics_and_services_have_information(shared_peer: Peer, tool: Tool) -> None:
+    topic, service = map(fresh, ("words", "answers"))
+    await shared_peer.do("publisher", topic=topic, type=STRINGS)
+    await shared_peer.do("serve", name=service, type=BASIC, how="echo")
+    of_topic, of_service = await asyncio.gather(tool("topic", "info", topic), tool("service", "info", service))
+    assert of_topic.startswith(f"Type: {STRINGS}\n")
+    assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
+
+
 async def test_the_graph_shows_them_and_the_doctor_tells_their_make(
     shared_peer: Peer, tool: Tool, is_on_cyclone: bool
 ) -> None:
@@ -184,12 +194,93 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     assert (event["info"]["event_type"], event["request"][0]["int32_value"]) == ("REQUEST_RECEIVED", 7)
 
 
-async def test_what_is_published_arrives(shared_peer: Peer, tool: Tool) -> None:
-    received = fresh("received")
+async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> None:
+    name = fresh("holder").strip("/")
+    await shared_peer.do("add_node", name=name)
+    await shared_peer.do("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
+    listed, got, done, described, wrong = await asyncio.gather(
+        tool("param", "list", f"/{name}", "--param-type", *PATIENT),
+        tool("param", "get", f"/{name}", "arm.names", *PATIENT),
+        tool("param", "set", f"/{name}", "speed", "2.5", *PATIENT),
+        tool("param", "describe", f"/{name}", "count", *PATIENT),
+        tool.end(await tool.start("param", "set", f"/{name}", "speed", "fast", *PATIENT)),
+    )
+    assert "  arm.names (type: string array)\n" in listed
+    assert (got, done) == ("String values are: ['a', 'ü']\n", "Set parameter successful\n")
+    assert (wrong.code, "  Type: integer\n" in described) == (1, True)
+    assert wrong.err.startswith("error: Setting parameter failed: ")
+    assert await shared_peer.do("parameters", node=name, names=["speed"]) == [2.5]
+
+
+async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, tmp_path: Path) -> None:
+    name = fresh("holder").strip("/")
+    await shared_peer.do("add_node", name=name)
+    await shared_peer.do("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
+    dumped = yaml.safe_load(await tool("param", "dump", f"/{name}", *PATIENT))[f"/{name}"]["ros__parameters"]
+    assert (dumped["speed"], dumped["arm"], dumped["count"]) == (1.5, {"names": ["a", "ü"]}, 3)
+    file = tmp_path / "holder.yaml"
+    file.write_text(f"/{name}:\n  ros__parameters: {{count: 4}}\n")
+    assert await tool("param", "load", f"/{name}", str(file), *PATIENT) == "Set parameter count successful\n"
+    assert await shared_peer.do("parameters", node=name, names=["count"]) == [4]
+
+
+async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share: str) -> None:
+    name, steps = fresh("fibonacci"), [{"sequence": [0]}, {"sequence": [0, 1]}]
+    done = {"sequence": [0, 1, 1]}
+    await shared_peer.do("action_server", name=name, type=FIBONACCI, how="succeed", feedback=steps, result=done)
+    out = await tool("action", "send_goal", name, "{order: 2}", "--feedback", "--json", "--path", share)
+    *feedback, end = map(json.loads, out.splitlines())
+    assert [one["feedback"] for one in feedback] == steps
+    assert (end["status"], end["result"]) == ("SUCCEEDED", done)
+
+
+async def test_ctrl_c_cancels_a_goal_of_theirs(shared_peer: Peer, tool: Tool, share: str) -> None:
+    name = fresh("fibonacci")
+    await shared_peer.do("action_server", name=name, type=FIBONACCI, how="cancel", result={"sequence": [9]})
+    process = await tool.start("action", "send_goal", name, "{order: 2}", "--path", share)
+    assert process.stdout is not None
+    while b"accepted" not in await asyncio.wait_for(process.stdout.readline(), WITHIN_S):
+        pass
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out.splitlines()[-1]) == (130, "Goal finished with status: CANCELED")
+
+
+async def test_a_lifecycle_node_is_led_through_its_states(shared_peer: Peer, tool: Tool) -> None:
+    name = fresh("managed")
+    await shared_peer.do("lifecycle_node", name=name.strip("/"))
+    assert await tool("lifecycle", "set", name, "configure", *PATIENT) == "Transitioning successful\n"
+    state, possible = await asyncio.gather(
+        tool("lifecycle", "get", name, *PATIENT), tool("lifecycle", "list", name, *PATIENT)
+    )
+    assert (state, "- activate [3]\n" in possible) == ("inactive [2]\n", True)
+
+
+async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Tool) -> None:
+    topic = fresh("words")
+    await shared_peer.do("publisher", topic=topic, type=STRINGS)
+    process = await tool.start("topic", "echo", topic, "--once", "--json")
+    message: dict[str, Any] = {"string_value": "grüße"}
+    while process.returncode is None:
+        await shared_peer.do("publish", topic=topic, messages_=[message])
+        await asyncio.sleep(0.2)
+    ended = await tool.end(process)
+    assert json.loads(ended.out)["string_value"] == "grüße"
+
+
+async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
+    received, published = fresh("received"), fresh("published")
     await shared_peer.do("subscribe", topic=received, type=STRINGS)
+    await shared_peer.do("publisher", topic=published, type=STRINGS)
     await tool("topic", "pub", received, "string_value: grüße", "--times", "2", "--rate", "20")
     taken = await shared_peer.do("take", topic=received, count=2)
     assert [one["string_value"] for one in taken] == ["grüße", "grüße"]
+    process = await tool.start("topic", "hz", published, "--times", "1", "--json")
+    while process.returncode is None:
+        await shared_peer.do("publish", topic=published, messages_=[{}])
+        await asyncio.sleep(0.05)
+    report = json.loads((await tool.end(process)).out)
+    assert (report["topic"], report["window"] > 1) == (published, True)
 
 
 async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(

@@ -9,42 +9,50 @@ import sys
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
-from peer_helpers import fresh, message, repeated, without_definitions
+import pytest
+from peer_helpers import fresh, message, repeated, service, without_definitions
 from rclpy_peer import Peer
 from support.foxglove_viewer import viewer
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Callable
+    from contextlib import AbstractAsyncContextManager
     from pathlib import Path
 
     from support.foxglove_viewer import Viewer
 
-STRINGS = "test_msgs/msg/Strings"
+    Watching = Callable[..., AbstractAsyncContextManager[Viewer]]
+
+STRINGS, BASIC = "test_msgs/msg/Strings", "test_msgs/srv/BasicTypes"
 
 
-@asynccontextmanager
-async def watching(cache: Path, *options: str) -> AsyncIterator[Viewer]:
-    command = (sys.executable, "-m", "rosidl_py_gen.ros_cli", "foxglove", "--port", "0", "--json", *options)
-    process = await asyncio.create_subprocess_exec(
-        *command, env=without_definitions(cache), stdout=asyncio.subprocess.PIPE
-    )
-    assert process.stdout is not None
-    try:
-        line = await asyncio.wait_for(process.stdout.readline(), 20)
-        async with viewer(json.loads(line)["address"]) as made:
-            yield made
-    finally:
-        process.send_signal(signal.SIGINT)
-        assert await asyncio.wait_for(process.wait(), 10) == 0
+@pytest.fixture
+def watching(tmp_path: Path) -> Watching:
+    @asynccontextmanager
+    async def watch(*options: str) -> AsyncIterator[Viewer]:
+        command = (sys.executable, "-m", "rosidl_py_gen.ros_cli", "foxglove", "--port", "0", "--json", *options)
+        process = await asyncio.create_subprocess_exec(
+            *command, env=without_definitions(tmp_path), stdout=asyncio.subprocess.PIPE
+        )
+        assert process.stdout is not None
+        try:
+            line = await asyncio.wait_for(process.stdout.readline(), 20)
+            async with viewer(json.loads(line)["address"]) as made:
+                yield made
+        finally:
+            process.send_signal(signal.SIGINT)
+            assert await asyncio.wait_for(process.wait(), 10) == 0
+
+    return watch
 
 
-async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: Peer, tmp_path: Path) -> None:
+async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: Peer, watching: Watching) -> None:
     topic, commands = fresh("words"), fresh("commands")
     await shared_peer.do("publisher", topic=topic, type=STRINGS)
     await shared_peer.do("subscribe", topic=commands, type=STRINGS)
     strings = message(shared_peer, STRINGS)
     known = ("--path", str(shared_peer.share)) if shared_peer.distro == "humble" else ()  # it does not describe types
-    async with watching(tmp_path, *known) as seen:
+    async with watching(*known) as seen:
         channel = await seen.subscribe(topic)
         assert channel["schemaName"] == STRINGS and "string string_value\n" in channel["schema"]
 
@@ -57,3 +65,20 @@ async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: 
         await seen.publish(1, strings(string_value="go").encode())
         (answer,) = await shared_peer.do("take", topic=commands)
         assert answer["string_value"] == "go"
+
+
+async def test_services_are_called_and_parameters_set(shared_peer: Peer, watching: Watching) -> None:
+    name, holder = fresh("answers"), fresh("holder")
+    await shared_peer.do("serve", name=name, type=BASIC, how="echo")
+    await shared_peer.do("add_node", name=holder.strip("/"))
+    await shared_peer.do("declare", node=holder.strip("/"), parameters={"speed": 1.5, "arm.names": ["a", "ü"]})
+    basic = service(shared_peer, BASIC)
+    async with watching("--path", str(shared_peer.share)) as seen:  # rclpy tells types of services only by hash
+        response = await seen.call(name, basic.Request(int32_value=-5, string_value="words").encode())
+        assert isinstance(response, bytes) and basic.Response.decode(response).int32_value == -5
+        key = f"{holder}.speed"
+        while key not in (known := await seen.parameters(parameterNames=[])):
+            await asyncio.sleep(0.2)
+        assert (known[key], known[f"{holder}.arm.names"]) == (1.5, ["a", "ü"])
+        assert await seen.parameters("setParameters", parameters=[{"name": key, "value": 3}]) == {key: 3.0}
+    assert await shared_peer.do("parameters", node=holder.strip("/"), names=["speed"]) == [3.0]

@@ -1,15 +1,17 @@
-"""Our lifecycle nodes, driven by rclpy."""
+"""Lifecycle nodes of rclpy, driven by us, and ours, driven by rclpy."""
 
 from __future__ import annotations
 
 import asyncio
 from typing import Any
 
-from peer_helpers import fresh
+from peer_helpers import fresh, message, plain, service
 from rclpy_peer import Peer
 
-from rosidl_py_gen.runtime import LifecycleNode, State, TransitionCallbackReturn
+from rosidl_py_gen import from_dict
+from rosidl_py_gen.runtime import LifecycleNode, Node, State, TransitionCallbackReturn
 
+WAIT_S = 10
 CHANGE, GET = "lifecycle_msgs/srv/ChangeState", "lifecycle_msgs/srv/GetState"
 EVENT = "lifecycle_msgs/msg/TransitionEvent"
 STEPS = [
@@ -23,6 +25,33 @@ EVENTS = [
     ("inactive", "activating"),
     ("activating", "active"),
 ]
+
+
+async def call(node: Node, peer: Peer, kind: str, name: str, request: dict[str, Any]) -> Any:
+    cls = service(peer, kind)
+    client = node.create_client(cls, name)
+    response = await client.call(from_dict(cls.Request, request), WAIT_S)
+    client.close()
+    return plain(response)
+
+
+async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> None:
+    node, name = dds.node("tester"), fresh("managed")
+    await shared_peer.do("lifecycle_node", name=name.strip("/"))
+    events = node.create_subscription(message(shared_peer, EVENT), f"{name}/transition_event")
+    assert await events.wait_for_publishers(timeout_s=WAIT_S)
+    while not (await shared_peer.do("counts", topic=events.topic))[1]:  # it has to know us, too
+        await asyncio.sleep(0.02)
+    for transition, works, state in STEPS:
+        if not works and shared_peer.distro in ("humble", "jazzy"):
+            continue  # their rclpy ends with an error
+        answer = await call(node, shared_peer, CHANGE, f"{name}/change_state", {"transition": {"id": transition}})
+        assert answer == {"success": works}, transition
+        found = await call(node, shared_peer, GET, f"{name}/get_state", {})
+        assert found["current_state"]["label"] == state
+    seen = [await events.receive(timeout_s=WAIT_S) for _ in EVENTS]
+    assert [(one.start_state.label, one.goal_state.label) for one in seen] == EVENTS
+    assert await shared_peer.do("transitions", name=name.strip("/")) == ["configure", "activate", "shutdown"]
 
 
 class Managed(LifecycleNode):

@@ -1,7 +1,8 @@
-"""Features of nodes: /rosout, simulated time, type descriptions, introspection."""
+"""Features of nodes: /rosout, simulated time, type descriptions, logger levels, introspection."""
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import pytest
@@ -9,15 +10,30 @@ from peer_helpers import fresh, message, plain, repeated, service
 from rclpy_peer import Peer
 from support.node_fixtures import until
 
-from rosidl_py_gen import get_message, type_hash
+from rosidl_py_gen import from_dict, get_message, type_hash
 from rosidl_py_gen.runtime import IntrospectionState, Node, TypeDescriptionError
-from rosidl_py_gen.runtime.transport.qos import SYSTEM_DEFAULT
+from rosidl_py_gen.runtime.transport.qos import ROSOUT, SYSTEM_DEFAULT
 
 WAIT_S = 10
 LOG = "rcl_interfaces/msg/Log"
 SET_BOOL = "std_srvs/srv/SetBool"
 THEIR_ROSOUT = {"depth": 1000, "durability": "TRANSIENT_LOCAL"}
 LEVELS = [20, 30, 40, 50]
+MINUTE_NS = 60_000_000_000
+
+
+async def test_we_read_their_rosout(dds: Any, shared_peer: Peer) -> None:
+    node, text = dds.node("reader"), fresh("words from them")
+    subscription = node.create_subscription(message(shared_peer, LOG), "/rosout", qos=ROSOUT)
+    await shared_peer.do("log", text=text)
+    records: list[Any] = []
+    while len(records) < len(LEVELS):
+        record = await subscription.receive(timeout_s=WAIT_S)
+        records += [record] if record.msg == text else []
+    assert [(one.level, one.name) for one in records] == [(level, shared_peer.name) for level in LEVELS]
+    assert (
+        records[0].stamp.sec > 1_600_000_000 and records[0].file.endswith("nodes.py") and records[0].function == "log"
+    )
 
 
 async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
@@ -51,6 +67,17 @@ async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
         node.close()
 
 
+async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
+    name = fresh("simulated").strip("/")
+    await shared_peer.do("add_node", name=name, parameters={"use_sim_time": True})
+    cls = message(shared_peer, "rosgraph_msgs/msg/Clock")
+    publisher = dds.node("tester").create_publisher(cls, "/clock")
+    stamp = cls()
+    stamp.clock.sec = 60
+    arrived = shared_peer.do("now_ns", node=name, at_least=MINUTE_NS)
+    assert await repeated(lambda: publisher.publish(stamp), arrived) == MINUTE_NS
+
+
 @pytest.mark.only_with("jazzy", "kilted")
 async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> None:
     node, kind = dds.node("tester"), "test_msgs/msg/MultiNested"
@@ -82,6 +109,40 @@ async def test_our_node_describes_its_types_as_theirs_would(
             source["raw_file_contents"] = source["raw_file_contents"].rstrip("\n")  # theirs has lost the last one
         described.append({key: answer[key] for key in ("successful", "type_description", "type_sources")})
     assert described[0]["successful"] and described[0] == described[1]
+
+
+@pytest.mark.only_with("jazzy", "kilted")
+async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
+    name = fresh("logging").strip("/")
+    await shared_peer.do("add_node", name=name, enable_logger_service=True)
+    node = dds.node("tester")
+    levels = [{"name": f"{name}.part", "level": 40}]
+    setter, getter = (service(shared_peer, f"rcl_interfaces/srv/{verb}LoggerLevels") for verb in ("Set", "Get"))
+    setting = node.create_client(setter, f"/{name}/set_logger_levels")
+    answer = await setting.call(from_dict(setter.Request, {"levels": levels}), WAIT_S)
+    assert [one.successful for one in answer.results] == [True]
+    assert await shared_peer.do("logger_level", name=f"{name}.part") == "ERROR"
+    getting = node.create_client(getter, f"/{name}/get_logger_levels")
+    answer = await getting.call(getter.Request(names=[f"{name}.part"]), WAIT_S)
+    assert plain(answer) == {"levels": levels}
+
+
+@pytest.mark.only_with("jazzy", "kilted")
+async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
+    name = fresh("logging").strip("/")
+    node = Node(name, context=dds.context(), logger_services=True)
+    levels = [{"name": name, "level": 40}]
+    try:
+        for verb, request, expected in (
+            ("set", {"levels": levels}, {"results": [{"successful": True, "reason": ""}]}),
+            ("get", {"names": [name]}, {"levels": levels}),
+        ):
+            served, kind = f"/{name}/{verb}_logger_levels", f"rcl_interfaces/srv/{verb.title()}LoggerLevels"
+            await shared_peer.do("client", name=served, type=kind)
+            assert await shared_peer.do("call", name=served, requests_=[request]) == [expected]
+        assert not node.logger.isEnabledFor(logging.WARNING) and node.logger.isEnabledFor(logging.ERROR)
+    finally:
+        node.close()
 
 
 EVENTS = ["REQUEST_SENT", "REQUEST_RECEIVED", "RESPONSE_SENT", "RESPONSE_RECEIVED"]
@@ -135,8 +196,11 @@ async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer:
 async def test_introspection_of_both_ends_tells_of_a_call(
     dds: Any, shared_peer: Peer, is_ours: bool, state: str
 ) -> None:
-    node, peer, name = dds.node("tester"), shared_peer, fresh("watched")
-    call = await watched(node, peer, name, is_ours, state)
+    node, name = dds.node("tester"), fresh("watched")
+    await check_events(node, shared_peer, name, state, await watched(node, shared_peer, name, is_ours, state))
+
+
+async def check_events(node: Node, peer: Peer, name: str, state: str, call: Any) -> None:
     topic, kind = f"{name}/_service_event", f"{SET_BOOL}_Event"
     subscription = node.create_subscription(get_message(kind, path=peer.share), topic)
     await peer.do("subscribe", topic=topic, type=kind)

@@ -76,7 +76,11 @@ def of_rclpy(distro: str) -> dict[str, Cell]:
             "test_parameters.py::test_our_client_sets_their_parameters",
             "test_parameters.py::test_their_client_sets_our_parameters",
         ),
-        "lifecycle": rclpy(distro, "test_lifecycle.py::test_they_drive_our_lifecycle_node"),
+        "lifecycle": rclpy(
+            distro,
+            "test_lifecycle.py::test_we_drive_their_lifecycle_node",
+            "test_lifecycle.py::test_they_drive_our_lifecycle_node",
+        ),
         "graph": rclpy(
             distro,
             "test_graph.py::test_nodes_see_each_other_come_and_go",

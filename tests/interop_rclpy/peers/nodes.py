@@ -5,7 +5,7 @@ import resource
 import messages
 import rclpy
 from rclpy.client import Client
-from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import qos_profile_system_default
@@ -120,14 +120,60 @@ async def until_infos(peer, topic, what, nodes):
     ]
 
 
+def log(peer, text):
+    """Log once with every level; rclpy requires a line of its own for each level."""
+    logger = peer.node.get_logger()
+    logger.info(text)
+    logger.warning(text)
+    logger.error(text)
+    logger.fatal(text)
+
+
+def logger_level(peer, name):
+    return rclpy.logging.get_logger_effective_level(name).name
+
+
+async def now_ns(peer, node, at_least):
+    clock = peer.nodes[node].get_clock()
+    await peer.until(lambda: clock.now().nanoseconds >= at_least)
+    return clock.now().nanoseconds
+
+
 def introspect(peer, kind, name, state):
     peer.entities[kind, name].configure_introspection(
         peer.node.get_clock(), qos_profile_system_default, getattr(ServiceIntrospectionState, state)
     )
 
 
+class Lifecycle(LifecycleNode):
+    """Node that records its transitions; activation fails if `fail` is set."""
+
+    def __init__(self, name):
+        super().__init__(name)
+        self.declare_parameter("fail", False)
+        self.done = []
+
+    def on_configure(self, state):
+        self.done.append("configure")
+        return super().on_configure(state)
+
+    def on_activate(self, state):
+        self.done.append("activate")
+        if self.get_parameter("fail").value:
+            return TransitionCallbackReturn.FAILURE
+        return super().on_activate(state)
+
+    def on_shutdown(self, state):
+        self.done.append("shutdown")
+        return super().on_shutdown(state)
+
+
 def lifecycle_node(peer, name):
-    peer.add_node(LifecycleNode(name))
+    peer.add_node(Lifecycle(name))
+
+
+def transitions(peer, name):
+    return peer.nodes[name].done
 
 
 def memory_mb(peer):
