@@ -17,25 +17,10 @@ from rosidl_py_gen.runtime.transport.api import (
 )
 from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.dds import names as ddsnames
-from rosidl_py_gen.runtime.transport.dds.names import ros_type, wire_type
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
 GUID = PREFIX + b"\0\0\1\xc1"
-
-
-@pytest.mark.parametrize(
-    ("ros", "dds"),
-    [
-        (wire_type("std_msgs/msg/String"), "std_msgs::msg::dds_::String_"),
-        (wire_type("pkg/srv/X_Request"), "pkg::srv::dds_::X_Request_"),
-        (wire_type("HelloWorld"), "HelloWorld"),
-        (ros_type("std_msgs::msg::dds_::String_"), "std_msgs/msg/String"),
-        (ros_type("HelloWorld"), "HelloWorld"),
-    ],
-)
-def test_names(ros: str, dds: str) -> None:
-    assert ros == dds
 
 
 @pytest.mark.parametrize(
