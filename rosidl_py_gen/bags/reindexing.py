@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -59,12 +58,9 @@ _MESSAGES_PER_REPORT = 64
 
 def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
     """Open a file; without an index it is read twice, and opening is the first half."""
-    opened = partial(_show_opening, progress, size // 2)
-    return BagReader(file, skip_damaged=True, on_progress=opened)
-
-
-def _show_opening(progress: ReadingProgress, size: int, done: int, total: int) -> None:
-    progress.show(size * done // max(1, total))
+    return BagReader(
+        file, skip_damaged=True, on_progress=lambda done, total: progress.show(size * done // (2 * max(1, total)))
+    )
 
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:

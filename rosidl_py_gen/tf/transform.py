@@ -79,8 +79,8 @@ class Transform:
             ConversionError: the message has another type or frame, or the cloud no x, y and z of floats.
         """
         name = type(message).__name__.rpartition("__")[2]  # some libraries put the package in front
-        if name not in _TRANSFORMERS:
-            known = ", ".join(_TRANSFORMERS)
+        if name not in _FIELDS and name != "PointCloud2":
+            known = ", ".join([*_FIELDS, "PointCloud2"])
             raise ConversionError(f"cannot transform {type(message).__name__}; expected one of {known}")
         frame, _ = frame_and_stamp(message)
         if frame != self.source:
@@ -92,7 +92,11 @@ class Transform:
         if self.stamp:
             result.header.stamp = copy(result.header.stamp)
             set_stamp(result.header.stamp, self.stamp)
-        _TRANSFORMERS[name](self, result)
+        if name == "PointCloud2":
+            _transform_cloud(self, result)
+        else:
+            field, transformed = _FIELDS[name]
+            setattr(result, field, transformed(self, getattr(result, field)))
         return cast("T", result)
 
     def inverse(self) -> Transform:
@@ -148,47 +152,41 @@ def _rotated(transform: Transform, value: Any) -> Any:
     return changed
 
 
+def _moved(transform: Transform, point: Any) -> Any:
+    return _with_xyz(point, transform.apply(_xyz(point)))
+
+
+def _turned(transform: Transform, vector: Any) -> Any:
+    return _with_xyz(vector, transform.rotate(_xyz(vector)))
+
+
 def _transformed_pose(transform: Transform, pose: Any) -> Any:
     changed = copy(pose)
-    changed.position = _with_xyz(pose.position, transform.apply(_xyz(pose.position)))
+    changed.position = _moved(transform, pose.position)
     changed.orientation = _rotated(transform, pose.orientation)
     return changed
 
 
-def _point(transform: Transform, message: Any) -> None:
-    message.point = _with_xyz(message.point, transform.apply(_xyz(message.point)))
-
-
-def _vector(transform: Transform, message: Any) -> None:
-    message.vector = _with_xyz(message.vector, transform.rotate(_xyz(message.vector)))
-
-
-def _quaternion(transform: Transform, message: Any) -> None:
-    message.quaternion = _rotated(transform, message.quaternion)
-
-
-def _pose(transform: Transform, message: Any) -> None:
-    message.pose = _transformed_pose(transform, message.pose)
-
-
-def _pose_with_covariance(transform: Transform, message: Any) -> None:
-    inner = message.pose = copy(message.pose)
-    inner.pose = _transformed_pose(transform, inner.pose)
+def _pose_with_covariance(transform: Transform, pose: Any) -> Any:
+    changed = copy(pose)
+    changed.pose = _transformed_pose(transform, pose.pose)
     turn = np.kron(np.eye(2), quaternion_to_matrix(transform.rotation))  # position and angles
-    inner.covariance = (turn @ np.reshape(inner.covariance, (6, 6)) @ turn.T).reshape(36)
+    changed.covariance = (turn @ np.reshape(pose.covariance, (6, 6)) @ turn.T).reshape(36)
+    return changed
 
 
-def _pose_array(transform: Transform, message: Any) -> None:
-    message.poses = [_transformed_pose(transform, pose) for pose in message.poses]
+def _poses(transform: Transform, poses: Any) -> list[Any]:
+    return [_transformed_pose(transform, pose) for pose in poses]
 
 
-def _polygon(transform: Transform, message: Any) -> None:
-    polygon = message.polygon = copy(message.polygon)
+def _polygon(transform: Transform, polygon: Any) -> Any:
+    changed = copy(polygon)
     points = transform.apply(np.array([_xyz(point) for point in polygon.points]).reshape(-1, 3))
-    polygon.points = [_with_xyz(*pair) for pair in zip(polygon.points, points, strict=True)]
+    changed.points = [_with_xyz(*pair) for pair in zip(polygon.points, points, strict=True)]
+    return changed
 
 
-def _cloud(transform: Transform, message: Any) -> None:
+def _transform_cloud(transform: Transform, message: Any) -> None:
     source = pointcloud_to_array(message)
     message.data = flat_bytes(message.data, "data").copy()
     result = pointcloud_to_array(message)
@@ -210,13 +208,13 @@ def _transform_columns(
             points[name] = columns[..., number]
 
 
-_TRANSFORMERS: dict[str, Callable[[Transform, Any], None]] = {
-    "PointStamped": _point,
-    "Vector3Stamped": _vector,
-    "QuaternionStamped": _quaternion,
-    "PoseStamped": _pose,
-    "PoseWithCovarianceStamped": _pose_with_covariance,
-    "PoseArray": _pose_array,
-    "PolygonStamped": _polygon,
-    "PointCloud2": _cloud,
+_FIELDS: dict[str, tuple[str, Callable[[Transform, Any], Any]]] = {
+    "PointStamped": ("point", _moved),
+    "Vector3Stamped": ("vector", _turned),
+    "QuaternionStamped": ("quaternion", _rotated),
+    "PoseStamped": ("pose", _transformed_pose),
+    "PoseWithCovarianceStamped": ("pose", _pose_with_covariance),
+    "PoseArray": ("poses", _poses),
+    "PolygonStamped": ("polygon", _polygon),
 }
+"""Field of a message that changes, and the function that returns its transformed value."""
