@@ -197,19 +197,6 @@ def test_a_damaged_message_is_told_or_left_out_when_that_is_asked_for(tmp_path: 
 # ------------------------------------------------------------------------------------------------- files beside files
 
 
-def test_a_database_behind_a_link_has_its_log(tmp_path: Path) -> None:
-    write_strings(tmp_path / "bag", ["a"], storage="sqlite3")
-    file = tmp_path / "bag" / "bag_0.db3"
-    base = sqlite3.connect(file, isolation_level=None)
-    try:
-        base.execute("pragma journal_mode=wal")
-        base.execute("insert into messages values (2, 1, 2, ?)", (String(data="b").encode(),))
-        (tmp_path / "link.db3").symlink_to(file)
-        assert told(tmp_path / "link.db3") == [(0, "a", 1), (2, "b", 1)]
-    finally:
-        base.close()
-
-
 def test_a_journal_that_names_other_files_is_refused_and_deletes_none(tmp_path: Path) -> None:
     write_strings(tmp_path / "bag", ["a"], storage="sqlite3")
     file, victim = tmp_path / "bag" / "bag_0.db3", tmp_path / "victim"

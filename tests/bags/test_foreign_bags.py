@@ -237,6 +237,8 @@ def test_messages_in_a_write_ahead_log_are_read(tmp_path: Path, is_read_only: bo
     rows = [(number, String(data=str(number)).encode()) for number in range(COUNT)]
     base.executemany("insert into messages(topic_id, timestamp, data) values (1, ?, ?)", rows)
     assert words(live) == RIGHT  # while it is recorded
+    (tmp_path / "link.db3").symlink_to(live)
+    assert words(tmp_path / "link.db3") == RIGHT
     killed = tmp_path / "killed"
     killed.mkdir()
     for end in ("", "-wal"):
