@@ -189,7 +189,7 @@ def list_or_records(value: object) -> Any:
 def check_max_length(count: int, maximum: int) -> None:
     """Raise `FieldValueError` if a sequence or string exceeds its bound.
 
-    The encoder then calls `field_walk`, whose error names the field; users see the text of this one when decoding.
+    Encoder and decoder then call `field_walk`, whose error names the field.
     """
     if count > maximum:
         raise FieldValueError(f"expected at most {maximum}, found {count}")

@@ -110,7 +110,7 @@ def _option_part(typed: str) -> str:
 
 
 def _quote(value: str) -> str:
-    """Quote for bash and zsh: in quotes where there are blanks, else by backslashes, for further typing."""
+    """Quote for bash and zsh: with quotes if there are blanks, else with backslashes, so that typing can go on."""
     if " " in value:
         return shlex.quote(value) if any(char in value for char in '"\\$`!') else f'"{value}"'
     return _UNSAFE.sub(r"\\\g<0>", value)

@@ -1,6 +1,7 @@
 """Kinematic tree of a URDF: links and joints with origins, axes, limits and mimic tags. All else is ignored.
 
-The rules are those of urdfdom (docs/internals/protocol.md 13.1); where it builds half a tree, an error is raised.
+The rules are those of urdfdom (docs/internals/protocol.md 13.1); an error is raised where it would return an
+incomplete tree.
 """
 
 from __future__ import annotations

@@ -102,9 +102,14 @@ def test_other_domain_ids_are_refused(bad: Any) -> None:
 
 def modules() -> Iterator[Any]:
     """Yield every module of the runtime except the pytest plugin."""
-    for found in pkgutil.iter_modules(runtime.__path__):
-        if found.name != "pytest_plugin":
-            yield importlib.import_module(f"{runtime.__name__}.{found.name}")
+    for found in pkgutil.walk_packages(runtime.__path__, f"{runtime.__name__}."):
+        if not found.name.endswith("pytest_plugin"):
+            yield importlib.import_module(found.name)
+
+
+INTERNAL_ERRORS = {"AttachmentError", "RefusedError", "RequestTimedOutError", "VirtualTimeDeadlockError"}
+"""Caught where they are raised; the last one fails a test."""
+OF_OTHER_MODULES = {"DefinitionError", "ExtraMissingError", "YamlError", "ZenohConfigError"}
 
 
 def test_every_error_of_the_runtime_can_be_imported_from_it() -> None:
@@ -114,8 +119,8 @@ def test_every_error_of_the_runtime_can_be_imported_from_it() -> None:
         for name, value in vars(module).items()
         if inspect.isclass(value) and issubclass(value, RosidlError) and not name.startswith("_")
     }
-    missing = sorted(error.__name__ for error in errors if getattr(runtime, error.__name__, None) is not error)
-    assert missing == []
+    missing = {error.__name__ for error in errors if getattr(runtime, error.__name__, None) is not error}
+    assert missing == INTERNAL_ERRORS | OF_OTHER_MODULES
     for name in ("FloatRange", "IntRange", "Parameter", "GoalRequest", "CancelRequest", "GoalResult", "ClosedError"):
         assert name in runtime.__all__
-    assert {error.__name__ for error in errors} <= set(runtime.__all__)
+    assert {error.__name__ for error in errors} - missing <= set(runtime.__all__)

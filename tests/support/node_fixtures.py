@@ -102,7 +102,7 @@ _domains: dict[int, int] = {}
 
 
 def new_domain_id() -> int:
-    """A domain that no other test process of this machine has, nor who asked before in this one."""
+    """Return a domain that neither another test process of this machine nor this one uses."""
     start = os.getpid() * 7
     all_of_them = (FIRST_DOMAIN + (start + offset) % DOMAINS for offset in range(DOMAINS))
     for number in all_of_them:
@@ -297,8 +297,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def transports(metafunc: pytest.Metafunc) -> list[str]:
     """Those of a test with a `world`: memory, where nothing depends on the machine, and all where it matters.
 
-    Marked `every_transport` are tests of delivery, order, matching, quality of service, discovery, loss, whose a reply
-    is, and closing, and one journey of each feature. With `--all-transports` the others run everywhere, too.
+    Marked `every_transport` are tests of delivery, order, matching, quality of service, discovery, loss, matching of
+    replies to requests, and closing, and one journey of each feature. With `--all-transports` the others run
+    everywhere, too.
     """
     definition = metafunc.definition
     marked = definition.get_closest_marker("every_transport") is not None

@@ -99,7 +99,7 @@ class ChunkDecompressor:
         at = body + _HEAD.size + name
         (length,) = struct.unpack("<Q", self.read(at, 8))
         if at + 8 + length != end:
-            raise BagError(f"{self.where}: damaged: a chunk states {length} bytes of records, and has {end - at - 8}")
+            raise BagError(f"{self.where}: damaged: expected {length} bytes of records, found {end - at - 8}")
         return ChunkHeader(at + 8, end, self.read(body + _HEAD.size, name).decode(), size, crc)
 
     def decompress(self, head: ChunkHeader) -> bytes:

@@ -21,7 +21,7 @@ def read_rules(path: str) -> MigrationRules:
 
 
 def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
-    """Return the rules of a text; `name` is that of errors, which are those of `read_rules`."""
+    """Return the rules of a text; errors, as in `read_rules`, call it `name`."""
     types: dict[str, RenameRule] = {}
     fields: dict[str, dict[str, RenameRule]] = {}
     for key, value in entries(parse(source, name), name, "expected types: and fields:"):

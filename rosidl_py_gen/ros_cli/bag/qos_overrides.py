@@ -39,7 +39,7 @@ def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
 
 
 def parse_qos_overrides(source: str, name: str = "<profiles>") -> dict[str, QoSProfile]:
-    """Return the profiles of a text; `name` is that of errors, which are those of `read_qos_overrides`."""
+    """Return the profiles of a text; errors, as in `read_qos_overrides`, call it `name`."""
     profiles = {}
     for topic, policies in entries(parse(source, name), name, "expected topics, and the policies of each below it"):
         try:

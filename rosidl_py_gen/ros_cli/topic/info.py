@@ -82,7 +82,7 @@ async def info(command_node: CommandNode, topic: str, timeout_s: float | None, v
     """
     node = command_node.node
     name = await command_node.find("topic", topic, timeout_s)
-    await (command_node.wait_for_node_names() if verbose else command_node.wait_for_discovery())
+    await (command_node.wait_for_node_names() if verbose or as_json else command_node.wait_for_discovery())
     types = dict(node.get_topic_names_and_types()).get(name, [])
     publishers = node.get_publishers_info_by_topic(name)
     subscriptions = node.get_subscriptions_info_by_topic(name)

@@ -32,7 +32,7 @@ DictMessage: TypeAlias = "dict[str, Any]"
 """A message as `to_dict` returns it; the types of its values depend on the definition."""
 
 _BUFFER_BASES = ("uint8", "char")
-"""Element types that rosidl stores in buffers; `byte` is none of them."""
+"""Element types that rosidl stores in buffers; `byte` is not among them."""
 
 # Separate from the classes of `dynamic`, because programs that forward bytes subscribe with a class that has the hash
 # of a type and no fields, which a search for a class of that hash must not find.

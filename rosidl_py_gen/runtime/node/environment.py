@@ -219,7 +219,7 @@ def _find_folder(environ: Mapping[str, str], enclave: str) -> tuple[str, Path | 
 
 
 def _check_file(file: Path, purpose: str) -> None:
-    """Raise `SecurityError` if a file cannot be read or is of another kind; also rcl fails then with any strategy."""
+    """Raise `SecurityError` if a file cannot be read or is of another kind; rcl fails, too, with either strategy."""
     try:
         with file.open("rb") as content:
             head = content.read(1 << 20)

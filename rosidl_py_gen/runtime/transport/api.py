@@ -2,7 +2,7 @@
 
 Bytes go in; bytes and discovery events come out. A transport never sees messages. Names of topics, services and types
 are those of ROS; each transport converts them to those of the wire. Code above this module does not depend on the
-transport; only error texts and `rosidl-py doctor` ask for the `middleware`.
+transport, except that error texts, `rosidl-py doctor` and `get_rmw_implementation_identifier` ask for `middleware`.
 
 Thread rules: `Writer.write` may be called from any thread. Sinks are called by the loop binding on the event loop's
 thread, also while the loop still waits; a sink pops what it needs from the queue of its reader.
@@ -32,7 +32,7 @@ GUID_PREFIX_BYTES = 12
 
 @dataclass(frozen=True, slots=True)
 class ParticipantDiscovered:
-    """A participant was discovered (own ones included); `enclave` is None if it is not one of ROS."""
+    """A participant was discovered (own ones included); `enclave` is None if it does not belong to ROS."""
 
     guid: bytes
     enclave: str | None
@@ -393,7 +393,7 @@ class Participant(Protocol):
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         """Report discovery to `sink` on the loop's thread, starting with everything that is known already.
 
-        The participant reports itself, too: `ParticipantDiscovered`, then its nodes and endpoints.
+        The participant reports itself and its own nodes and endpoints, too.
         """
 
     def report_discovery(self) -> None:

@@ -162,7 +162,7 @@ _HUMBLE_FOUND = (
 )
 _WARNINGS = {
     False: "So this process announces its nodes in the format of Humble, and tools of later distributions list none. "
-    "Set ROS_DISTRO=humble to use that format whoever comes, or another ROS_DOMAIN_ID",
+    "Set ROS_DISTRO=humble to use that format from the start, or use another ROS_DOMAIN_ID",
     True: "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble, or another "
     "ROS_DOMAIN_ID",
 }
