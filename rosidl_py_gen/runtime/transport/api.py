@@ -416,7 +416,7 @@ class Participant(Protocol):
 
 
 class Transport(Protocol):
-    """Middleware that can join domains."""
+    """Middleware that can join domains; one that can be secured has the attribute `has_security`, which is True."""
 
     clocks: ClockFunctions
 
