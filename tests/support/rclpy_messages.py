@@ -20,11 +20,13 @@ INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 
 @contextmanager
 def hooked(*, warns: bool = False, **settings: Any) -> Iterator[None]:
-    """The import hook, without what was imported before, and without its warnings; afterwards all is as it was."""
+    """Install the import hook, forget imported and compiled classes, and hide warnings; afterwards all is as before."""
     before = {name: module for name, module in sys.modules.items() if _is_of_messages(name)}
     loaded, named = {name: list(found) for name, found in class_lookup._loaded.items()}, dict(class_lookup._by_name)
     for name in before:
         del sys.modules[name]
+    class_lookup._loaded.clear()
+    class_lookup._by_name.clear()
     try:
         with warnings.catch_warnings():
             if not warns:
