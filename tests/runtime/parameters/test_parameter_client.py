@@ -173,6 +173,8 @@ async def test_one_name_gives_one_answer(world: World) -> None:
     assert [item.name for item in await remote.describe(["tags", "blob"], 5)] == ["tags", "blob"]
     assert (await remote.list("left", timeout_s=5)).names == ("left.pwm",)
     assert (await remote.list(["left"], timeout_s=5)).names == ("left.pwm",)
+    values = await remote.get_all(timeout_s=5)
+    assert (values["left.pwm"], values["reals"], "unset" in values) == (10, (1.0,), False)
     for ask in (remote.get, remote.get_types, remote.describe):
         with pytest.raises(ParameterNotDeclaredError, match=r"\['nope'\]"):
             await ask("nope", 5)
