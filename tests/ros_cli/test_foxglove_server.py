@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
+import socket
 import struct
 import threading
 import time
@@ -23,6 +24,7 @@ from rosidl_py_gen import compile_definition, encode, get_message, get_service
 from rosidl_py_gen.ros_cli import CommandError, type_resolution
 from rosidl_py_gen.ros_cli.foxglove import limits, protocol
 from rosidl_py_gen.ros_cli.foxglove.decoding import Decoder, Worker
+from rosidl_py_gen.ros_cli.foxglove.serve import addresses
 from rosidl_py_gen.ros_cli.foxglove.server import Server
 from rosidl_py_gen.ros_cli.foxglove.services import ServiceBridge
 from rosidl_py_gen.ros_cli.foxglove.topics import TopicBridge
@@ -565,3 +567,10 @@ async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monke
         await asyncio.sleep(0)
         gc.collect()
     assert complaints == []
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_the_address_for_other_machines_has_the_name_of_this_one(host: str) -> None:
+    address, app = addresses(host, 8765, "a&b")
+    assert address == f"ws://{socket.gethostname()}:8765/?token=a%26b"
+    assert app.endswith("&ds.url=ws%3A%2F%2Flocalhost%3A8765%2F%3Ftoken%3Da%2526b")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from socket import gethostname
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -68,6 +69,21 @@ _UPDATE_INTERVAL_S = 0.1
 """Minimum interval between two updates of a graph that keeps changing."""
 _VIEWERS_INTERVAL_S = 0.01
 """Minimum interval between two updates of subscriptions, which take time for each topic."""
+
+
+def addresses(host: str, port: int, token: str) -> tuple[str, str]:
+    """Return the address for viewers, and a link to the app of this machine's browser.
+
+    Nothing can connect to 0.0.0.0 and ::, which mean all addresses. Other machines need the name of this one then; a
+    browser lets the page of the app connect to its own machine only.
+    """
+    is_all = host in ("0.0.0.0", "::")
+    host = f"[{host}]" if ":" in host else host
+    address, here = (
+        f"ws://{name}:{port}" + (f"/?token={quote(token)}" if token else "")
+        for name in ((gethostname(), "localhost") if is_all else (host, host))
+    )
+    return address, f"{_APP}?ds=foxglove-websocket&ds.url={quote(here, safe='')}"
 
 
 async def serve(network: NetworkOptions, options: FoxgloveOptions) -> None:
@@ -160,9 +176,7 @@ class _View:
             await asyncio.sleep(_UPDATE_INTERVAL_S)
 
     def _print_address(self, port: int) -> None:
-        host = f"[{self._options.host}]" if ":" in self._options.host else self._options.host
-        address = f"ws://{host}:{port}" + (f"/?token={quote(self._options.token)}" if self._options.token else "")
-        app = f"{_APP}?ds=foxglove-websocket&ds.url={quote(address, safe='')}"
+        address, app = addresses(self._options.host, port, self._options.token)
         if self._options.as_json:
             terminal_output.document({"address": address, "open": app}, in_stream=True)
             return
