@@ -111,6 +111,7 @@ def test_values_that_would_be_changed_are_refused_and_named(kind: str, arity: st
         (object(), ""),
         (iter([1, 2, 3]), ""),
         (np.zeros((1, 3)), ""),
+        (np.zeros((3, 2), code), ""),
         (np.array(1), ""),
         (np.array(["a", "b", "c"]), ""),
         (np.array([1j, 2, 3]), ""),
@@ -186,6 +187,7 @@ def test_without_copy_arrays_are_read_only_views_of_the_input(kind: str, arity: 
     data = encode(cls(7, [True if kind == "bool" else 1] * count, 2))
     buffers: list[Any] = [data, bytearray(data), memoryview(data), memoryview(bytearray(data))]
     buffers += [np.frombuffer(bytearray(data), np.uint8), memoryview(bytearray(b"x" + data))[1:], array("B", data)]
+    buffers += [memoryview(b"x" + data)[1:]]
     for buffer in buffers:
         found = decode(cls, buffer).v
         assert np.shares_memory(found, np.frombuffer(buffer, np.uint8))
