@@ -27,7 +27,7 @@ _MAX_TEXT = 1000
 _MAX_DEPTH = 40
 _MAX_BITS = 256
 _MAX_CONSTANT = 64
-_MAX_CPU_S = 1.0
+MAX_CPU_S = 1.0
 _CHECK_INTERVAL = 16
 """Elements of a loop between two checks of the CPU time. A check takes 0.3 µs, as long as a short expression."""
 _IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub)
@@ -74,7 +74,7 @@ def _compiled(body: ast.expr) -> Callable[[Message], Any]:
 
     def value(message: Message) -> Any:
         try:
-            return function(message, thread_time() + _MAX_CPU_S)
+            return function(message, thread_time() + MAX_CPU_S)
         except FilterError:
             raise
         except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError) as error:
@@ -275,7 +275,7 @@ def _bare(node: ast.expr) -> ast.expr:
 
 def _list(value: Any, end: float) -> Any:
     if thread_time() > end:
-        raise FilterError(f"takes more than {_MAX_CPU_S:g} s of CPU time for one message")
+        raise FilterError(f"takes more than {MAX_CPU_S:g} s of CPU time for one message")
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 

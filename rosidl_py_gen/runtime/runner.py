@@ -188,7 +188,7 @@ class _Signals:
         self._sockets = receiver, sender = socket.socketpair()
         receiver.setblocking(False)
         sender.setblocking(False)
-        self._loop.add_reader(receiver, _drain, receiver)
+        self._loop.add_reader(receiver, drain, receiver)
         self._previous_descriptor = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
@@ -218,7 +218,8 @@ class _Signals:
                 raise KeyboardInterrupt
 
 
-def _drain(receiver: socket.socket) -> None:
+def drain(receiver: socket.socket) -> None:
+    """Read the numbers of signals, if any have arrived."""
     with contextlib.suppress(BlockingIOError, InterruptedError):  # the previous iteration may have read all
         receiver.recv(4096)
 

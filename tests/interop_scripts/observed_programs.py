@@ -351,10 +351,8 @@ class Observer:
 
     def _is_whole(self) -> bool:
         """Return True if there are nodes, and all endpoints they announce and their nodes are known."""
-        graph = self._node._refreshed_graph()
-        nodes = [node for participant in graph._participants.values() for node in participant.nodes]
-        told = {guid for node in nodes for guid in (*node.writer_gids, *node.reader_gids)}
-        return len(nodes) > 1 and graph.node_names_complete() and told <= graph.endpoints.keys()
+        node = self._node
+        return len(node.get_nodes()) > 1 and node.node_names_complete() and node.endpoints_complete()
 
     def _graph(self) -> Any:
         node = self._node

@@ -278,7 +278,7 @@ async def test_a_second_process_that_is_late_is_no_firewall(memory: World, monke
     late.write_text("#!/bin/sh\nexec sleep 60\n")
     late.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(late))
-    monkeypatch.setattr(doctor_peers, "_START_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(doctor_peers, "START_TIMEOUT_S", 0.1)
     node = memory.node("doctor")
     test = doctor_peers.SelfTest(cast("CommandNode", SimpleNamespace(node=node, context=node.context)))
     try:

@@ -293,7 +293,7 @@ def _viewer(connection: Any) -> Viewer:
 
 def test_every_list_of_a_message_has_a_limit_of_entries() -> None:
     entries: dict[str, Any] = {"subscriptions": {"id": 1, "channelId": 1}, "channels": {}, "parameters": {"name": "x"}}
-    for op, (key, _) in protocol._READ.items():
+    for op, (key, _) in protocol.LISTS.items():
         if key:
             text = json.dumps({"op": op, key: [entries.get(key, 7)] * (limits.MAX_ENTRIES + 1)})
             with pytest.raises(protocol.ProtocolError, match=f"got 8193 {key}, expected at most 8192"):
@@ -504,7 +504,7 @@ async def test_messages_that_would_become_many_objects_are_refused() -> None:
 
 async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
-    ours._scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
+    ours._scope.discovery.announce_delay_s = 5.0  # our endpoints are of no node yet
     async with served() as (server, _):
         topics = TopicBridge(SimpleNamespace(node=ours), server, time_ns, paths=(), hidden=False)  # type: ignore[arg-type]
         await asyncio.sleep(0)

@@ -15,7 +15,7 @@ from rosidl_py_gen.base.names import snake_case
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetState
 from rosidl_py_gen.runtime import LifecycleNode, State, TransitionCallbackReturn
 from rosidl_py_gen.runtime.qos import DEFAULT
-from rosidl_py_gen.runtime.transport.api import EndpointSpec, NodeEntities, TopicKey
+from rosidl_py_gen.runtime.transport.api import EndpointSpec, TopicKey
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 if TYPE_CHECKING:
@@ -64,8 +64,8 @@ async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, 
     participant = (robot := memory.node("good"))._scope.participant
     robot.create_publisher(String, "chatter")
     kinds = "GetParameters", "SetParameters", "ListParameters", "DescribeParameters", "GetParameterTypes"
-    for number, (namespace, name) in enumerate((("/", ""), ("/n s", "a\x1b[31m"), ("/b//c", "1")), 1000):
-        robot._scope.discovery._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
+    for namespace, name in (("/", ""), ("/n s", "a\x1b[31m"), ("/b//c", "1")):
+        robot._scope.discovery.add_node(name, namespace)
         prefix = f"{namespace}/{name}"
         for kind in kinds:
             told = ServiceSpec(f"{prefix}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", DEFAULT)

@@ -409,7 +409,9 @@ async def test_a_window_is_redrawn_until_it_is_closed(node: Node, tool: Any, mon
 async def test_a_terminal_is_redrawn(node: Node, tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[int] = []
     monkeypatch.setattr(output.terminal_output, "is_terminal", lambda: True)
-    monkeypatch.setattr(output, "_rows", lambda panels, axis: drawn.append(panels[0].count) or [])
+    monkeypatch.setattr(
+        "rosidl_py_gen.ros_cli.plotting.text_plot.text_plot", lambda panels, *_: drawn.append(panels[0].count) or []
+    )
     process = await tool.start("topic", "plot", "/f", "--duration", "2")
     await send_numbers(node.create_publisher(Float64, "/f"), 6, 0.3)
     assert (await tool.end(process)).code == 0
@@ -427,7 +429,7 @@ def test_a_browser_shows_the_terminal(tmp_path: Path, browser: Browser) -> None:
         imus.add(imu, number * 20_000_000)
         speeds.add(odometry, number * 20_000_000)
     console = Console(record=True, force_terminal=True, color_system="standard", width=80, file=io.StringIO())
-    console.print(output._rich_text(text_plot(panels, TimeAxis(), 80, 28)))
+    console.print(output.rich_text(text_plot(panels, TimeAxis(), 80, 28)))
     page = tmp_path / "terminal.html"
     page.write_text(console.export_html(inline_styles=True, theme=MONOKAI), encoding="utf-8")
     browser.resize(800, 560)

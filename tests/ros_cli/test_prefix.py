@@ -277,7 +277,7 @@ def test_namespace_packages_are_linked(tmp_path: Path) -> None:
 
 
 def test_a_large_program_that_is_not_executable_is_not_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(package_plan, "_MAX_COPY_BYTES", 20)
+    monkeypatch.setattr(package_plan, "MAX_COPY_BYTES", 20)
     rules = "install(PROGRAMS small large DESTINATION lib/odd)"
     files = {"CMakeLists.txt": rules, "small": "#!/bin/sh\necho 1\n", "large": "#!/bin/sh\n" + "#" * 20}
     write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **files})
@@ -398,7 +398,7 @@ def test_a_prefix_with_an_odd_path(tmp_path: Path) -> None:
 
 
 def test_large_packages_are_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(package_plan, "_MAX_FILES", 50)
+    monkeypatch.setattr(package_plan, "MAX_FILES", 50)
     write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **{f"data/{n}": "" for n in range(60)}})
     (tmp_path / "odd/CMakeLists.txt").write_text("install(DIRECTORY data DESTINATION share/odd)")
     made = build_prefix([tmp_path / "odd"], tmp_path / "out")

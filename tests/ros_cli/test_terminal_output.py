@@ -241,7 +241,7 @@ def test_a_bar_appears_after_a_delay_and_goes_away(monkeypatch: pytest.MonkeyPat
 def test_other_streams_get_no_progress(terminal: Any, term: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stderr", screen := terminal())
     monkeypatch.setenv("TERM", term)
-    monkeypatch.setattr(display, "_PROGRESS_DELAY_S", 0)
+    monkeypatch.setattr(display, "PROGRESS_DELAY_S", 0)
     with ProgressBar("messages") as show:
         show(50, 100)
     assert screen.getvalue() == ""
@@ -268,8 +268,8 @@ def test_lines_appear_above_a_status_line(monkeypatch: pytest.MonkeyPatch) -> No
 def test_commands_that_read_whole_bags_show_progress(
     run_here: Any, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(display, "_PROGRESS_DELAY_S", 0)
-    monkeypatch.setattr(display, "_PROGRESS_INTERVAL_S", 0)
+    monkeypatch.setattr(display, "PROGRESS_DELAY_S", 0)
+    monkeypatch.setattr(display, "PROGRESS_INTERVAL_S", 0)
     monkeypatch.setattr(terminal_output, "is_error_terminal", lambda: True)
     killed, folder = without_index(bag), tmp_path / "folder"
     folder.mkdir()

@@ -38,28 +38,31 @@ async def test_waiting_on_something_closed_is_an_error_and_costs_nothing(world: 
     assert await rests(0.5, cpu_s=0.2)
 
 
-def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
+def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
 
     node = dds.node("n")
-    first, other = node.create_subscription(String, "first"), node.create_subscription(String, "other")
+    api, readers = node._scope.participant.api, list[Any]()  # type: ignore[attr-defined]
+    unref = api.serdata_unref
+
+    def interrupted(sample: int) -> None:
+        assert not readers[0].fetch()  # newer samples must not overtake
+        readers[1].fetch()
+        unref(sample)
+
+    other = node.create_subscription(String, "other")
+    with monkeypatch.context() as patched:
+        patched.setattr(api, "serdata_unref", interrupted)
+        first = node.create_subscription(String, "first")
+    readers += [first._reader, other._reader]
     publishers = [node.create_publisher(String, topic) for topic in ("first", "other")]
-    known = dict(cyclone_endpoints._local_readers)
-    cyclone_endpoints._local_readers.clear()  # so that several samples wait in DDS
+    known = dict(cyclone_endpoints.local_readers)
+    cyclone_endpoints.local_readers.clear()  # so that several samples wait in DDS
     for number in range(5):
         for publisher in publishers:
             publisher.publish(String(data=f"{publisher.topic} {number} {'x' * number}"))
-    cyclone_endpoints._local_readers.update(known)
-    reader: Any = first._reader
-    unref = reader._unref
-
-    def interrupted(sample: int) -> None:
-        assert not reader.fetch()  # newer samples must not overtake
-        other._reader.fetch()
-        unref(sample)
-
-    reader._unref = interrupted
-    assert reader.fetch()
+    cyclone_endpoints.local_readers.update(known)
+    assert readers[0].fetch()
     for subscription, topic in ((first, "/first"), (other, "/other")):
         texts = [String.decode(sample[0]).data for sample in subscription._items]
         assert texts == [f"{topic} {number} {'x' * number}" for number in range(5)]

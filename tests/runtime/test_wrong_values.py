@@ -14,6 +14,7 @@ from std_msgs.msg import Int32
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime.node.context import open_contexts
 from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, InvalidQoSError, QoSProfile, Reliability
 
@@ -33,7 +34,7 @@ def test_a_transport_is_no_context(memory: World) -> None:
     for bad in (MemoryTransport(), 0, Context):
         with pytest.raises(TypeError, match=r"context must be a Context, such as Context\(transport=\.\.\.\), got"):
             Node("n", context=bad)  # type: ignore[arg-type]
-    assert Context._default is None or Context._default.is_closed
+    assert not any(core.is_default for core in open_contexts)
 
 
 @pytest.mark.parametrize("bad", [None, 5, "", "bad name", "/a//b/n", "/ns/"])

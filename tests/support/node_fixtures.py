@@ -423,6 +423,12 @@ async def start_process(*command: str | Path, **options: Any) -> asyncio.subproc
     return process
 
 
+def entity(owner: Any, name: str) -> Any:
+    """The entity of a node, or of an action or another composite, whose topic or service ends with `name`."""
+    entities = getattr(owner, "_parts", owner._scope).owned.values()
+    return next(one for one in entities if str(getattr(one, "topic", getattr(one, "name", ""))).endswith(name))
+
+
 async def take(stream: Any) -> Any:
     """The next item."""
     return await asyncio.wait_for(stream.__anext__(), 20)

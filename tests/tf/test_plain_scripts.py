@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from support.node_fixtures import World, until
+from support.node_fixtures import World, entity, until
 from support.transform_frames import S, filled, message, moved
 
 from rosidl_py_gen import get_message
@@ -37,7 +37,7 @@ def test_a_buffer_waits_without_a_loop(world: World) -> None:
     static, moving = StaticTransformBroadcaster(robot), TransformBroadcaster(robot)
     static.send(moved("base_link", "lidar", x=0.5))
     assert np.allclose(buffer.wait_for_transform_sync("base_link", "lidar", timeout_s=10).translation, [0.5, 0, 0])
-    moving._publisher.wait_for_subscribers_sync(10)
+    entity(robot, "/tf").wait_for_subscribers_sync(10)
     moving.send([moved("map", "base_link", 1, 1), moved("map", "base_link", 3, 3)])
     point = buffer.wait_and_transform_sync(message("PointStamped", "lidar", 2), "map", timeout_s=10)
     assert point.header.frame_id == "map" and point.point.x == 2.5
@@ -52,7 +52,7 @@ def test_a_script_that_sleeps_finds_what_arrived(world: World) -> None:
     seen: list[float] = []
     TransformFilter(Subscriber(viewer, PointStamped, "points"), buffer, "map", lambda one: seen.append(one.point.x))
     points = robot.create_publisher(PointStamped, "points")
-    moving._publisher.wait_for_subscribers_sync(10)
+    entity(robot, "/tf").wait_for_subscribers_sync(10)
     points.wait_for_subscribers_sync(10)
     points.publish(message("PointStamped", "lidar", 1))
     with pytest.raises(UnknownFrameError):
@@ -189,7 +189,7 @@ def test_a_failure_of_a_callback_ends_a_lookup_with_on_error_raise(memory: World
     robot = memory.node("robot")
     viewer = memory.node("viewer", on_error="raise")
     buffer, moving = TransformBuffer(viewer), TransformBroadcaster(robot)
-    moving._publisher.wait_for_subscribers_sync(10)
+    entity(robot, "/tf").wait_for_subscribers_sync(10)
 
     def fail() -> None:
         raise LookupError("of the callback")

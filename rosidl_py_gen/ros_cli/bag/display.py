@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_PROGRESS_DELAY_S = 0.5
+PROGRESS_DELAY_S = 0.5
 """Time after which a progress bar appears; a bar of short commands would only flicker."""
-_PROGRESS_INTERVAL_S = 0.5
+PROGRESS_INTERVAL_S = 0.5
 """Time between two states of a progress bar."""
 _BAR_COLUMNS = 20
 _ITEMS_PER_UPDATE = 64
@@ -68,14 +68,14 @@ class ProgressBar:
         self._unit = unit
         self._line = StatusLine()
         self._start_s = monotonic()
-        self._next_s = self._start_s + _PROGRESS_DELAY_S if self._line.is_possible else inf
+        self._next_s = self._start_s + PROGRESS_DELAY_S if self._line.is_possible else inf
 
     def __call__(self, done: float, total: float | None = None) -> None:
         """Display the state, at most twice per second."""
         now_s = monotonic()
         if now_s < self._next_s:
             return
-        self._next_s = now_s + _PROGRESS_INTERVAL_S
+        self._next_s = now_s + PROGRESS_INTERVAL_S
         bar = f"{progress_bar(done / total)}  " if total else ""
         self._line.show(f"{bar}{progress_text(done, total or None, now_s - self._start_s, self._unit)}")
 

@@ -44,7 +44,7 @@ _VENDORS = {
 """Second byte of vendor ids (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
 _ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
 _ZENOH_ADVICE = "check that `rosidl-py zenoh-router` runs on each machine, and that the routers are connected"
-_START_TIMEOUT_S = 20.0
+START_TIMEOUT_S = 20.0
 _DISCOVERY_TIMEOUT_S = 10.0
 _REPLY_TIMEOUT_S = 10.0
 _END_TIMEOUT_S = 2.0
@@ -81,7 +81,7 @@ class SelfTest:
         except SecurityError as error:
             return Finding(NOTE, f"no self-test: {error}")
         if not await self._has_started():
-            return Finding(NOTE, f"the second process of the self-test did not start within {_START_TIMEOUT_S:.0f} s")
+            return Finding(NOTE, f"the second process of the self-test did not start within {START_TIMEOUT_S:.0f} s")
         start_s = monotonic()
         try:
             await out.wait_for_subscribers(_DISCOVERY_TIMEOUT_S)
@@ -107,7 +107,7 @@ class SelfTest:
         """Return True if the process has its node or has ended, which may take long on a busy machine."""
         assert self._process.stdout is not None
         with suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(asyncio.to_thread(self._process.stdout.readline), _START_TIMEOUT_S)
+            await asyncio.wait_for(asyncio.to_thread(self._process.stdout.readline), START_TIMEOUT_S)
             return True
         return False
 

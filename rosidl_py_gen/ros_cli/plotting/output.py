@@ -100,7 +100,7 @@ def print_plot(panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
     if terminal_output.is_terminal():
         from rich.console import Console
 
-        Console(highlight=False).print(_rich_text(rows))
+        Console(highlight=False).print(rich_text(rows))
         return
     terminal_output.lines("".join(run.text for run in row).rstrip() for row in rows)
 
@@ -115,7 +115,7 @@ def live_plot() -> Iterator[Callable[[Sequence[PlotPanel], TimeAxis], None]]:
     from rich.live import Live
 
     with Live(console=Console(highlight=False), auto_refresh=False, transient=True) as live:
-        yield lambda panels, axis: live.update(_rich_text(_rows(panels, axis)), refresh=True)
+        yield lambda panels, axis: live.update(rich_text(_rows(panels, axis)), refresh=True)
 
 
 def _rows(panels: Sequence[PlotPanel], axis: TimeAxis) -> list[list[StyledText]]:
@@ -126,7 +126,8 @@ def _rows(panels: Sequence[PlotPanel], axis: TimeAxis) -> list[list[StyledText]]
     return text_plot(panels, axis, max(20, size.columns), rows)
 
 
-def _rich_text(rows: Sequence[Sequence[StyledText]]) -> Any:
+def rich_text(rows: Sequence[Sequence[StyledText]]) -> Any:
+    """Return the rows of `text_plot` as a text of rich."""
     from rich.text import Text
 
     lines = (Text.assemble(*((run.text, run.style) for run in row), no_wrap=True) for row in rows)

@@ -31,9 +31,9 @@ from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, set
 INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
 """Python packages that the import hook provides, in place of those of the workspace."""
-_MAX_FILES = 20_000
+MAX_FILES = 20_000
 """Maximum number of files that a package installs; as many directory entries are read for them."""
-_MAX_COPY_BYTES = 16 << 20
+MAX_COPY_BYTES = 16 << 20
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
 _BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
@@ -72,7 +72,7 @@ class PackagePlan:
         self.problems: list[str] = []
         self.missing: list[str] = []
         self.has_targets = False
-        self._left = 2 * _MAX_FILES
+        self._left = 2 * MAX_FILES
         self._read(self._add_interfaces)
         manifest = _text(folder, "package.xml")
         version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
@@ -141,7 +141,7 @@ class PackagePlan:
     def _spend(self, count: int) -> None:
         self._left -= count
         if self._left < 0:
-            raise UnreadableError(f"it installs more than {_MAX_FILES} files; the others are skipped")
+            raise UnreadableError(f"it installs more than {MAX_FILES} files; the others are skipped")
 
     def _source(self, path: str) -> Path | None:
         """Return a file or folder of the package that is installed; None, and a problem, if it is elsewhere."""
@@ -174,7 +174,7 @@ class PackagePlan:
         if is_named or (is_below_lib and executables.is_python_program(source)):
             file = PrefixFile(source, Executable(source.name, source.parent, source).program(), PROGRAM)
         elif is_program and not is_executable:
-            if source.stat().st_size > _MAX_COPY_BYTES:
+            if source.stat().st_size > MAX_COPY_BYTES:
                 return self._problem(f"{display_path(source)} is too large for a copy, and is not executable: chmod +x")
             file = PrefixFile(source, source.read_bytes(), PROGRAM)
         return self._add(place, file)

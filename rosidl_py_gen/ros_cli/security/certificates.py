@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 CA_NAME = "sros2CA"
 """Common name of the certificate authority, as in keystores of ROS."""
-_VALIDITY = timedelta(days=3650)
+VALIDITY = timedelta(days=3650)
 _MARGIN = timedelta(days=1)
 """Time before the creation at which validity begins, for peers whose clock is behind."""
 
@@ -72,7 +72,7 @@ def _certificate(
         .public_key(public_key)
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - _MARGIN)
-        .not_valid_after(now + _VALIDITY)
+        .not_valid_after(now + VALIDITY)
         .add_extension(constraints, critical=constraints.ca)
     )
     return builder.sign(signing_key, hashes.SHA256())

@@ -40,15 +40,15 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
     from rosidl_py_gen.runtime.entities.message_types import ServiceType
 
-_CHECK_INTERVAL_S = 0.5
+CHECK_INTERVAL_S = 0.5
 """Interval of the checks of servers while results are pending."""
 _BATCH_INTERVAL_S = 0.01
 """Interval between bursts of requests: a server only records them, and replies much later."""
-_RETRY_DELAY_S = 0.5
+RETRY_DELAY_S = 0.5
 """Time from the end of a goal until its request is repeated; doubles each time."""
 _MAX_UNKNOWN_REPLIES = 3
 """Number of UNKNOWN replies about an ended goal that are accepted from servers that must know it."""
-_ACK_TIMEOUT_S = 1.0
+ACK_TIMEOUT_S = 1.0
 """Time without acknowledgement after which a server is considered dead if a second node of the same name exists. A
 server that lives acknowledges within milliseconds."""
 REGISTRATION_TIMEOUT_S = 2.0
@@ -87,7 +87,7 @@ class _ResultRequest:
     requested_servers: set[bytes] = field(default_factory=set)
     sequence_numbers: list[int] = field(default_factory=list)
     repeat_at_s: float = 0.0
-    repeat_interval_s: float = field(default_factory=lambda: _RETRY_DELAY_S)
+    repeat_interval_s: float = field(default_factory=lambda: RETRY_DELAY_S)
     unknown_count: int = 0
     unknown_reply: tuple[Any, float] | None = None
     is_early: bool = False
@@ -138,7 +138,7 @@ class ResultRequester:
         pending.initial_servers = frozenset(pending.candidate_servers)
         if self._check_timer is None:
             self._server_seen_s = loop.time()
-            self._check_timer = loop.call_later(_CHECK_INTERVAL_S, self._check_servers)
+            self._check_timer = loop.call_later(CHECK_INTERVAL_S, self._check_servers)
 
     def _restart(self, pending: _ResultRequest) -> None:
         """Withdraw earlier requests, and send one to the present servers."""
@@ -231,7 +231,7 @@ class ResultRequester:
                 pending.repeat_interval_s *= 2
                 pending.repeat_at_s = now_s + pending.repeat_interval_s
                 self._send(pending)
-        self._check_timer = loop.call_later(_CHECK_INTERVAL_S, self._check_servers)
+        self._check_timer = loop.call_later(CHECK_INTERVAL_S, self._check_servers)
 
     def _switch_server(self, pending: _ResultRequest, present: set[bytes], now_s: float) -> None:
         if present:
@@ -259,5 +259,5 @@ class ResultRequester:
         new = {names[server] for server in self._restarted_servers(pending, names)}
         all_restarted = all(names[server] in new for server in pending.candidate_servers if server in names)
         return (
-            all_restarted and now_s - pending.unknown_reply[1] >= _ACK_TIMEOUT_S and not self.client.all_acknowledged()
+            all_restarted and now_s - pending.unknown_reply[1] >= ACK_TIMEOUT_S and not self.client.all_acknowledged()
         )

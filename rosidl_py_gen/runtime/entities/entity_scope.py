@@ -246,14 +246,14 @@ class EntityScope:
         """Entities with a user callback, by `id`, without those that the user closed before the node."""
         self.type_hash_check: TypeCheck = DEFAULT_CHECK
         """Default of the entities' `type_hash_check`."""
-        self._tasks: set[asyncio.Task[Any]] = set()
+        self.tasks: set[asyncio.Task[Any]] = set()
         self._node: EntityScope | None = None
         """Scope of the node, if this one is nested."""
 
     def create_child(self) -> EntityScope:
         """Create a nested scope with its own entities and tasks, which may close before the node does."""
         child = copy.copy(self)
-        child.owned, child._tasks, child._node = {}, set(), self._node or self
+        child.owned, child.tasks, child._node = {}, set(), self._node or self
         return child
 
     def make_clock(self, clock_type: ClockType = ClockType.ROS_TIME) -> Clock:
@@ -306,7 +306,7 @@ class EntityScope:
         # creates at the same time closes itself in `register`.
         self.closed = True
         running_loop = current_loop()
-        for task in self._tasks - {None if running_loop is None else asyncio.current_task()}:
+        for task in self.tasks - {None if running_loop is None else asyncio.current_task()}:
             loop = task.get_loop()
             if loop is running_loop:
                 task.cancel()
@@ -379,8 +379,8 @@ class EntityScope:
     def create_task(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that is kept alive, and cancelled when the scope closes."""
         task = start_task(self.loop_binding.running_loop(), coroutine)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
         return task
 
     def adopt_running_loop(self) -> None:

@@ -33,7 +33,7 @@ _INITIAL_WINDOW = 3
 """Initial window size, chosen below the usual queue depth because other clients may share the queue."""
 DISCOVERY_SETTLE_S = 2.0
 """Time until clients that started at the same time are discovered, also on a busy machine."""
-_STALL_TIMEOUT_S = 10.0
+STALL_TIMEOUT_S = 10.0
 """Time without a response until one request beyond the server's queue depth is sent, as earlier ones may be lost."""
 
 _request_keys = itertools.count(1)
@@ -73,9 +73,11 @@ class RequestFlowControl:
         """`batch_interval_s`: time after which the server has taken all requests; None: only responses prove it."""
         self._name = name
         self._batch_interval_s = batch_interval_s
-        self._stall_timeout_s = _STALL_TIMEOUT_S
+        self.stall_timeout_s = STALL_TIMEOUT_S
+        """Time without a response until one more request is sent; doubles until a response arrives."""
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._waiting: deque[tuple[Callable[[int], bool], object]] = deque()
+        self.waiting: deque[tuple[Callable[[int], bool], object]] = deque()
+        """Requests without room, oldest first, each with its client."""
         self._flow_numbers = itertools.count(1)
         self._in_flight: dict[int, object] = {}
         """Clients of the requests that the server may not have taken, oldest first."""
@@ -97,10 +99,10 @@ class RequestFlowControl:
         loop = asyncio.get_running_loop()
         if loop is not self._loop:  # requests of another loop are lost with it
             self._started_s = loop.time()
-            self._loop, self._waiting, self._in_flight, self._timer = loop, deque(), {}, None
+            self._loop, self.waiting, self._in_flight, self._timer = loop, deque(), {}, None
         self.server_queue_depth = server_queue_depth
-        self._waiting.append((send, client))
-        if len(self._waiting) == 1:
+        self.waiting.append((send, client))
+        if len(self.waiting) == 1:
             self._send()
 
     def on_response(self, number: int, client: object = None) -> None:
@@ -110,8 +112,8 @@ class RequestFlowControl:
             self._window_size = min(self._window_size + 1, self.server_queue_depth)
         for taken in [earlier for earlier, sender in in_flight.items() if earlier <= number and sender is client]:
             del in_flight[taken]
-        if self._batch_interval_s is None and self._waiting and self._loop is not None:
-            self._stall_timeout_s, self._last_progress_s = _STALL_TIMEOUT_S, self._loop.time()
+        if self._batch_interval_s is None and self.waiting and self._loop is not None:
+            self.stall_timeout_s, self._last_progress_s = STALL_TIMEOUT_S, self._loop.time()
         self._continue()
 
     def release(self, number: int) -> None:
@@ -120,13 +122,13 @@ class RequestFlowControl:
         self._continue()
 
     def _continue(self) -> None:
-        if self._waiting and self._loop is current_loop():
+        if self.waiting and self._loop is current_loop():
             self._send()
 
     def _send(self) -> None:
         """Send as many requests as the window allows; start the timer if some must wait."""
         assert self._loop is not None
-        in_flight, waiting = self._in_flight, self._waiting
+        in_flight, waiting = self._in_flight, self.waiting
         size = self._window_size if self._batch_interval_s is None else self.server_queue_depth
         while waiting and len(in_flight) < min(self.server_queue_depth, size):
             number = next(self._flow_numbers)
@@ -138,20 +140,20 @@ class RequestFlowControl:
             self._timer = self._loop.call_at(self._due_s(), self._on_timer)
 
     def _due_s(self) -> float:
-        return self._last_progress_s + (self._batch_interval_s or self._stall_timeout_s)
+        return self._last_progress_s + (self._batch_interval_s or self.stall_timeout_s)
 
     def _on_timer(self) -> None:
         assert self._loop is not None
         self._timer = None
-        if self._waiting and self._loop.time() >= self._due_s():
+        if self.waiting and self._loop.time() >= self._due_s():
             if self._batch_interval_s is not None:
                 self._in_flight.clear()
             elif self._in_flight:
                 internal_logger().warning(
-                    f"no server of {self._name} replied for {self._stall_timeout_s:g} s; {len(self._waiting)} calls "
+                    f"no server of {self._name} replied for {self.stall_timeout_s:g} s; {len(self.waiting)} calls "
                     f"are waiting, because the server queues at most {self.server_queue_depth} requests. Sending one "
                     "more. Check the server, and pass timeout_s to calls"
                 )
-                self._stall_timeout_s *= 2
+                self.stall_timeout_s *= 2
                 del self._in_flight[next(iter(self._in_flight))]
         self._send()

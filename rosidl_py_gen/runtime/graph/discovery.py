@@ -50,7 +50,7 @@ class Discovery:
         """Waiters for a change of the graph."""
         self.on_change: RegistrationSet[Callable[[Collection[TopicKey]], None]] = RegistrationSet()
         """Called with the topics of endpoints that were discovered or lost, on the loop's thread if a loop runs."""
-        self._announce_delay_s = announce_delay_s
+        self.announce_delay_s = announce_delay_s
         self._announcement_is_scheduled = False
         # Held from a change of own nodes until it is announced, so that no older state is announced after it.
         self._lock = threading.RLock()
@@ -111,7 +111,7 @@ class Discovery:
             self.publish()
         elif not self._announcement_is_scheduled and loop is not None:
             self._announcement_is_scheduled = True
-            loop.call_later(self._announce_delay_s, self._publish_scheduled)
+            loop.call_later(self.announce_delay_s, self._publish_scheduled)
 
     def _publish_scheduled(self) -> None:
         # After `close` the end of the participant tells everything. An announcement would delay that end until peers

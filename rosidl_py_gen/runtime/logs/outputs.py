@@ -105,7 +105,8 @@ class ConsoleHandler(logging.Handler):
         return f"{color}{line}{_COLOR_END}" if colorized and color else line
 
 
-_handler = ConsoleHandler()
+console_handler = ConsoleHandler()
+"""Handler of all ROS records, while they are printed."""
 
 
 def print_logs() -> None:
@@ -118,12 +119,12 @@ def print_logs() -> None:
 
 def install_console(settings: ConsoleSettings, *, prints: bool = True) -> None:
     """Print all ROS records, or none, until the next call."""
-    _handler.settings = settings
+    console_handler.settings = settings
     root = get_root_logger()
     if prints:
-        root.addHandler(_handler)
+        root.addHandler(console_handler)
     else:
-        root.removeHandler(_handler)
+        root.removeHandler(console_handler)
 
 
 class LogFileError(RosidlError, OSError):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_MAX_EVENTS = 16
+MAX_EVENTS = 16
 """Maximum number of events per poll; the kernel returns the others first at the next poll."""
 
 
@@ -117,7 +117,7 @@ class PriorityReaderSelector(selectors.DefaultSelector):
     def select_priority(self, timeout: float | None) -> list[int]:
         """Wait and call functions; return the descriptors that need an iteration of the loop."""
         remaining: list[int] = []
-        for descriptor, _ in self._poll(timeout, _MAX_EVENTS):
+        for descriptor, _ in self._poll(timeout, MAX_EVENTS):
             function = self.functions.get(descriptor)
             if function is None or function():
                 remaining.append(descriptor)

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_MAX_BLOCKING_S = 0.1 if sys.platform == "win32" else 1.0
+MAX_BLOCKING_S = 0.1 if sys.platform == "win32" else 1.0
 """Longest time that a thread blocks in one call. On Windows neither a lock nor a select is interrupted by Ctrl-C, and
 elsewhere neither is by a signal that arrives just before, or that the kernel delivers to another thread. The handler
 runs after the call.
@@ -292,7 +292,7 @@ class SharedLoop:
         thread = threading.Thread(target=lead_or_follow, name="rosidl-py-gen loop runner", daemon=True)
         try:
             thread.start()
-            while not ended.wait(_MAX_BLOCKING_S):
+            while not ended.wait(MAX_BLOCKING_S):
                 pass
         except BaseException as error:  # of a signal handler, perhaps while the thread starts
             wait.set_error(error)
@@ -313,7 +313,7 @@ class SharedLoop:
                     self._lead()
                     break
                 assert wait.wake_event is not None
-                left_s = _MAX_BLOCKING_S if wait.end_s is None else min(wait.end_s - self.loop.time(), _MAX_BLOCKING_S)
+                left_s = MAX_BLOCKING_S if wait.end_s is None else min(wait.end_s - self.loop.time(), MAX_BLOCKING_S)
                 if wait.check() or (wait.end_s is not None and left_s <= 0):
                     break
                 wait.wake_event.wait(left_s)
@@ -421,8 +421,8 @@ class SharedLoop:
                 else:
                     if left_s is not None and (timeout_s is None or left_s < timeout_s):
                         timeout_s = left_s
-                    if timeout_s is None or timeout_s > _MAX_BLOCKING_S:
-                        timeout_s = _MAX_BLOCKING_S
+                    if timeout_s is None or timeout_s > MAX_BLOCKING_S:
+                        timeout_s = MAX_BLOCKING_S
             events = wait_for_events(timeout_s)
         finally:
             self.is_selecting = False

@@ -112,7 +112,7 @@ class InitialValues:
     def __init__(self, parameters: Sequence[ParameterOverrides]) -> None:
         self._global_sources = [_OverrideSource(item) for item in parameters]
         self._sources = list(self._global_sources)
-        self._node_names: list[str] = []
+        self.node_names: list[str] = []
         """Names of all nodes, including closed ones."""
 
     def register_node(
@@ -137,13 +137,13 @@ class InitialValues:
             if source.parameters.matches(scope.node_name):
                 source.nodes.append(node)
                 source.has_matched = True
-        self._node_names.append(scope.node_name)
+        self.node_names.append(scope.node_name)
         scope.register(node)
 
     def close(self) -> None:
         """Report files and arguments for nodes that never existed; called after all nodes are closed."""
         by_text: dict[str, list[_OverrideSource]] = {}
-        for source in self._sources if self._node_names else ():
+        for source in self._sources if self.node_names else ():
             by_text.setdefault(source.parameters.source, []).append(source)
         for text, sources in by_text.items():
             if any(source.has_matched or not source.unused for source in sources):
@@ -151,7 +151,7 @@ class InitialValues:
             patterns = ", ".join(dict.fromkeys(source.parameters.pattern for source in sources))
             get_root_logger().warning(
                 f"{text} has parameters for {patterns}, but this process has no such node"
-                f"{did_you_mean(patterns, self._node_names)}"
+                f"{did_you_mean(patterns, self.node_names)}"
             )
             for source in sources:
                 source.unused.clear()

@@ -145,7 +145,7 @@ def announced(graph: Graph, query: TypeQuery, participants: Collection[bytes] = 
                 continue
             name = endpoint.type.removesuffix(suffix)
             hashes = announcements.setdefault(name, TypeAnnouncement(name)).hashes
-            node, service = _node_of(graph, endpoint), endpoint.service_type
+            node, service = node_name_of(graph, endpoint), endpoint.service_type
             hashes.setdefault(endpoint.type, defaultdict(set))[_valid(endpoint.type_hash)].add(node)
             if service is not None and _valid(endpoint.service_hash):
                 hashes.setdefault(service, defaultdict(set))[endpoint.service_hash].add(node)
@@ -167,7 +167,7 @@ def _valid(type_hash: str) -> str:
     return type_hash if TYPE_HASH.match(type_hash) else ""
 
 
-def _node_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
+def node_name_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
     """Return the name of an endpoint's node, or "".
 
     With Fast DDS the name may arrive seconds after the endpoint. But if only one node of the participant serves type

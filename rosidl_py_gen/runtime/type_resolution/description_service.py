@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.parameters.store import ParameterStore
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
-_ENDPOINTS_TIMEOUT_S = 1.0
+ENDPOINTS_TIMEOUT_S = 1.0
 """Time until a node's endpoints are discovered; usually some milliseconds after its name, or before."""
 _RETRY_DELAY_S = 1.0
 """Time without a reply after which the request is repeated."""
@@ -80,7 +80,7 @@ async def announced_hash(
 
     if not await scope.wait_until(node_exists, timeout_s):
         raise CallTimeoutError(f"no node {node} appeared in {timeout_s} s")
-    await scope.wait_until(names_by_hash, deadline.remaining_s(_ENDPOINTS_TIMEOUT_S))
+    await scope.wait_until(names_by_hash, deadline.remaining_s(ENDPOINTS_TIMEOUT_S))
     return _only_hash(node, type_name, names_by_hash()), deadline.remaining_s()
 
 

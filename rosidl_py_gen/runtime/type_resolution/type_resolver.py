@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.type_resolution.announcements import TypeAnnouncement, TypeQuery
     from rosidl_py_gen.type_loading.class_lookup import HashPredicate, SearchFolders
 
-_ANSWER_TIMEOUT_S = 3.0
+ANSWER_TIMEOUT_S = 3.0
 """Maximum time to wait for the response of a node; after that, the next node is asked."""
 _SERVICE_TIMEOUT_S = 1.0
 """Maximum time to wait for the service of a node, which may not have one."""
@@ -378,7 +378,7 @@ class TypeResolver:
         service_timeout_s = timeout_s(_SERVICE_TIMEOUT_S)
         if not await scope.wait_until(lambda: self._serves(node), service_timeout_s):
             raise CallTimeoutError(f"no server of {service} ({SERVICE}) appeared in {service_timeout_s:.3g} s")
-        return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(_ANSWER_TIMEOUT_S))
+        return await request_type_description(scope, service, name, wanted_hash, True, timeout_s(ANSWER_TIMEOUT_S))
 
     def _accept(self, sender: str, name: str, wanted_hash: str, data: bytes) -> None:
         """Store a description; raises `TypeDescriptionError` if it describes another type. Thread: any."""

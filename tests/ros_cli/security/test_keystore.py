@@ -289,7 +289,7 @@ def test_files_of_others_are_refused(keystore: Path, succeed: Run, fail: Run) ->
 
 
 def test_what_has_expired_is_refused(keystore: Path, monkeypatch: Any, succeed: Run, fail: Run, tmp_path: Path) -> None:
-    monkeypatch.setattr(certificates, "_VALIDITY", timedelta(seconds=-10))
+    monkeypatch.setattr(certificates, "VALIDITY", timedelta(seconds=-10))
     succeed("create_enclave", str(keystore), "/a")
     error = fail("create_enclave", str(keystore), "/a")
     assert "cert.pem: the certificate has expired; delete" in error and "create the enclave again" in error

@@ -20,7 +20,6 @@ from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.ros_cli.security.permissions import permissions_xml
 from rosidl_py_gen.ros_cli.security.policy import ALLOW, PolicyEnclave, PolicyRule, read_policy
 from rosidl_py_gen.runtime import Context
-from rosidl_py_gen.runtime.transport.api import NodeEntities
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -420,10 +419,9 @@ async def test_a_link_stays_and_its_file_is_written(graph: None, tool: Tool, tmp
 
 
 async def test_names_of_peers_are_not_trusted(memory: World, tool: Tool, tmp_path: Path) -> None:
-    scope = memory.node("good", **QUIET)._scope
-    for number, (namespace, name) in enumerate((("/a\"><enclave path='/x", "n"), ("/n", 'b"/>\n<x'), ("/", "")), 1000):
-        scope.discovery._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
-    scope.discovery.publish()
+    discovery = memory.node("good", **QUIET)._scope.discovery
+    for namespace, name in (("/a\"><enclave path='/x", "n"), ("/n", 'b"/>\n<x'), ("/", "")):
+        discovery.add_node(name, namespace)
     path = tmp_path / "policy.xml"
     ended = await tool("security", "generate_policy", str(path))
     assert ended.code == 0

@@ -7,7 +7,7 @@ import contextlib
 import threading
 from typing import TYPE_CHECKING, Any
 
-from support.node_fixtures import until
+from support.node_fixtures import entity, until
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
@@ -60,7 +60,7 @@ async def statuses_of(world: World, server: Any) -> list[list[int]]:
     world.node().create_subscription(
         GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
     )
-    await until(lambda: server._goals._status.subscription_count == 2)
+    await until(lambda: entity(server, "/status").subscription_count == 2)
     return seen
 
 

@@ -48,7 +48,7 @@ async def test_a_goal_ends_when_its_killed_server_was_started_again(loopback: Co
     with server_process({"CYCLONEDDS_URI": lease}) as process:
         handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
         old = client._result.client._servers()
-        await until(lambda: client._result._node_of(next(iter(old))) == ("/", "peer"))  # comes behind the endpoints
+        await until(node.node_names_complete)  # comes behind the endpoints
         process.kill()
         process.wait()
         with server_process({}):

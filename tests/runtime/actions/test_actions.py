@@ -18,7 +18,7 @@ from fibonacci_action import (
     statuses_of,
     until_canceled,
 )
-from support.node_fixtures import World, run, take, until
+from support.node_fixtures import World, entity, run, take, until
 
 from rosidl_py_gen.errors import ClosedError, EncodeError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
@@ -90,7 +90,8 @@ async def test_introspection_publishes_the_events_of_all_three_services(world: W
     for end in (server, client):
         end.configure_introspection(node.clock, 100, IntrospectionState.CONTENTS)
     await until(lambda: all(node.count_publishers(f"fib/_action/{name}/_service_event") == 2 for name in services))
-    await until(lambda: all(one._introspection._publisher.subscription_count for one in introspected(server, client)))
+    publishers = [entity(end, f"/{name}/_service_event") for end in (server, client) for name in services]
+    await until(lambda: all(publisher.subscription_count for publisher in publishers))
     handle = await client.send_goal(goal(3), timeout_s=5)
     await handle.cancel(timeout_s=5)
     status, _ = await handle.result(timeout_s=5)
@@ -107,11 +108,6 @@ async def test_introspection_publishes_the_events_of_all_three_services(world: W
     server.close()
     with pytest.raises(ClosedError, match="action /fib of node"):
         server.configure_introspection(node.clock, 10, IntrospectionState.CONTENTS)
-
-
-def introspected(*ends: Any) -> list[Any]:
-    parts = [one for end in ends for one in end._parts.owned.values()]
-    return [one for one in parts if getattr(one, "_introspection", None) is not None]
 
 
 async def test_feedback_before_the_acceptance_is_kept(world: World) -> None:
@@ -428,7 +424,7 @@ async def test_no_server_is_a_timeout(world: World) -> None:
         await client.send_goal(goal(), timeout_s=0.05)
     with pytest.raises(TimeoutError):
         await client.cancel_all(timeout_s=0.05)
-    assert client._goals == {} and client._send._pending == {}
+    assert client._goals == {} and entity(client, "/send_goal").in_flight_count == 0
 
 
 async def test_waiting_for_a_result_may_time_out_and_go_on(world: World) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,24 +13,42 @@ from support.node_fixtures import until
 
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.runtime import GoalStatus, UnknownGoalError
-from rosidl_py_gen.runtime.actions.server import ActionServer
+from rosidl_py_gen.runtime.actions import server as action_server
+from rosidl_py_gen.runtime.entities.server import ServiceServer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from support.node_fixtures import World
 
 S = GoalStatus
 
 
+def replace_handlers(monkeypatch: pytest.MonkeyPatch, **replacements: Callable[[Any, Any], Any]) -> None:
+    """Call functions with handler and request instead of the handlers of the server that is created next."""
+
+    def create(parts: Any, types: Any, name: str, handler: Any, qos: Any) -> Any:
+        replacement = replacements.get(name.rpartition("/")[2])
+        return ServiceServer(parts, types, name, partial(replacement, handler) if replacement else handler, qos)
+
+    monkeypatch.setattr(action_server, "ServiceServer", create)
+
+
+def unknown(get_result: Any) -> Any:
+    """The response about a goal that the server does not know."""
+    return get_result(Fibonacci.GetResult.Request())
+
+
 def lose(monkeypatch: pytest.MonkeyPatch, count: int, *, deny: bool = False) -> list[bytes]:
-    original, lost = ActionServer._on_get_result, list[bytes]()
+    lost = list[bytes]()
 
-    def on_get_result(self: ActionServer[Any], request: Any) -> Any:
+    def on_get_result(get_result: Any, request: Any) -> Any:
         if len(lost) == count:
-            return original(self, request)
+            return get_result(request)
         lost.append(bytes(request.goal_id.uuid))
-        return self._unknown if deny else asyncio.Event().wait()
+        return unknown(get_result) if deny else asyncio.Event().wait()
 
-    monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
+    replace_handlers(monkeypatch, get_result=on_get_result)
     return lost
 
 
@@ -49,42 +68,33 @@ async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
 async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.RETRY_DELAY_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.001)
     lost = lose(monkeypatch, 100)
     _, client = await pair(memory, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     await until(lambda: len(lost) == 1)
-    looks, look = 0, client._result._check_servers
-
-    def counted() -> None:
-        nonlocal looks
-        looks += 1
-        look()
-
-    monkeypatch.setattr(client._result, "_check_servers", counted)
-    await until(lambda: looks > 20)
+    await asyncio.sleep(0.1)  # a hundred checks
     assert lost == [handle.goal_id]
 
 
 async def test_a_server_that_forgot_an_ended_goal_is_asked_again(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    original = ActionServer._on_get_result
     denied = 0
 
-    def on_get_result(self: ActionServer[Any], request: Any) -> Any:
+    def on_get_result(get_result: Any, request: Any) -> Any:
         nonlocal denied
-        if not self._goals.active and denied == 1:
-            return original(self, request)
+        if not server.goals and denied == 1:
+            return get_result(request)
         denied += 1
 
         async def later() -> Any:
             await until(lambda: handle.status.is_terminal)
-            return self._unknown
+            return unknown(get_result)
 
         return later()
 
-    monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
-    _, client = await pair(world)
+    replace_handlers(monkeypatch, get_result=on_get_result)
+    server, client = await pair(world)
     handle = await client.send_goal(goal(1), timeout_s=5)
     assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED and denied == 1
 
@@ -92,8 +102,8 @@ async def test_a_server_that_forgot_an_ended_goal_is_asked_again(world: World, m
 async def test_a_server_that_always_denies_an_ended_goal_ends_it(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._RETRY_DELAY_S", 0.001)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.RETRY_DELAY_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.001)
     lose(monkeypatch, 1000, deny=True)
     _, client = await pair(memory)
     handle = await client.send_goal(goal(0), timeout_s=5)
@@ -107,20 +117,18 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
 ) -> None:
     """Simulate a reentrant server of rclcpp: a result request or cancel that arrives early finds no goal."""
     now_s = asyncio.get_running_loop().time
-    times_s, get_result, cancel = list[float](), ActionServer._on_get_result, ActionServer._on_cancel_goal
-    registration_s = 0.5
+    times_s, registration_s = list[float](), 0.5
 
-    def on_get_result(self: ActionServer[Any], request: Any) -> Any:
+    def on_get_result(get_result: Any, request: Any) -> Any:
         times_s.append(now_s())
-        return self._unknown if now_s() < times_s[0] + registration_s else get_result(self, request)
+        return unknown(get_result) if now_s() < times_s[0] + registration_s else get_result(request)
 
-    async def on_cancel_goal(self: ActionServer[Any], request: Any) -> Any:
+    async def on_cancel_goal(cancel: Any, request: Any) -> Any:
         if now_s() < times_s[0] + registration_s:
             return CancelGoal.Response(return_code=CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID)
-        return await cancel(self, request)
+        return await cancel(request)
 
-    monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
-    monkeypatch.setattr(ActionServer, "_on_cancel_goal", on_cancel_goal)
+    replace_handlers(monkeypatch, get_result=on_get_result, cancel_goal=on_cancel_goal)
     _, client = await pair(memory, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     await handle.cancel(timeout_s=5)
@@ -140,15 +148,14 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
 
 
 async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._ACK_TIMEOUT_S", 0.05)
-    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests._CHECK_INTERVAL_S", 0.02)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.ACK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.02)
     _, client = await pair(dds, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
     (wanted,) = client._result._pending
     await until(lambda: wanted.unknown_reply is not None)
-    seen = client._result._server_seen_s
-    await until(lambda: client._result._server_seen_s > seen + 0.5)
+    await asyncio.sleep(0.5)  # 25 checks
     assert not handle.is_done
     await client.cancel_all(timeout_s=5)
     assert (await handle.result(timeout_s=5))[0] is S.CANCELED

@@ -83,7 +83,7 @@ async def test_what_is_given_up_makes_room_for_one() -> None:
 async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(windows, "_STALL_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(windows, "STALL_TIMEOUT_S", 0.2)
     window, sent = RequestFlowControl("/add"), list[int]()
     enter(window, range(6), 3, sent)
     loop = asyncio.get_running_loop()
@@ -93,7 +93,7 @@ async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
     assert loop.time() - began_s >= 0.6 and sent == list(range(5)), "each takes twice as long as the last"
     assert "no server of /add replied for 0.2 s; 3 calls are waiting" in caplog.text
     window.on_response(5)
-    assert sent == list(range(6)) and window._stall_timeout_s == 0.2
+    assert sent == list(range(6)) and window.stall_timeout_s == 0.2
 
 
 async def test_answers_make_a_slow_server_one_that_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -199,7 +199,7 @@ async def test_late_and_foreign_replies_are_ignored(dds: World) -> None:
     task = asyncio.create_task(anext(aiter(server)))
     call = asyncio.create_task(client.call(Request(a=3), timeout_s=5))
     request = await task
-    (number,) = client._by_sequence_number
+    number = request.info.sequence_number
     replies: Any = server._transport_server
     replies._writer.write(add_request_header(Response(sum=2).encode(), 12345, number))  # of another client
     replies._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense

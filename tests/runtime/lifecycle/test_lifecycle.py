@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.node_fixtures import World, until
+from support.node_fixtures import World, entity, until
 
 from rosidl_py_gen import get_message, type_hash
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
@@ -80,7 +80,7 @@ async def test_the_round_trip_with_its_events(world: World) -> None:
 
     world.node("listener").create_subscription(TransitionEvent, "/n/transition_event", note, 100)
     node = managed(world)
-    await until(lambda: node._machine._event.has_subscriptions)
+    await until(lambda: entity(node, "/transition_event").has_subscriptions)
     assert node.state == State.UNCONFIGURED
     for step in (node.configure, node.activate, node.deactivate, node.cleanup, node.shutdown):
         assert await step() is TransitionCallbackReturn.SUCCESS
@@ -108,7 +108,7 @@ async def test_events_of_lyrical_have_its_definition_with_time_and_transition(
     with monkeypatch.context() as patch:
         patch.setenv("ROS_DISTRO", distro)
         node = managed(world)
-    await until(lambda: node._machine._event.has_subscriptions)
+    await until(lambda: entity(node, "/transition_event").has_subscriptions)
     found = world.nodes[0].get_publishers_info_by_topic
     await until(lambda: [one.topic_type_hash for one in found("/n/transition_event")] == [type_hash(lyrical)])
     before_s = time.time()

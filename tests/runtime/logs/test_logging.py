@@ -224,7 +224,7 @@ def test_a_program_may_have_its_logs_printed_as_the_environment_says_before_a_co
 ) -> None:
     monkeypatch.setattr(python_logging.getLogger(), "handlers", [])
     monkeypatch.setattr(get_root_logger(), "handlers", [])
-    monkeypatch.setattr(log_console._handler, "settings", ConsoleSettings())
+    monkeypatch.setattr(log_console.console_handler, "settings", ConsoleSettings())
     for name, value in environ.items():
         monkeypatch.setenv(f"RCUTILS_{name}", value)
     get_logger("a").info("not yet")

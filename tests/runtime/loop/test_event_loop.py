@@ -57,7 +57,7 @@ class Pipe:
 
 @pytest.fixture
 def pipes() -> Iterator[list[Pipe]]:
-    made = [Pipe() for _ in range(3 * event_loop._MAX_EVENTS)]
+    made = [Pipe() for _ in range(3 * event_loop.MAX_EVENTS)]
     yield made
     for each in made:
         each.close()

@@ -154,7 +154,7 @@ def test_another_thread_may_close_a_context_of_a_running_loop(dds: World, kind: 
 def test_where_pipes_cannot_be_watched_a_thread_reads_from_the_start(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(wakeup_pipe, "_LOOPS_CAN_WATCH", False)  # as on Windows
+    monkeypatch.setattr(wakeup_pipe, "LOOPS_CAN_WATCH", False)  # as on Windows
     alice, bob = dds.pair()
     assert threads() == ["rosidl-py-gen receiver"] * 2
     heard = numbers(bob, qos=1)
@@ -210,11 +210,11 @@ def test_what_does_not_fit_the_pipe_is_found_all_the_same(dds: World) -> None:
     for _ in range(2):  # the second time the stream had its error
         for number in range(17_000):  # 16384 handles fill 64 KiB
             to_crowd.publish(Int32(data=number))
-        assert wakeup_pipe._ferror(participant.pipe.stream)
+        assert wakeup_pipe.ferror(participant.pipe.stream)
         to_single.publish(Int32(data=1))
         run_on("asyncio", main())
         assert (crowd, single) == ([16_999], [1])
-        assert not wakeup_pipe._ferror(participant.pipe.stream)
+        assert not wakeup_pipe.ferror(participant.pipe.stream)
         crowd.clear()
         single.clear()
 

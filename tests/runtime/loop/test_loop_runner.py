@@ -189,7 +189,7 @@ def test_the_answer_is_that_of_the_condition(driver: LoopRunner) -> None:
 def test_a_wake_up_is_not_left_to_the_periodic_check(
     driver: LoopRunner, monkeypatch: pytest.MonkeyPatch, limit_s: float | None
 ) -> None:
-    monkeypatch.setattr(shared_loop, "_MAX_BLOCKING_S", 60.0)  # the check that would find the condition true, too
+    monkeypatch.setattr(shared_loop, "MAX_BLOCKING_S", 60.0)  # the check that would find the condition true, too
     done: list[int] = []
     waits = [started(lambda: driver.wait(lambda: done, limit_s)) for _ in range(3)]
     wait_until(lambda: is_driven(driver, 3))

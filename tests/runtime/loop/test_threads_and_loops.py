@@ -276,7 +276,7 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     answers = await asyncio.gather(*calls)
     assert [answer.sum for answer in answers] == [number for number in range(50) for _ in clients]
     assert clients[0]._window is clients[2]._window
-    assert not clients[0]._window._waiting and not clients[0]._window._in_flight
+    assert not clients[0]._window.waiting and not clients[0]._window._in_flight
 
 
 @pytest.mark.every_transport

@@ -46,15 +46,20 @@ def test_one_who_was_cancelled_waits_no_more() -> None:
 
 
 def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
-    waiters, happened = Waiters(), threading.Event()
+    waiters, happened, looks = Waiters(), threading.Event(), list[int]()
     forgotten = asyncio.new_event_loop()
-    abandoned = waiters.wait(happened.is_set)
+
+    def has_happened() -> bool:
+        looks.append(1)
+        return happened.is_set()
+
+    abandoned = waiters.wait(has_happened)
     task = forgotten.create_task(abandoned)
     forgotten.run_until_complete(asyncio.sleep(0))
     forgotten.close()
     with ThreadPoolExecutor(3) as pool:
-        waiting = [pool.submit(asyncio.run, waiters.wait(happened.is_set, 60)) for _ in range(3)]
-        while len(waiters._futures) < 4:
+        waiting = [pool.submit(asyncio.run, waiters.wait(has_happened, 60)) for _ in range(3)]
+        while len(looks) < 8:  # the second look of each, which can be woken by then
             time.sleep(0.001)
         happened.set()
         waiters.wake()

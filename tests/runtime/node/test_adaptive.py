@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from std_msgs.msg import Int32, String
-from support.node_fixtures import World, until
+from support.node_fixtures import World, entity, until
 
 from rosidl_py_gen import decode, get_message, type_hash
 from rosidl_py_gen.errors import ClosedError
@@ -136,7 +136,7 @@ async def test_raw_messages_get_the_definition_that_is_set_later(memory: World, 
         await publisher.wait_for_subscribers(5)
         for number in range(3):
             publisher.publish(theirs(range=number))
-        await until(lambda: len(messages._subscription._items) == 3)
+        await until(lambda: len(entity(bob, "/range")._items) == 3)
         if left:
             alice.context.close()
             await until(lambda: bob.count_publishers("range") == 0)

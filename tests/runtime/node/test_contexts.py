@@ -22,6 +22,7 @@ from support.node_fixtures import ROOT, until
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, Node, ParameterDescriptor, TransportError
 from rosidl_py_gen.runtime.loop.loop_binding import WrongEventLoopError
+from rosidl_py_gen.runtime.node.context import open_contexts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -203,16 +204,16 @@ def test_a_broken_cyclonedds_uri_is_named(uri: str) -> None:
 
 
 def test_a_full_domain_says_so(dds: World) -> None:
-    from rosidl_py_gen.runtime.transport.cyclone.domain import _has_free_index
+    from rosidl_py_gen.runtime.transport.cyclone.domain import has_free_index
 
     number = dds.context().domain_id
-    assert _has_free_index(number)
+    assert has_free_index(number)
     with contextlib.ExitStack() as stack:
         for index in range(32):
             taken = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             with contextlib.suppress(OSError):  # our own context has one
                 taken.bind(("127.0.0.1", 7400 + 250 * number + 10 + 2 * index))
-        assert not _has_free_index(number)
+        assert not has_free_index(number)
         said = python(OPEN).stdout
     assert "All 32 participant indexes of the domain are taken on this machine" in said and "ROS_DOMAIN_ID" in said
 
@@ -227,7 +228,7 @@ def test_a_node_that_cannot_start_leaves_no_default_context(
     monkeypatch.setattr(sys, "argv", ["test", *args.split()])
     with pytest.raises(InvalidNameError):
         Node(name, namespace)
-    assert Context._default is None or Context._default.is_closed
+    assert not any(core.is_default for core in open_contexts)
     with Node("other") as other:
         with pytest.raises(InvalidNameError):
             Node(name, namespace)

@@ -119,7 +119,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
     robot, asker = told_by(world, told), world.node("asker", parameter_overrides=SERVICE_OFF)
     told.announce(asker, topic_name("/t"))
     await until(lambda: asker.count_publishers("t") == 2)
-    node_of, late = announcements._node_of, ["/robot"]
+    node_of, late = announcements.node_name_of, ["/robot"]
 
     def known(graph: Any, endpoint: Any) -> str:
         name = node_of(graph, endpoint)
@@ -129,7 +129,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
         late.clear()
         told.announce(robot, topic_name("/other"))
 
-    monkeypatch.setattr(announcements, "_node_of", known)
+    monkeypatch.setattr(announcements, "node_name_of", known)
     asyncio.get_running_loop().call_later(0.5, comes)
     assert type_hash(await asker.resolve_type("t", timeout_s=10)) == told.hash
     assert not late
@@ -138,7 +138,7 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
 async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patience = "rosidl_py_gen.runtime.type_resolution.type_resolver._ANSWER_TIMEOUT_S"
+    patience = "rosidl_py_gen.runtime.type_resolution.type_resolver.ANSWER_TIMEOUT_S"
     monkeypatch.setattr(patience, 0.5)
     told, lie = fresh(), fresh("int32 y")
 
@@ -168,7 +168,7 @@ async def test_a_node_whose_answer_is_lost_is_asked_again(world: World) -> None:
 
 
 async def test_a_node_that_never_answers_is_an_error_in_time(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.type_resolution.type_resolver._ANSWER_TIMEOUT_S", 30.0)
+    monkeypatch.setattr("rosidl_py_gen.runtime.type_resolution.type_resolver.ANSWER_TIMEOUT_S", 30.0)
 
     async def never(request: Any) -> Any:
         await asyncio.sleep(60)

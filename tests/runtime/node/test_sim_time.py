@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest
-from support.node_fixtures import World, until
+from support.node_fixtures import World, entity, until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
@@ -47,7 +47,7 @@ async def test_use_sim_time_is_live(world: World) -> None:
     await until(lambda: node.clock.now() == ros(52.5))
     assert (await remote.set({"use_sim_time": False}, 5))[0].successful
     assert node.clock.now() > ros(1_000_000_000)
-    await until(lambda: source._publisher.subscription_count == 0)
+    await until(lambda: entity(source, "/clock").subscription_count == 0)
     assert (await remote.set({"use_sim_time": True}, 5))[0].successful
     assert node.clock.now() == ros(0)
 

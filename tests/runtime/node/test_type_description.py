@@ -150,7 +150,7 @@ async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
 
 @pytest.mark.every_transport
 async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(description_service, "_ENDPOINTS_TIMEOUT_S", 10.0)  # its endpoint comes later still
+    monkeypatch.setattr(description_service, "ENDPOINTS_TIMEOUT_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
     await asyncio.sleep(0)  # it waits by now
@@ -214,13 +214,13 @@ def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> Non
     ("broken", "reason"),
     [
         ("type_description", "Failed to populate TypeDescription to response."),
-        ("_sources", "Failed to populate TypeSource_Sequence to response."),
+        ("type_source", "Failed to populate TypeSource_Sequence to response."),
     ],
 )
 async def test_a_failure_is_answered_and_logged(
     world: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, broken: str, reason: str
 ) -> None:
-    def fail(_: object) -> None:
+    def fail(*_: object) -> None:
         raise RuntimeError("disk on fire")
 
     world.node("n").create_publisher(Foo, "foo")

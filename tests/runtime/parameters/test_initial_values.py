@@ -123,4 +123,4 @@ async def test_a_declaration_that_ignores_initial_values_is_said(
 
 def test_nothing_is_kept_without_initial_values(memory: World) -> None:
     context = memory.node("drive").context
-    assert context._core.initial_values._node_names == []
+    assert context._core.initial_values.node_names == []

@@ -224,7 +224,7 @@ class Domain:
 
 def _diagnose_failure(domain_id: int, xml: str) -> str:
     """Return the probable cause of a domain that cannot be configured, and the fix."""
-    if not _has_free_index(domain_id):
+    if not has_free_index(domain_id):
         return (
             f"All {MAX_PARTICIPANT_INDEX} participant indexes of the domain are taken on this machine: end some of its "
             "processes, or use another ROS_DOMAIN_ID"
@@ -238,7 +238,7 @@ def _diagnose_failure(domain_id: int, xml: str) -> str:
     return f"Cyclone DDS printed the reason; probably no network interface is usable. The configuration was {xml!r}"
 
 
-def _has_free_index(domain_id: int) -> bool:
+def has_free_index(domain_id: int) -> bool:
     """Return True if one of the UDP ports that participants of this machine share can be bound."""
     # Source: docs/internals/protocol.md 10.6.
     first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT

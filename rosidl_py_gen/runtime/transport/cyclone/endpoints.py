@@ -93,7 +93,7 @@ _get_thread_id = threading.get_ident
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
 """valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
 _local_lock = threading.Lock()
-_local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
+local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 """Readers of this process by domain and topic, for `CycloneWriter.write`."""
 
 
@@ -163,7 +163,7 @@ class CycloneWriter(_CycloneEndpoint):
             writing.remove(thread_id)
             if domain.is_closing:
                 domain.end_if_unused()
-        if code == 0 and self._key not in _local_readers:
+        if code == 0 and self._key not in local_readers:
             return True
         return self._is_written(code, data)
 
@@ -175,8 +175,8 @@ class CycloneWriter(_CycloneEndpoint):
 
     def _is_written(self, code: int, data: Payload) -> bool:
         if code == 0:
-            if self._key in _local_readers:
-                for reader in _local_readers.get(self._key, ()):
+            if self._key in local_readers:
+                for reader in local_readers.get(self._key, ()):
                     reader.fetch()
             return True
         if code == c_api.TIMEOUT:
@@ -243,7 +243,7 @@ class CycloneReader(_CycloneEndpoint):
         self._large_bytes = 0
         owner.readers[entity] = self
         with _local_lock:
-            _local_readers[self._key] = (*_local_readers.get(self._key, ()), self)
+            local_readers[self._key] = (*local_readers.get(self._key, ()), self)
 
     def set_sink(self, sink: Sink | None) -> None:
         self.sink = sink
@@ -332,11 +332,11 @@ class CycloneReader(_CycloneEndpoint):
         if not entity:
             return
         with _local_lock:
-            remaining = tuple(reader for reader in _local_readers[self._key] if reader is not self)
+            remaining = tuple(reader for reader in local_readers[self._key] if reader is not self)
             if remaining:
-                _local_readers[self._key] = remaining
+                local_readers[self._key] = remaining
             else:
-                del _local_readers[self._key]
+                del local_readers[self._key]
         self._owner.readers.pop(entity, None)
         with self._owner.buffers.lock:
             self.entity = 0

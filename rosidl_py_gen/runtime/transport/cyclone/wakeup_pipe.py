@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable
 
 from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 
-_LOOPS_CAN_WATCH = os.name == "posix"
+LOOPS_CAN_WATCH = os.name == "posix"
 """Event loops can watch pipes. Elsewhere a thread reads, which keeps the pipe empty, so it may be a blocking one."""
 _MIN_PIPE_BYTES = 512
 """Minimum capacity of a pipe (PIPE_BUF of POSIX): a pipe with less content was not full."""
@@ -35,7 +35,8 @@ _file, _int = ct.c_void_p, ct.c_int
 _fdopen = ct.CFUNCTYPE(_file, _int, ct.c_char_p)((f"{_prefix}fdopen", _libc))
 _setbuf = ct.CFUNCTYPE(None, _file, ct.c_void_p)(("setbuf", _libc))
 _fclose = ct.CFUNCTYPE(_int, _file)(("fclose", _libc))
-_ferror = ct.CFUNCTYPE(_int, _file)(("ferror", _libc))
+ferror = ct.CFUNCTYPE(_int, _file)(("ferror", _libc))
+"""Return non-zero if a handle did not fit into `WakeupPipe.stream`, which the next `drain` reports."""
 _clearerr = ct.CFUNCTYPE(None, _file)(("clearerr", _libc))
 putw = ct.CFUNCTYPE(_int, _int, _file)((f"{_prefix}putw", _libc))
 """Write a handle into `WakeupPipe.stream`. Unlike a listener of Cyclone it returns an int; the calling conventions of
@@ -47,7 +48,7 @@ class WakeupPipe:
 
     def __init__(self) -> None:
         self._read_end, self._write_end = os.pipe()
-        if _LOOPS_CAN_WATCH:
+        if LOOPS_CAN_WATCH:
             self._set_blocking(False)
         self.stream: int = _fdopen(self._write_end, b"wb")
         """Writing end, as an unbuffered C `FILE *`."""
@@ -57,7 +58,7 @@ class WakeupPipe:
         self._thread: threading.Thread | None = None
         self._handles: ReadyItems[int] = ReadyItems(has_pipe=False)
         """Handles that the thread has read."""
-        if not _LOOPS_CAN_WATCH:
+        if not LOOPS_CAN_WATCH:
             self.read_in_thread(None)
 
     def _set_blocking(self, blocking: bool) -> None:
@@ -88,7 +89,7 @@ class WakeupPipe:
             if len(data) == _handle.size:  # by far the most frequent case
                 return _handle.unpack(data)
             # `ferror` takes the lock that `putw` holds, so it reports every write that found the pipe full.
-            if len(data) >= _MIN_PIPE_BYTES and _ferror(self.stream):
+            if len(data) >= _MIN_PIPE_BYTES and ferror(self.stream):
                 _clearerr(self.stream)
                 return None
         return _unique_handles(data)
@@ -97,7 +98,7 @@ class WakeupPipe:
         """Read in a thread from now on, which calls `notify` when `drain` has handles."""
         self._handles.set_wakeup(notify)
         if self._thread is None:
-            if _LOOPS_CAN_WATCH:
+            if LOOPS_CAN_WATCH:
                 self._set_blocking(True)
             self._thread = threading.Thread(target=self._run, name="rosidl-py-gen receiver", daemon=True)
             self._thread.start()
