@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
 MAX_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
 """Size from which a message gets an uncompressed chunk: readers decompress at most 1 GiB by default."""
-_CHUNK = 768 << 10
+CHUNK_BYTES = 768 << 10
 """Size of a chunk in bytes, as in rosbag2.
 
 With 4 MB reading takes 20 % longer, because every chunk is in new memory.
@@ -227,7 +227,8 @@ class BagWriter(SplittingWriter):
 
     def _open(self) -> None:
         self._stream = self._next_path().open("xb", buffering=1 << 16)
-        self._writer = Writer(self._stream, chunk_size=_CHUNK, compression=cast("CompressionType", self._compression))
+        compression = cast("CompressionType", self._compression)
+        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=compression)
         self._writer.start("ros2", f"rosidl-py-gen {__version__}")
         self._stream.flush()  # an empty bag from now on
         self._schemas = {}

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS
 
-_FILE = Path(__file__).with_name("message_packages.txt")
+TABLE_FILE = Path(__file__).with_name("message_packages.txt")
 
 
 @cache
-def _rows() -> dict[str, list[str]]:
+def package_rows() -> dict[str, list[str]]:
     """Return repository, branches and packages by package; a file that cannot be read has none."""
     try:
-        lines = _FILE.read_text(encoding="utf-8").splitlines()
+        lines = TABLE_FILE.read_text(encoding="utf-8").splitlines()
     except OSError:
         return {}
     rows = [line.split() for line in lines if not line.startswith("#")]
@@ -27,7 +27,7 @@ def download_note(package: str, distro: str) -> str:
 
     If the package has no branch for the distribution, that of the next older one is named, else of the next newer one.
     """
-    row = _rows().get(package)
+    row = package_rows().get(package)
     if row is None:
         return ""
     url = row[0] if "://" in row[0] else f"https://github.com/{row[0]}"

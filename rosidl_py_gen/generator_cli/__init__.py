@@ -141,7 +141,7 @@ class _Group(click.Group):
 @click.option("--list", "listing", is_flag=True, help="Print the packages of the search path with their origin.")
 @_JSON
 @click.pass_context
-def _cli(
+def cli(
     context: click.Context,
     /,
     paths: tuple[str, ...],
@@ -321,7 +321,7 @@ def _list(paths: tuple[str, ...], selection: str, as_json: bool) -> None:
         echo((package.name.ljust(width), "bold" if used else ""), f"  {len(package.files):3}  {place}{note}")
 
 
-@_cli.command()
+@cli.command()
 @click.argument("names", nargs=-1, shell_complete=_completion("complete_packages_and_interfaces"))
 @_paths
 @_JSON
@@ -345,7 +345,7 @@ def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None
         echo(f"{len(found)} interfaces in {len(packages)} packages: no problems")
 
 
-@_cli.command()
+@cli.command()
 @click.argument("name", shell_complete=_completion("complete_interfaces"))
 @_paths
 @click.option("--full", is_flag=True, help="Print the text for bags: the definition and all that it uses.")
@@ -381,7 +381,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
     echo(text.removesuffix("\n"))
 
 
-@_cli.command()
+@cli.command()
 @click.argument("sources", nargs=-1, metavar="[OLD] [NEW]", shell_complete=_completion("complete_files"))
 @_PATH
 @click.option(
@@ -432,7 +432,7 @@ def diff(paths: tuple[str, ...], as_json: bool, **arguments: Any) -> None:
         raise click.exceptions.Exit(1)
 
 
-@_cli.command()
+@cli.command()
 @click.argument("names", nargs=-1, shell_complete=_completion("complete_packages"))
 @_paths
 @_OUT(default="dist", help="Folder that receives the wheels.")
@@ -464,7 +464,7 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
         echo(f"required, but not made{reason}: {texts}; name packages to make wheels of them", err=True)
 
 
-@_cli.command()
+@cli.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the completion script of a shell.
@@ -475,7 +475,7 @@ def completion(shell: str) -> None:
     """
     from rosidl_py_gen.generator_cli import shells
 
-    echo(shells.script(shell, _cli, "rosidl-py-gen"))
+    echo(shells.script(shell, cli, "rosidl-py-gen"))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -490,7 +490,7 @@ def _main(arguments: list[str] | None) -> None:
         import_module("rosidl_py_gen.generator_cli.shells").install()
     try:
         with importable_current_folder():
-            code = _cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
+            code = cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
         if isinstance(code, int) and code:
             sys.exit(code)
     except RosidlError as error:

@@ -35,7 +35,7 @@ _NO_PEER_TIMEOUT_S = 1.0
 """Time to listen if no other node is found."""
 _MAX_DISCOVERY_S = 2.0
 """Maximum time to listen, however many changes arrive."""
-_ANNOUNCE_DELAY_S = 0.05
+ANNOUNCE_DELAY_S = 0.05
 """Delay until endpoints of the command are announced. Most commands end before; otherwise DDS delays the end by 0.1 to
 0.2 s, until every peer has acknowledged the announcement."""
 _WAITING_NOTE_DELAY_S = 2.0
@@ -105,7 +105,7 @@ def _end(number: int, _: object) -> None:
 
 def _listen(network: NetworkOptions) -> Context:
     return Context(
-        network.get("domain_id"), discovery=network.get("discovery"), args=[], announce_delay_s=_ANNOUNCE_DELAY_S
+        network.get("domain_id"), discovery=network.get("discovery"), args=[], announce_delay_s=ANNOUNCE_DELAY_S
     )
 
 

@@ -40,8 +40,9 @@ LARGE_TYPES = {
 """Messages of these types, and messages that contain them, are large."""
 _MAX_FILE_NAME = 255
 """Maximum length of a name in Linux, macOS and Windows, in characters."""
-_BATCH_BYTES = 1 << 20
-_MAX_WAITING_BYTES = 1 << 25
+BATCH_BYTES = 1 << 20
+"""Size of the data of a topic from which it is moved to columns."""
+MAX_WAITING_BYTES = 1 << 25
 """Limit of the data of all topics that waits for row groups."""
 
 
@@ -229,7 +230,7 @@ class StagedDataset:
         folders = f"{TOPIC}={self._folder_of(channel.name)}", f"{BAG}={_quoted(self._name)}"
         path = joined(self._out, *folders, f"{_quoted(kind)}{self._suffix}.parquet")
         same = next((one for one in self._by_key.values() if one.path == path), None)
-        self._by_key[channel.key] = same or _File(path, channel, builder, min(_BATCH_BYTES, self._row_group_bytes))
+        self._by_key[channel.key] = same or _File(path, channel, builder, min(BATCH_BYTES, self._row_group_bytes))
 
     def _add_messages(self, message: Any) -> int:
         """Add a message or a block; returns the number of messages."""
@@ -247,7 +248,7 @@ class StagedDataset:
             self._waiting_bytes += batch.nbytes
             if file.size >= self._row_group_bytes:
                 self._write(file)
-            while self._waiting_bytes > _MAX_WAITING_BYTES:
+            while self._waiting_bytes > MAX_WAITING_BYTES:
                 self._write(max(self._by_key.values(), key=lambda one: one.size))
 
     def _write(self, file: _File) -> None:

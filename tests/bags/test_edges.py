@@ -111,7 +111,7 @@ def test_what_the_writer_writes_is_never_refused_as_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     """With a limit of a megabyte for that of 1023; zeros become less than a thousandth."""
-    assert mcap_writer.MAX_COMPRESSED_BYTES + mcap_writer._CHUNK < storage_api.MAX_UNPACKED_BYTES
+    assert mcap_writer.MAX_COMPRESSED_BYTES + mcap_writer.CHUNK_BYTES < storage_api.MAX_UNPACKED_BYTES
     monkeypatch.setattr(mcap_writer, "MAX_COMPRESSED_BYTES", 1 << 20)
     large = String(data="\0" * (5 << 20)).encode()
     small = String(data="x" * 1000).encode()

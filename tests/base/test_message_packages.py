@@ -59,9 +59,9 @@ def test_the_branch_is_that_of_the_distribution_or_the_next_older_one(package: s
 
 def test_an_unknown_package_or_a_missing_table_has_no_text(monkeypatch: pytest.MonkeyPatch) -> None:
     assert download_note("my_robot_msgs", "jazzy") == download_note("std_msgs", "jazzy") == ""
-    monkeypatch.setattr(message_packages, "_FILE", Path("/nowhere"))
-    message_packages._rows.cache_clear()
+    monkeypatch.setattr(message_packages, "TABLE_FILE", Path("/nowhere"))
+    message_packages.package_rows.cache_clear()
     try:
         assert download_note("control_msgs", "jazzy") == ""
     finally:
-        message_packages._rows.cache_clear()
+        message_packages.package_rows.cache_clear()

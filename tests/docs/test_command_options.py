@@ -61,7 +61,7 @@ def commands_below(command: click.Command, words: tuple[str, ...]) -> Iterator[t
 
 ALL = {
     words: command
-    for program, root in (("rosidl-py", ros_cli.root()), ("rosidl-py-gen", generator_cli._cli))
+    for program, root in (("rosidl-py", ros_cli.root()), ("rosidl-py-gen", generator_cli.cli))
     for words, command in commands_below(root, (program,))
 }
 

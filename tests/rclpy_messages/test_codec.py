@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import array
-import sys
-import tempfile
 from collections import deque
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -15,8 +12,7 @@ import pytest
 from each_case import each_case
 from support.bundled_interfaces import message, reference, vectors, vectors_by_type
 from support.example_counts import examples
-from support.interface_packages import Files, write
-from support.rclpy_messages import hooked, rclpy_class
+from support.rclpy_messages import rclpy_class
 
 from rosidl_py_gen import (
     DecodeError,
@@ -39,7 +35,6 @@ from rosidl_py_gen.numpy import (
     occupancygrid_to_array,
     pointcloud_to_array,
 )
-from rosidl_py_gen.type_loading import import_hook
 
 BY_TYPE = vectors_by_type()
 pytestmark = [
@@ -144,35 +139,6 @@ def test_numbers_of_numpy_are_numbers() -> None:
     made = cls(float32_value=np.float64(1.5), int8_value=np.int64(5), bool_value=np.True_)
     found = decode(cls, made.encode())
     assert (found.float32_value, found.int8_value, found.bool_value) == (1.5, 5, True)
-
-
-def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
-    # Underscored, these are the names of what generated classes have.
-    text = "\n".join(
-        f"int32 {name}" for name in ("encode", "decode", "write", "read", "native", "assign", "check_fields")
-    )
-    heavy = "\n".join(f"int32 field_{number}" for number in range(60))
-    files: Files = {
-        "odd_words_msgs/msg/Words.msg": text,
-        "odd_words_msgs/msg/Heavy.msg": f"{heavy}\n{text}\nWords words",
-    }
-    with tempfile.TemporaryDirectory() as folder:
-        write(Path(folder), files)
-        outer = import_hook._installed
-        assert outer is not None
-        import_hook._remove(outer)
-        try:
-            with hooked(message_api="rclpy", path=folder, override_installed=True):
-                cls = rclpy_class("odd_words_msgs/msg/Heavy")
-                made = cls(encode=1, decode=2, write=3, read=4, native=5, assign=6)
-                made.words.encode = 9
-                found = decode(cls, encode(made))
-                assert (found.encode, found.read, found.assign, found.words.encode) == (1, 4, 6, 9)
-                assert found == made and to_dict(found)["write"] == 3
-        finally:
-            import_hook._installed = outer
-            sys.meta_path.insert(0, outer)
-            sys.meta_path.append(outer.fallback)
 
 
 # --- both APIs --------------------------------------------------------------------------------------------------------

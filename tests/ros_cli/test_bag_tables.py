@@ -154,7 +154,7 @@ def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:
 
 def test_processes_of_this_machine_do_it_without_a_scheduler(tmp_path: Path, monkeypatch: Any, run_here: Any) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 20_000)
-    monkeypatch.setattr(mcap_writer, "_CHUNK", 1 << 13)
+    monkeypatch.setattr(mcap_writer, "CHUNK_BYTES", 1 << 13)
     large = bag_datasets.bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
     good, out = bag_datasets.bag_of(tmp_path / "b.mcap", 1), tmp_path / "out"
     (tmp_path / "junk.mcap").write_bytes(b"junk" * 30)

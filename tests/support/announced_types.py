@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -71,15 +72,16 @@ class Told:
 
 def without_hash(cls: Any) -> Any:
     """Return a class that a publisher of Humble would have: it announces no hash."""
-    info = cls._TYPE
-    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info.__class__(info.name, "", info._spec)})
+    info = copy(cls._TYPE)
+    info.hash = ""
+    return type("NoHash", (cls,), {"__slots__": (), "_TYPE": info})
 
 
 def humble_node(world: World, name: str) -> Node:
     """Return a node that announces itself like one of Humble, on DDS."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DISTRO", "humble")
-        patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
+        patch.setattr(discovery_info, "HASHES", dict.fromkeys(discovery_info.HASHES, ""))
         return world.node(name)
 
 

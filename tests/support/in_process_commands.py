@@ -115,7 +115,7 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
     @contextmanager
     def listening(network: command_node.NetworkOptions) -> Iterator[None]:
         try:
-            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": command_node._ANNOUNCE_DELAY_S}
+            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": command_node.ANNOUNCE_DELAY_S}
             context = Context(network.get("domain_id"), args=[], transport=world.transport, **options)
             network["context"] = context
             world.contexts.append(context)

@@ -173,10 +173,7 @@ def _guard_dds(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def guarded(api: Any, fast_dds: Any, number: int, xml: str, enclave_folder: str) -> cyclone.Domain:
         # Cyclone before 11 is not bound, and told by "localhost" alone where to look (docs/internals/dds.md 8).
-        is_bound = (
-            'address="127.0.0.1"' in xml or cyclone.IGNORE_TYPE_INFORMATION in cyclone._library.unsupported_elements
-        )
-        assert is_bound, f"not bound to loopback: {xml}"
+        assert 'address="127.0.0.1"' in xml or fast_dds.loopback_refusal, f"not bound to loopback: {xml}"
         assert '<Peer address="localhost"/>' in xml or "ros_discovery_off" in xml, xml
         assert xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {xml}"
         assert number in _domains or number - DOMAINS in _domains, f"domain {number} is not this test run's"

@@ -162,7 +162,7 @@ def _fixtures(module: Any) -> list[str]:
 
 def _group(module: Any) -> Any:
     """The group of all commands of a command line."""
-    return module.root() if hasattr(module, "root") else module._cli
+    return module.root() if hasattr(module, "root") else module.cli
 
 
 def _commands(name: str, command: click.Command) -> Iterator[str]:

@@ -68,18 +68,15 @@ def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(two_workers:
 def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(two_workers.scheduler, "allowed_failures", 0)
 
-    def run(function: Any, tasks: list[Any]) -> Any:
-        with distributed.Client(two_workers.scheduler_address, set_as_default=False) as client:
-            yield from task_runners._run_by_dask(client, function, tasks)
-
-    ((task, outcome),) = run(die, [5])
-    assert task == 5 and "KilledWorker" in outcome.error
-    ((_, outcome),) = run(fail, [6])
-    assert outcome.error == "the worker failed: KeyError: 6"
+    with task_runners.dask_cluster(two_workers.scheduler_address) as run:
+        ((task, outcome),) = run(die, [5])
+        assert task == 5 and "KilledWorker" in outcome.error
+        ((_, outcome),) = run(fail, [6])
+        assert outcome.error == "the worker failed: KeyError: 6"
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(task_runners, "_CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(task_runners, "CONNECT_TIMEOUT_S", 0.2)
     bag = bag_of(tmp_path / "a.mcap", 1)
     for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1", "tls://127.0.0.1:1"):
         with pytest.raises(BagError, match=f"no scheduler of Dask responds at {address}"):
@@ -102,7 +99,7 @@ def test_processes_of_this_machine_are_reached_by_no_other(tmp_path: Path) -> No
 def test_a_process_that_dies_is_replaced_and_only_its_task_is_repeated_or_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(task_runners, "_MAX_DEATHS", 2)
+    monkeypatch.setattr(task_runners, "MAX_DEATHS", 2)
     with task_runners.process_pool(2) as run:
         tasks = [str(tmp_path / name) for name in "ab"]
         outcomes = dict(run(die_once, tasks))
@@ -114,7 +111,7 @@ def test_a_process_that_dies_is_replaced_and_only_its_task_is_repeated_or_given_
 
 
 def test_a_process_ends_when_the_one_that_started_it_is_gone() -> None:
-    worker = task_runners._Worker()
+    worker = task_runners.WorkerProcess()
     worker.send(pid, "a")
     assert worker.receive() is not None
     worker.connection.close()
@@ -133,10 +130,10 @@ def test_processes_are_for_several_tasks_of_some_size(monkeypatch: pytest.Monkey
     started: list[Any] = []
     monkeypatch.setattr(many, "process_pool", started.append)
     size = many.POOL_BYTES
-    many._runner(None, None, [size, size])
+    many.select_runner(None, None, [size, size])
     assert started == [min(os.cpu_count() or 1, 2)]
     for workers, sizes in ((None, [100] * 50), (1, [size] * 9), (None, []), (2, []), (None, [size])):
-        with many._runner(None, workers, sizes) as run:
+        with many.select_runner(None, workers, sizes) as run:
             assert run is many.one_by_one
     assert len(started) == 1
 

@@ -114,8 +114,8 @@ def test_row_groups_follow_each_other_in_time_and_memory_is_bounded(tmp_path: Pa
 def test_what_waits_is_written_when_it_is_too_much(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dataset_writer, "_BATCH_BYTES", 1 << 10)
-    monkeypatch.setattr(dataset_writer, "_MAX_WAITING_BYTES", 1 << 13)
+    monkeypatch.setattr(dataset_writer, "BATCH_BYTES", 1 << 10)
+    monkeypatch.setattr(dataset_writer, "MAX_WAITING_BYTES", 1 << 13)
     with BagReader(drive) as bag:
         report = write_dataset(bag, tmp_path / "out")
     assert sum(one.messages for one in report.files) == 220

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import tempfile
 import warnings
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from support.table_values import of_message, rows, same
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.bags.storage.storage_api import MessageBlock, as_table_input
 from rosidl_py_gen.tables import reading
 
@@ -166,12 +168,12 @@ def test_what_lies_in_chunks_is_found(
 def test_blocks_are_taken_for_one_channel_in_order(tmp_path: Path) -> None:
     texts = [(f"/{'ab'[number % 3 == 0]}", "x" * (number % 2), number) for number in range(900)]
     for name, messages in {"ordered": texts, "one": [("/a", "abc", number) for number in range(900)]}.items():
-        with BagReader(bag(tmp_path / f"{name}.mcap", messages)) as reader:
-            blocks = list(as_table_input(reader._files, ["/a"], 0, 1 << 64))
+        with closing(McapFile(bag(tmp_path / f"{name}.mcap", messages), True)) as file:
+            blocks = list(as_table_input([file], ["/a"], 0, 1 << 64))
             assert all(isinstance(one, MessageBlock) for one in blocks) and len(blocks) > 2
     random.Random(1).shuffle(texts)
-    with BagReader(bag(tmp_path / "mixed.mcap", texts)) as reader:
-        assert not isinstance(next(iter(as_table_input(reader._files, ["/a"], 0, 1 << 64))), MessageBlock)
+    with closing(McapFile(bag(tmp_path / "mixed.mcap", texts), True)) as file:
+        assert not isinstance(next(iter(as_table_input([file], ["/a"], 0, 1 << 64))), MessageBlock)
     compared(tmp_path / "mixed.mcap", "/a")
 
 

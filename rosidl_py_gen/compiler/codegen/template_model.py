@@ -41,7 +41,7 @@ _COMMON_ACTION_TYPES = (
     ("CancelGoalService", "action_msgs/srv/CancelGoal"),
     ("GoalStatusMessage", "action_msgs/msg/GoalStatusArray"),
 )
-_MAX_EMITTED = 1000
+MAX_EMITTED = 1000
 """Maximum fields, constants and values of default arrays that are emitted; with more, they come from a table."""
 
 
@@ -227,7 +227,7 @@ def _message(
 
 def _has_table_members(message: MessageDef) -> bool:
     values = sum(len(item.default) for item in message.fields if isinstance(item.default, tuple))
-    return len(message.fields) + len(message.constants) + values > _MAX_EMITTED
+    return len(message.fields) + len(message.constants) + values > MAX_EMITTED
 
 
 def _constructor(fields: tuple[MemberView, ...]) -> tuple[str, ...]:

@@ -130,7 +130,7 @@ def write_datasets(
     if in_memory and (scheduler is not None or (workers or 1) > 1):
         raise BagError(f"{in_memory[0]} exists only in this process; expected workers=1 and no scheduler")
     workers = 1 if in_memory else workers
-    with _runner(scheduler, workers, [one.size for one, _ in due]) as run:
+    with select_runner(scheduler, workers, [one.size for one, _ in due]) as run:
         job.run(job.tasks(due, run), run)
     job.clean_up()
     return job.report
@@ -242,7 +242,7 @@ class _DatasetJob:
             self._manifest.remove_partial(self._name_of.values())
 
 
-def _runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[TaskRunner]:
+def select_runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[TaskRunner]:
     """Return the function that runs tasks: in this process, in others of this machine, or in workers of Dask."""
     if scheduler is None and workers is None:
         tasks = sum(max(1, -(-size // RANGE_BYTES)) for size in sizes)

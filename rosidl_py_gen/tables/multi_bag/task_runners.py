@@ -2,7 +2,7 @@
 
 Socket pairs connect them, which no other process can open: a port on the loopback interface would let every user of the
 machine send tasks, that is, run code. A process runs one task at a time. A process that dies is replaced, and its task
-is repeated; after `_MAX_DEATHS` deaths the task fails.
+is repeated; after `MAX_DEATHS` deaths the task fails.
 
 Anyone who can connect to a scheduler without TLS can run code on its workers, and in this process, which reads their
 results with pickle. Therefore this module starts no scheduler.
@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tables.multi_bag.bag_tasks import Task, TaskFunction, TaskRunner
 
 IS_POSIX = os.name == "posix"
-_MAX_DEATHS = 4
+MAX_DEATHS = 4
 """Number of processes that a task may kill before it is given up; Dask has the same limit."""
-_CONNECT_TIMEOUT_S = 10
+CONNECT_TIMEOUT_S = 10
+"""Time after which a scheduler of Dask counts as not reachable, in seconds."""
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment of the processes, unless it is set: one thread each, as there is a process for each core."""
 
@@ -45,7 +46,7 @@ def process_pool(workers: int) -> Iterator[TaskRunner]:
     """Yield a function that runs tasks in `workers` processes, and yields each with its result as it finishes."""
     if not IS_POSIX:
         raise BagError(f"found workers={workers} on {sys.platform}; expected workers=1: several processes need POSIX")
-    idle: list[_Worker] = []
+    idle: list[WorkerProcess] = []
     try:
         yield lambda function, tasks: _run(function, tasks, workers, idle)
     finally:
@@ -54,15 +55,15 @@ def process_pool(workers: int) -> Iterator[TaskRunner]:
 
 
 def _run(
-    function: TaskFunction, tasks: list[Task], workers: int, idle: list[_Worker]
+    function: TaskFunction, tasks: list[Task], workers: int, idle: list[WorkerProcess]
 ) -> Iterator[tuple[Task, TaskResult]]:
     due = deque((task, 0) for task in tasks)
-    busy: dict[Any, tuple[_Worker, Task, int]] = {}
+    busy: dict[Any, tuple[WorkerProcess, Task, int]] = {}
     try:
         while due or busy:
             while due and len(busy) < workers:
                 task, deaths = due.popleft()
-                worker = idle.pop() if idle else _Worker()
+                worker = idle.pop() if idle else WorkerProcess()
                 busy[worker.connection] = worker, task, deaths
                 worker.send(function, task)
             for connection in wait(list(busy)):
@@ -73,18 +74,18 @@ def _run(
                     yield task, result
                     continue
                 worker.close()
-                if deaths + 1 < _MAX_DEATHS:
+                if deaths + 1 < MAX_DEATHS:
                     due.append((task, deaths + 1))
                     continue
                 code = worker.process.returncode
                 how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-                yield task, TaskResult(error=f"the process of this task {how}, {_MAX_DEATHS} times in a row")
+                yield task, TaskResult(error=f"the process of this task {how}, {MAX_DEATHS} times in a row")
     finally:
         for worker, _, _ in busy.values():
             worker.close()
 
 
-class _Worker:
+class WorkerProcess:
     """Process that waits for tasks. It ends at once when this process closes its connection, or ends."""
 
     def __init__(self) -> None:
@@ -154,7 +155,7 @@ def dask_cluster(scheduler: str) -> Iterator[TaskRunner]:
         raise missing_extra_message(missing) or missing from None
     try:
         client: Any = distributed.Client(  # type: ignore[no-untyped-call]
-            scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False
+            scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
         )
     except (OSError, ValueError, TypeError, ImportError) as error:
         raise BagError(f"no scheduler of Dask responds at {scheduler}: {error}") from None

@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 from each_case import each_case
 from support.interface_packages import assert_clean, importable, message, run, source_of, write
+from support.rclpy_messages import hooked, rclpy_class
 
 from rosidl_py_gen import decode, encode, from_dict, to_dict
 from rosidl_py_gen.base.names import py_name
@@ -193,6 +194,21 @@ def test_messages_of_any_name_can_be_fields(generated: Path, name: str) -> None:
             part.text = ["t"]
     assert decode(cls, encode(value)) == value
     assert from_dict(cls, to_dict(value)) == value
+
+
+def test_the_functions_of_rclpys_messages_stay_when_fields_have_their_names(tmp_path: Path) -> None:
+    # Underscored, these are the names of what generated classes have.
+    words = ("encode", "decode", "write", "read", "native", "assign", "check_fields")
+    text = "\n".join(f"int32 {name}" for name in words)
+    heavy = "\n".join(f"int32 field_{number}" for number in range(60))
+    write(tmp_path, {"odd_msgs/msg/Words.msg": text, "odd_msgs/msg/Heavy.msg": f"{heavy}\n{text}\nWords words"})
+    with hooked(message_api="rclpy", path=tmp_path):
+        cls = rclpy_class("odd_msgs/msg/Heavy")
+        made = cls(encode=1, decode=2, write=3, read=4, native=5, assign=6)
+        made.words.encode = 9
+        found = decode(cls, encode(made))
+        assert (found.encode, found.read, found.assign, found.words.encode) == (1, 4, 6, 9)
+        assert found == made and to_dict(found)["write"] == 3
 
 
 def test_services_and_actions_of_odd_types_work(generated: Path) -> None:

@@ -20,4 +20,5 @@ def rosidl() -> Iterator[Rosidl]:
 @pytest.fixture(autouse=True)
 def no_installed_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hide message packages of the environment, such as those that the README's first command installs."""
-    monkeypatch.setattr(search_path, "_installed", lambda: iter(()))
+    monkeypatch.setattr(search_path, "ENTRY_POINTS", "a group without packages")
+    monkeypatch.setattr(search_path, "has_installed_ros_packages", lambda: False)

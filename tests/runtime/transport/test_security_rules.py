@@ -92,7 +92,7 @@ class Line:
     def __init__(self, text: str, file: str = "/src/core/ddsi/src/ddsi_handshake.c") -> None:
         head = b"1.0 [0] fsm: "
         self._buffer = ct.create_string_buffer(head + text.encode() + b"\n")
-        self._data = security._LogData(
+        self._data = security.LogData(
             kind=2, file=file.encode(), message=ct.addressof(self._buffer) + len(head), size=len(text.encode())
         )
         self._data.header_size = len(head)

@@ -240,7 +240,7 @@ _EXPLANATIONS = {
 """Reason of a rejection by pattern of a line of Cyclone."""
 
 
-class _LogData(ct.Structure):
+class LogData(ct.Structure):
     """dds_log_data_t."""
 
     _fields_ = (
@@ -249,7 +249,7 @@ class _LogData(ct.Structure):
     )
 
 
-_Sink = ct.CFUNCTYPE(None, ct.c_void_p, ct.POINTER(_LogData))
+_Sink = ct.CFUNCTYPE(None, ct.c_void_p, ct.POINTER(LogData))
 
 
 class SecurityLog:

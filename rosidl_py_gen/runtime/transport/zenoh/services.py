@@ -50,11 +50,11 @@ _GET_RESULT = "/_action/get_result/"
 _QUERY_TIMEOUT_MARGIN_S = 1.0
 """Difference between the timeouts of a query and of its call, which has the better error text."""
 _TIMEOUT_ERROR = b"Timeout"
-_MAX_QUERIES = 10_000
+MAX_QUERIES = 10_000
 """Maximum number of unanswered requests of a server; the oldest are discarded."""
-_MAX_BYTES = 64 * 2**20
+MAX_BYTES = 64 * 2**20
 """Maximum size of all unanswered requests of a server."""
-_MAX_ANSWERED_QUERIES = 16
+MAX_ANSWERED_QUERIES = 16
 """Number of answered queries to leave to end by themselves, which costs less than to cancel them."""
 _MAX_ERROR_CHARS = 300
 _time_ns = time.time_ns
@@ -207,7 +207,7 @@ class ZenohClient(_ZenohServiceEndpoint):
             return
         if query.is_over:
             self._answered.append(number)
-            if len(self._answered) <= _MAX_ANSWERED_QUERIES:
+            if len(self._answered) <= MAX_ANSWERED_QUERIES:
                 return
             number = self._answered.popleft()
         self._cancel(number)
@@ -369,7 +369,7 @@ class ZenohServer(_ZenohServiceEndpoint):
                 return False
             self._queries[origin] = query
             self._queries_bytes += query.size_bytes
-            while len(self._queries) > 1 and (len(self._queries) > _MAX_QUERIES or self._queries_bytes > _MAX_BYTES):
+            while len(self._queries) > 1 and (len(self._queries) > MAX_QUERIES or self._queries_bytes > MAX_BYTES):
                 discarded.append(self.pop_query(next(iter(self._queries))))
         for old in filter(None, discarded):
             old.query.drop()

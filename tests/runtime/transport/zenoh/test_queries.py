@@ -75,7 +75,7 @@ async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pai
     await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
         assert (await pair.call()).sum == 3
-    assert len(pair.replies._in_flight) == services._MAX_ANSWERED_QUERIES
+    assert len(pair.replies._in_flight) == services.MAX_ANSWERED_QUERIES
 
 
 async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) -> None:
@@ -165,7 +165,7 @@ async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
     assert list(pair.reader._queries) == [(GID, 2)]
 
 
-@pytest.mark.parametrize(("limit", "value"), [("_MAX_BYTES", 45), ("_MAX_QUERIES", 2)])  # a request has 20 bytes
+@pytest.mark.parametrize(("limit", "value"), [("MAX_BYTES", 45), ("MAX_QUERIES", 2)])  # a request has 20 bytes
 async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
     pair: Pair, monkeypatch: pytest.MonkeyPatch, limit: str, value: int
 ) -> None:
