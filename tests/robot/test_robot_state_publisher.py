@@ -19,7 +19,7 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import ProgramError
 from rosidl_py_gen.robot.robot_state_publisher import RobotStatePublisher
-from rosidl_py_gen.runtime import Context, Durability, ParameterError, QoSProfile, Reliability
+from rosidl_py_gen.runtime import ClockType, Context, Durability, ParameterError, QoSProfile, Reliability, Time
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 from rosidl_py_gen.tf import TransformBuffer
 
@@ -180,7 +180,8 @@ async def test_old_stamps_are_published_if_stamps_are_ignored_or_time_jumps_back
     await rig.moved(3)  # the last stamp was 0
     rig.move(4, shoulder=0.1)
     await rig.moved(3)
-    rig.node.clock.enable_ros_time_override()  # time is 0
+    rig.node.clock.enable_ros_time_override()
+    rig.node.clock.set_ros_time_override(Time(seconds=1000, clock_type=ClockType.ROS_TIME))
     rig.move(4, shoulder=0.1)
     await rig.moved(4)
 

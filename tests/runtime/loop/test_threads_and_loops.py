@@ -18,6 +18,7 @@ from support.node_fixtures import until, wait_until
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import end_tasks
+from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -147,7 +148,9 @@ def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(dds: Wor
         other.create_publisher(String, f"t{number}")
     one.get_node_names()
     participant: Any = one.context._core.participant
-    assert len(participant._discovery_info._reader.queue.items) == 0
+    assert [len(reader.queue.items) for reader in participant.readers.values() if reader.topic == DISCOVERY_TOPIC] == [
+        0
+    ]
 
 
 @pytest.mark.every_transport

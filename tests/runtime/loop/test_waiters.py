@@ -48,17 +48,13 @@ def test_one_who_was_cancelled_waits_no_more() -> None:
 def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
     waiters, happened, looks = Waiters(), threading.Event(), list[int]()
     forgotten = asyncio.new_event_loop()
-
-    def has_happened() -> bool:
-        looks.append(1)
-        return happened.is_set()
-
-    abandoned = waiters.wait(has_happened)
+    abandoned = waiters.wait(lambda: looks.append(1) or happened.is_set())
     task = forgotten.create_task(abandoned)
     forgotten.run_until_complete(asyncio.sleep(0))
     forgotten.close()
     with ThreadPoolExecutor(3) as pool:
-        waiting = [pool.submit(asyncio.run, waiters.wait(has_happened, 60)) for _ in range(3)]
+        waits = [waiters.wait(lambda: looks.append(1) or happened.is_set(), 60) for _ in range(3)]
+        waiting = [pool.submit(asyncio.run, one) for one in waits]
         while len(looks) < 8:  # the second look of each, which can be woken by then
             time.sleep(0.001)
         happened.set()

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from support import raw_endpoints
-from support.node_fixtures import World, take, until
+from support.node_fixtures import World, entity, take, until
 from support.raw_endpoints import reply_name, request_name
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
@@ -131,10 +131,10 @@ async def test_the_answer_comes_before_the_events_it_caused(world: World) -> Non
     node.declare_parameter("a", 1)
     events, client = other.parameter_events("/n"), other.create_parameter_client("/n")
     assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
-    await until(lambda: _event_publisher(node).has_subscriptions)
+    await until(lambda: entity(node, "/parameter_events").has_subscriptions)
     written: list[str] = []
-    _note(_event_publisher(node), "_write", "event", written)
-    _note(_set_service(node)._transport_server, "send", "answer", written)
+    _note(entity(node, "/parameter_events"), "_write", "event", written)
+    _note(entity(node, "/set_parameters")._transport_server, "send", "answer", written)
     assert (await client.set({"a": 2}, 5))[0].successful
     await until(lambda: len(written) == 2)
     assert written == ["answer", "event"]
@@ -143,14 +143,6 @@ async def test_the_answer_comes_before_the_events_it_caused(world: World) -> Non
     await until(lambda: written == ["event"])
     await asyncio.to_thread(node.set_parameter, "a", 4)
     assert written == ["event"] * 2  # at once where no loop runs that could have an answer to send
-
-
-def _event_publisher(node: Any) -> Any:
-    return next(item for item in node._scope.owned.values() if type(item).__name__ == "ParameterEventPublisher")
-
-
-def _set_service(node: Any) -> Any:
-    return next(item for item in node._scope.owned.values() if getattr(item, "name", "") == "/n/set_parameters")
 
 
 def _note(of: Any, function: str, name: str, written: list[str]) -> None:
@@ -200,7 +192,7 @@ async def test_a_stream_of_another_nodes_events(world: World) -> None:
     remote = other.create_parameter_client("/n")
     events, everything = remote.events(), other.parameter_events()
     await events.wait_for_publishers(5)
-    await until(lambda: all(_event_publisher(one).subscription_count == 2 for one in (node, noise)))
+    await until(lambda: all(entity(one, "/parameter_events").subscription_count == 2 for one in (node, noise)))
     noise.declare_parameter("b", 1)
     node.declare_parameter("a", 1)
     got = await take(events)

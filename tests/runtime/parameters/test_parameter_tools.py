@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 import pytest
-from support.node_fixtures import World, take, until
+from support.node_fixtures import World, entity, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, SetParameters
 from rosidl_py_gen.runtime import (
@@ -145,7 +145,7 @@ async def test_services_made_elsewhere_serve_the_parameters_of_a_node(world: Wor
     await events.wait_for_publishers(10)
     assert await remote.get("a", 5) == 1 and (await remote.describe("a", 5)).description == "served"
     assert "a" in (await remote.list(timeout_s=5)).names
-    publisher = next(one for one in node._scope.owned.values() if getattr(one, "topic", "") == "/parameter_events")
+    publisher = entity(node, "/parameter_events")
     await until(lambda: publisher.has_subscriptions)  # type: ignore[attr-defined]
     assert [one.successful for one in await remote.set({"a": 3, "fixed": 2}, 5)] == [True, False]
     assert node.get_parameter("a") == 3 and (await take(events)).event.changed == (p("a", 3),)
