@@ -281,7 +281,7 @@ class FrameTree:
     def _link(self, walk: _TransformChain, time: int) -> Link | None:
         """Return the transform of a walk's current frame in its parent; None for a root."""
         if walk.steps > len(self._frames):
-            raise self._loop_error(walk.frame)
+            raise self._loop_error(walk.frame, time)
         cache = self._frames[walk.frame]
         return None if cache is None else cache.at(time)
 
@@ -316,9 +316,9 @@ class FrameTree:
                 return
             frame = link.parent
 
-    def _loop_error(self, frame: str) -> UnknownFrameError:
+    def _loop_error(self, frame: str, time: int) -> UnknownFrameError:
         seen: list[str] = []
-        for name, _ in self._near(frame, 0):
+        for name, _ in self._near(frame, time):
             seen.append(name)
             if name in seen[:-1] or len(seen) > 20:
                 break
@@ -361,7 +361,7 @@ class FrameTree:
             yield stamp, frame
             if frame == end:
                 return
-        raise self._loop_error(start)
+        raise self._loop_error(start, 0)
 
 
 class _TransformChain:

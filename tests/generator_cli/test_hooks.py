@@ -5,16 +5,13 @@ from __future__ import annotations
 import re
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import yaml
 from support.interface_packages import REPOSITORY, write
 
 from rosidl_py_gen.generator_cli import main
-
-if TYPE_CHECKING:
-    pass
 
 HOOKS = {one["id"]: one for one in yaml.safe_load((REPOSITORY / ".pre-commit-hooks.yaml").read_text())}
 MANIFEST = """<package><name>team_msgs</name><version>1.0.0</version><description>d</description>

@@ -206,6 +206,9 @@ def test_frames_in_a_circle_are_told() -> None:
         buffer.lookup_transform("x", "a")
     with pytest.raises(UnknownFrameError, match="loop"):
         buffer.lookup_transform("x", "a", S)
+    buffer.set_transform(moved("x", "a", 2))  # the loop is past
+    with pytest.raises(UnknownFrameError, match="a -> c -> b -> a"):
+        buffer.lookup_transform("x", "a", S)
 
 
 def test_a_frame_with_a_new_parent_leaves_the_old_one_at_that_time() -> None:

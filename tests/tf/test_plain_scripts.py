@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,9 +23,6 @@ from rosidl_py_gen.tf import (
     TransformTimeoutError,
     UnknownFrameError,
 )
-
-if TYPE_CHECKING:
-    pass
 
 PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
 

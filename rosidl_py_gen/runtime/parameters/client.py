@@ -173,9 +173,7 @@ class ParameterClient(CompositeEntity):
             ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
         requested = as_names(names)
-        return self._select(
-            names, requested, [item.value for item in await self._get_values(requested, Deadline(timeout_s))]
-        )
+        return self._select(names, requested, [item.value for item in await self._get_values(requested, timeout_s)])
 
     get_sync = blocking(get)
 
@@ -190,7 +188,7 @@ class ParameterClient(CompositeEntity):
     ) -> ParameterType | list[ParameterType]:
         """Return one type for one name, a list for several; raises as `get`."""
         requested = as_names(names)
-        return self._select(names, requested, await self._get_types(requested, Deadline(timeout_s)))
+        return self._select(names, requested, await self._get_types(requested, timeout_s))
 
     get_types_sync = blocking(get_types)
 
@@ -205,7 +203,7 @@ class ParameterClient(CompositeEntity):
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
         """Return one descriptor for one name, a list for several; raises `ParameterNotDeclaredError`."""
         requested = as_names(names)
-        return self._select(names, requested, await self._get_descriptors(requested, Deadline(timeout_s)))
+        return self._select(names, requested, await self._get_descriptors(requested, timeout_s))
 
     describe_sync = blocking(describe)
 
@@ -217,16 +215,16 @@ class ParameterClient(CompositeEntity):
             raise ParameterNotDeclaredError(requested, self.node)
         raise MalformedAnswerError(f"{self.node} returned {len(items)} values for {len(requested)} parameters")
 
-    async def _get_values(self, names: list[str], deadline: Deadline) -> list[ParameterValue]:
-        response = await self._get.call(GetParameters_Request(names=names), deadline.remaining_s())
+    async def _get_values(self, names: list[str], timeout_s: float | None) -> list[ParameterValue]:
+        response = await self._get.call(GetParameters_Request(names=names), timeout_s)
         return [value_from_message(item) for item in response.values]
 
-    async def _get_types(self, names: list[str], deadline: Deadline) -> list[ParameterType]:
-        response = await self._types.call(GetParameterTypes_Request(names=names), deadline.remaining_s())
+    async def _get_types(self, names: list[str], timeout_s: float | None) -> list[ParameterType]:
+        response = await self._types.call(GetParameterTypes_Request(names=names), timeout_s)
         return [parameter_type(int(item)) for item in response.types]
 
-    async def _get_descriptors(self, names: list[str], deadline: Deadline) -> list[ParameterDescriptor]:
-        response = await self._describe.call(DescribeParameters_Request(names=names), deadline.remaining_s())
+    async def _get_descriptors(self, names: list[str], timeout_s: float | None) -> list[ParameterDescriptor]:
+        response = await self._describe.call(DescribeParameters_Request(names=names), timeout_s)
         return [descriptor_from_message(item) for item in response.descriptors]
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
@@ -274,10 +272,10 @@ class ParameterClient(CompositeEntity):
 
     async def _read_batch(self, names: list[str], deadline: Deadline) -> dict[str, ParameterValue]:
         """Return the values of the parameters that have one, for which a node returns none if one of them has none."""
-        values = await self._get_values(names, deadline)
+        values = await self._get_values(names, deadline.remaining_s())
         if len(values) == len(names):
             return dict(zip(names, values, strict=True))
-        kinds, middle = await self._get_types(names, deadline), len(names) // 2
+        kinds, middle = await self._get_types(names, deadline.remaining_s()), len(names) // 2
         typed = [name for name, kind in zip(names, kinds, strict=False) if kind] if len(kinds) == len(names) else names
         if len(typed) < len(names):
             return await self._read_batch(typed, deadline) if typed else {}
@@ -325,9 +323,9 @@ class ParameterClient(CompositeEntity):
 
     async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
         """Return the type of a remote parameter; NOT_SET if it is not declared."""
-        kinds = await self._get_types([name], deadline)
+        kinds = await self._get_types([name], deadline.remaining_s())
         if kinds == [ParameterType.NOT_SET]:  # declared but unset: its descriptor may have a type
-            kinds = [item.type for item in await self._get_descriptors([name], deadline)]
+            kinds = [item.type for item in await self._get_descriptors([name], deadline.remaining_s())]
         return kinds[0] if len(kinds) == 1 else ParameterType.NOT_SET
 
     async def list(
@@ -370,9 +368,9 @@ class ParameterClient(CompositeEntity):
         self, name: str, value: ParameterValue, refused: SetResult, deadline: Deadline
     ) -> SetResult:
         """Return success if a read-only parameter already has the value of the file, else the refusal."""
-        if not any(item.read_only for item in await self._get_descriptors([name], deadline)):
+        if not any(item.read_only for item in await self._get_descriptors([name], deadline.remaining_s())):
             return refused
-        values = await self._get_values([name], deadline)
+        values = await self._get_values([name], deadline.remaining_s())
         if len(values) != 1:
             return refused
         actual = values[0]

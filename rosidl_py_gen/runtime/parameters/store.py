@@ -107,9 +107,9 @@ class ParameterStore:
         `dynamic_typing`. An `optional` parameter keeps its type, may be unset, and remains declared then. Raises as
         `Node.declare_parameter`.
         """
+        if reason := name_reason(name):
+            raise InvalidParameterNameError(reason)
         with self.lock, self._naming_source("" if ignore_override else self._sources.get(name, "")):
-            if reason := name_reason(name):
-                raise InvalidParameterNameError(reason)
             if name in self._values:
                 raise ParameterAlreadyDeclaredError(f"parameter {name!r} is already declared")
             described = declared_descriptor(name, default, descriptor)

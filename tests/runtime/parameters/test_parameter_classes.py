@@ -280,18 +280,18 @@ def test_arrays_of_every_type_and_ranges_for_their_items() -> None:
         reals: tuple[float, ...] = (1, 2)
         names: list[str] | None = None
 
-    world = StoreWorld(flags=[], numbers=[1, 2])
-    arrays = bind_class(world.store, Arrays)
+    world = StoreWorld(p__flags=[], p__numbers=[1, 2])
+    arrays = bind_class(world.store, Arrays, prefix="p")
     assert arrays == Arrays([], [1, 2], [], (1.0, 2.0), None)
-    assert world.store.types(["flags", "numbers", "reals", "names"]) == [
+    assert world.store.types(["p.flags", "p.numbers", "p.reals", "p.names"]) == [
         T.BOOL_ARRAY,
         T.INTEGER_ARRAY,
         T.DOUBLE_ARRAY,
         T.NOT_SET,
     ]
-    assert world.set(numbers=[1, 10]).reason == "Parameter numbers[1] out of range. Min: 0, Max: 9, value: 10"
-    assert world.set(bytes8=[-129]).reason == "Parameter bytes8[0] out of range. Min: -128, Max: 127, value: -129"
-    assert world.set(numbers=[9], names=["a"]).successful
+    assert world.set(p__numbers=[1, 10]).reason == "Parameter p.numbers[1] out of range. Min: 0, Max: 9, value: 10"
+    assert world.set(p__bytes8=[-129]).reason == "Parameter p.bytes8[0] out of range. Min: -128, Max: 127, value: -129"
+    assert world.set(p__numbers=[9], p__names=["a"]).successful
     assert (arrays.numbers, arrays.names) == ([9], ["a"])
 
 

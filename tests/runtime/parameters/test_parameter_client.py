@@ -209,6 +209,11 @@ BAD_CALLS: list[tuple[Callable[[Any], object], type[Exception], str]] = [
     (lambda n: n.undeclare_parameter([]), TypeError, "parameter must be a str"),
     (lambda n: n.list_parameters(5), TypeError, "prefixes must be a list of str, got 5"),
     (lambda n: n.set_parameters(5), TypeError, "expected a dict of names and values"),
+    (
+        lambda n: n.declare_parameter(["a"], 1),
+        InvalidParameterNameError,
+        r"must be a str that is not empty, got \['a'\]",
+    ),
     (lambda n: n.declare_parameter(5, 1), InvalidParameterNameError, "must be a str that is not empty, got 5"),
     (lambda n: n.declare_parameter("x", object()), InvalidParameterValueError, "not a parameter value"),
     (lambda n: n.declare_parameter("x", 1, "text"), TypeError, "'x': the descriptor must be a ParameterDescriptor"),

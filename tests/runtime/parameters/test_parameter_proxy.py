@@ -8,6 +8,7 @@ import functools
 import json
 import pickle
 import threading
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -253,6 +254,23 @@ def test_no_thread_sees_half_an_update(store: ParameterStore) -> None:
     for reader in readers:
         reader.join()
     assert torn == []
+
+
+def test_sets_of_several_threads_are_one_after_the_other(store: ParameterStore) -> None:
+    live = bind_class(store, Triple)
+
+    def count(parameters: list[Parameter]) -> list[Parameter]:
+        number = live.a + 1
+        time.sleep(0.002)
+        return [Parameter("a", parameter_value(number))]
+
+    store.callbacks.add("pre-set", count)
+    threads = [threading.Thread(target=setattr, args=(live, "a", 0)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert live.a == 8
 
 
 def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStore) -> None:

@@ -229,23 +229,25 @@ def test_plain_api(world: World) -> None:
 def test_command_line_and_constructor_overrides(world: World) -> None:
     node = world.node(
         "n",
-        args="--ros-args -p a:=1 -p b:=2 -p other:c:=3",
+        args="--ros-args -p a:=1 -p b:=2 -p other:c:=3 -p use_sim_time:=true",
         parameter_overrides={"a": 9},
         automatically_declare_parameters_from_overrides=True,
     )
-    assert {n: node.get_parameter(n) for n in ("a", "b")} == {"a": 9, "b": 2}
+    assert {n: node.get_parameter(n) for n in ("a", "b", "use_sim_time")} == {"a": 9, "b": 2, "use_sim_time": True}
     assert not node.has_parameter("c")
     refused = SetResult(False, "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'")
     assert node.set_parameters({"b": "text"}) == [refused]
 
 
 @pytest.mark.every_transport
+@pytest.mark.real_time("an error has the whole timeout, not the rest of it")
 async def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> None:
     remote = world.node("other").create_parameter_client("/gone")
     with pytest.raises(WaitTimeoutError, match=r"does not serve its parameters: no server of .* appeared in 0.05 s"):
         await remote.wait_for_services(timeout_s=0.05)
-    with pytest.raises(CallTimeoutError):
-        await remote.get("a", timeout_s=0.05)
+    for ask in (remote.get, remote.get_types, remote.describe):
+        with pytest.raises(CallTimeoutError, match=r"no server of .* appeared in 0\.05 s"):
+            await ask("a", timeout_s=0.05)
 
 
 def policies(qos: QoSProfile) -> tuple[History, int, Reliability, Durability]:
