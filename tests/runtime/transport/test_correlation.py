@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -282,7 +283,8 @@ def test_a_response_is_held_until_its_client_listens(
 
 
 def test_nothing_is_retained_of_services_that_went() -> None:
-    peers = ServicePeers()
+    peers, keys = ServicePeers(), [one.topic_key for one in (*CYCLONE, *OTHER)]
+    before = [*map(sys.getrefcount, keys)]
     peers.apply([*CYCLONE, *OTHER])
     peers.apply([EntityLost(lost.guid) for lost in (*CYCLONE, *OTHER)])
-    assert (peers.version, peers.endpoints, peers._by_topic_key) == (8, {}, {})
+    assert (peers.version, peers.endpoints, [*map(sys.getrefcount, keys)]) == (8, {}, before)

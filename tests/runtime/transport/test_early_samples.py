@@ -125,42 +125,35 @@ def test_reliable_readers_want_all_there_is(dds: World, qos: QoSProfile, wants_a
 def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     node = dds.node()
     node.create_publisher(String, "topic")
-    participant: Any = node._scope.participant
-    early = participant._early
-    # Only the listener sets the flag here, not the code after the creation.
-    monkeypatch.setattr(early, "create_reader", lambda create, is_reliable: create(early._during_creation))
+    request = private_layout.set_requests_history
+    # Only the listener, which does not know the profile, sets the flag here, not the code after the creation.
+    monkeypatch.setattr(private_layout, "set_requests_history", lambda *a: None if a[-1] is not None else request(*a))
     node.create_subscription(String, "topic")
     assert flags_of(newest_reader(node).entity) & ALL
     node.create_subscription(String, "nobody_writes_here")
     assert not flags_of(newest_reader(node).entity) & ALL
 
 
-def early_samples(dds: World, fast_dds: FastDdsInterop) -> tuple[EarlySampleReaders, Any]:
-    participant: Any = dds.node()._scope.participant
-    return EarlySampleReaders(cyclone._api, fast_dds, participant._listener), participant
-
-
 def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    unknown = FastDdsInterop(cyclone._api)
-    early, participant = early_samples(dds, unknown)
+    unknown, participant = FastDdsInterop(cyclone._api), dds.node()._scope.participant
+    early = EarlySampleReaders(cyclone._api, unknown, listener := cyclone._api.create_listener(None))
     monkeypatch.setattr(private_layout, "probe_reader_offsets", lambda *_: None)
     early.probe_layout(participant.discovery.entities[0])
     reason = unknown.capabilities()["first samples of nodes on Fast DDS"]
     assert reason == "the layout of readers is unknown in this library"
     listeners: list[int] = []
     assert early.create_reader(lambda listener: (listeners.append(listener), 7)[1], is_reliable=True) == 7
-    assert listeners == [participant._listener]
+    assert listeners == [listener]
     early.close()
+    cyclone._api.delete_listener(listener)
 
 
-def test_a_reader_that_is_not_as_known_is_left_alone_and_ends_it(dds: World) -> None:
-    fast_dds = FastDdsInterop(cyclone._api)
-    known = cyclone._fast_dds.reader_offsets
-    early, participant = early_samples(dds, fast_dds)
+def test_a_reader_that_is_not_as_known_is_left_alone_and_ends_it(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    node, known = dds.node(), cyclone._fast_dds.reader_offsets
     assert known is not None
-    fast_dds.reader_offsets = known._replace(entity=known.entity - 16)  # another pointer
-    participant._early = early
-    node = dds.nodes[-1]
-    node.create_subscription(String, "topic")
-    assert "a reader, " in fast_dds.early_refusal
+    monkeypatch.setattr(cyclone._fast_dds, "early_refusal", "")  # restored at the end
+    with monkeypatch.context() as patch:
+        patch.setattr(cyclone._fast_dds, "reader_offsets", known._replace(entity=known.entity - 16))  # another pointer
+        node.create_subscription(String, "topic")
+    assert "a reader, " in cyclone._fast_dds.early_refusal
     assert not flags_of(newest_reader(node).entity) & ALL

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from rosidl_py_gen.cdr.layout import HEADER_BYTES
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.node.environment import read_environment
-from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EntityLost, NodeEntities, NodesAnnounced, TopicKey
+from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EndpointSpec, EntityLost, NodeEntities, TopicKey
 from rosidl_py_gen.runtime.transport.dds import discovery_info
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
 PREFIX = bytes.fromhex("0110f307000a000100000001")
 GUID = PREFIX + bytes.fromhex("000001c1")
 READER, WRITER = PREFIX + b"\0\0\5\4", PREFIX + b"\0\0\6\3"
+KEY, TYPE = TopicKey("unmangled", discovery_info.DISCOVERY_TOPIC), "rmw_dds_common/msg/ParticipantEntitiesInfo"
 NODES = [NodeEntities("/robot", "talker", frozenset([READER]), frozenset([WRITER]))]
-Humble: Any = get_message("rmw_dds_common/msg/ParticipantEntitiesInfo", distro="humble")
+Humble: Any = get_message(TYPE, distro="humble")
 
 
 def test_the_format_of_humble_is_what_its_class_writes() -> None:
@@ -39,7 +41,8 @@ def test_the_format_of_humble_is_what_its_class_writes() -> None:
     for is_humble in (True, False):
         data = discovery_info.encode_message(GUID, NODES, is_humble=is_humble)
         for pad in (b"", b"\0\0"):  # of the network
-            assert discovery_info.decode_message(data + pad, PREFIX) == NodesAnnounced(GUID, tuple(NODES), is_humble)
+            found = discovery_info.decode_message(data + pad, PREFIX)
+            assert (found.guid, found.nodes, found.is_humble) == (GUID, tuple(NODES), is_humble)
 
 
 def test_later_distributions_read_no_nodes_in_the_format_of_humble() -> None:
@@ -67,7 +70,7 @@ class Formats:
     def __init__(self, observer: Node, observed: Node) -> None:
         participant: Any = observer.context._core.participant
         self._prefix = observed.context._core.participant.guid[:12]
-        self._reader = participant.create_reader(discovery_info._spec(discovery_info._READER_QOS))
+        self._reader = participant.create_reader(EndpointSpec(KEY, TYPE, QoSProfile().keep_all().transient_local()))
         self._last: bool | None = None
 
     def is_humble(self) -> bool | None:
@@ -84,14 +87,36 @@ def node_of(dds: World, monkeypatch: pytest.MonkeyPatch, distro: str) -> Node:
     with monkeypatch.context() as patch:
         patch.setenv("ROS_DISTRO", distro)
         if distro == "humble":
-            patch.setattr(discovery_info, "HASHES", {discovery_info._TYPE: ""})
+            patch.setattr(discovery_info, "HASHES", dict.fromkeys(discovery_info.HASHES, ""))
         return dds.node("old" if distro == "humble" else "new")
 
 
 def writer_of(guid: bytes, type_hash: str) -> DiscoveredEndpoint:
     """A discovered writer of the topic."""
-    key = TopicKey("unmangled", discovery_info.DISCOVERY_TOPIC)
-    return DiscoveredEndpoint(guid, b"", True, key, "", QoSProfile(), type_hash, wire_name=key.name)
+    return DiscoveredEndpoint(guid, b"", True, KEY, "", QoSProfile(), type_hash, wire_name=KEY.name)
+
+
+LATER = writer_of(bytes([1, 15]).ljust(16, b"\1"), "RIHS01_00")  # on Fast DDS
+
+
+class SingleParticipant:
+    """Participant with one node, its reader and its writer; the test is the network."""
+
+    def __init__(self) -> None:
+        self.guid, self.sender, self.is_humble = GUID, b"", False
+        self.queue, self.items, self.events = self, deque[Any](), list[Any]()
+        self.create_reader = self.create_writer = lambda spec: self
+        self.fetch, self.set_sink, self.writer_guid = bool, bool, lambda _: self.sender
+        self.topic = discovery_info.DiscoveryInfoTopic(self, self.events.extend)
+        self.topic.announce({1: NODES[0]})
+
+    def write(self, data: bytes) -> None:
+        self.is_humble = discovery_info.decode_message(data, PREFIX).is_humble
+
+    def receive(self, sender: bytes, *, is_humble: bool) -> None:
+        self.sender = sender
+        self.items.append((discovery_info.encode_message(sender, NODES, is_humble=is_humble), 0, 1, 0, None))
+        self.topic.read()
 
 
 async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_and_while_humble_is(
@@ -118,23 +143,19 @@ async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_
     assert caplog.text.count(said) == 2
 
 
-async def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_otherwise(
-    dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_otherwise(
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """Its reader would get our last message before its own is here."""
-    monkeypatch.delenv("ROS_DISTRO", raising=False)
-    node = dds.node("alice")
-    topic: Any = node.context._core.participant._discovery_info
-    later, other = bytes(16), bytes([1, 15]).ljust(16, b"\1")  # of no vendor, and on Fast DDS
-    found = writer_of(other, "RIHS01_00")
-    topic.forward_events([found])
-    assert topic._wrote_humble is False
-    topic.forward_events([replace(found, guid=later, type_hash="")])
-    assert topic._wrote_humble is True
-    topic._set_layout(later, False)  # as its message does
-    assert topic._wrote_humble is False and "Humble" not in caplog.text
-    topic.forward_events([EntityLost(other), EntityLost(later)])
-    assert topic._wrote_humble is True
+    unknown, own = bytes(16), SingleParticipant()  # of no vendor
+    own.topic.forward_events([LATER])
+    assert own.is_humble is False
+    own.topic.forward_events([replace(LATER, guid=unknown, type_hash="")])
+    assert own.is_humble is True
+    own.receive(unknown, is_humble=False)
+    assert own.is_humble is False and "Humble" not in caplog.text
+    own.topic.forward_events([EntityLost(LATER.guid), EntityLost(unknown)])
+    assert own.is_humble is True
 
 
 @pytest.mark.parametrize("distro", ["jazzy", "humble"])
@@ -156,31 +177,26 @@ async def test_a_selected_distribution_decides(
     assert bob.get_publishers_info_by_topic("/rosout")
 
 
-async def test_a_message_that_is_read_after_its_writer_has_left_does_not_decide_about_the_format(
-    dds: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("ROS_DISTRO", raising=False)
-    topic: Any = dds.node("alice").context._core.participant._discovery_info
-    later, short = bytes([1, 15]).ljust(16, b"\1"), WRITER
-    found = writer_of(later, "RIHS01_00")
-    topic.forward_events([found, replace(found, guid=short, type_hash="")])
-    topic.forward_events([EntityLost(short)])
-    assert topic._wrote_humble is False
-    monkeypatch.setattr(topic._reader, "writer_guid", lambda _: short)
-    topic._reader.queue.items.append((discovery_info.encode_message(GUID, NODES, is_humble=True), 0, 1, 0, None))
-    topic._on_messages()
-    assert topic._wrote_humble is False
-    assert short not in topic._layouts and short not in topic._heard_writers and short not in topic._undecided
+def test_a_message_that_is_read_after_its_writer_has_left_does_not_decide_about_the_format() -> None:
+    own, short = SingleParticipant(), writer_of(WRITER, "")
+    own.topic.forward_events([LATER, short])
+    own.topic.forward_events([EntityLost(WRITER)])
+    assert own.is_humble is False
+    own.receive(WRITER, is_humble=True)
+    assert own.is_humble is False
+    own.events.clear()
+    own.topic.forward_events([short])  # as if it was not there before
+    assert own.is_humble is True and own.events == [short]
 
 
-async def test_a_writer_that_was_lost_and_found_again_at_once_is_known(
-    dds: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("ROS_DISTRO", raising=False)
-    topic: Any = dds.node("alice").context._core.participant._discovery_info
-    found = writer_of(WRITER, "")
-    topic.forward_events([found])
-    topic.forward_events([EntityLost(WRITER), found])
-    assert topic._writer_has_hash[WRITER] is False and topic._layouts[WRITER] is True
-    topic.forward_events([found, EntityLost(WRITER)])
-    assert WRITER not in topic._writer_has_hash and WRITER not in topic._layouts
+def test_a_writer_that_was_lost_and_found_again_at_once_is_known() -> None:
+    own, found = SingleParticipant(), writer_of(WRITER, "")
+    own.topic.forward_events([LATER, found])
+    own.topic.forward_events([EntityLost(WRITER), found])
+    assert own.is_humble is True
+    own.receive(WRITER, is_humble=True)
+    assert own.events[-1].is_humble is True
+    own.topic.forward_events([found, EntityLost(WRITER)])
+    assert own.is_humble is False
+    own.receive(WRITER, is_humble=True)
+    assert own.events[-1].is_humble is None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakSet
+
 from rosidl_py_gen.runtime.transport.api import ClockFunctions
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.reply_window import ACK_TIMEOUT_S, HOLD_S, PROBE_S, ReplyWindow
@@ -121,9 +123,10 @@ def test_clients_that_keep_one_reply_get_one_at_a_time() -> None:
 
 
 def test_state_of_clients_is_bounded() -> None:
-    server = Server(acknowledged=True)
+    server, known, name = Server(acknowledged=True), WeakSet[str](), type("Name", (str,), {})  # with weak references
     for number in range(1000):
-        server.request(f"client {number}")
+        server.request(client := name(f"client {number}"))
+        known.add(client)
         server.reply()
         server.wait(1)
-    assert len(server.window._clients) <= 256
+    assert len(known) <= 256

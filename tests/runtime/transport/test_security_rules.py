@@ -102,10 +102,10 @@ class Line:
 def log_of(*lines: Line) -> tuple[list[str], int]:
     """Return the records about lines, and how often the loop was woken up."""
     woken: list[None] = []
-    log = security.SecurityLog(Api())  # type: ignore[arg-type]
+    log = security.SecurityLog(api := Api())  # type: ignore[arg-type]
     log.open(lambda: woken.append(None))
     for line in lines:
-        log._sink(None, line.pointer)
+        api.sinks[0](None, line.pointer)
     records = log.new_records()
     assert log.new_records() == []
     return records, len(woken)
@@ -155,18 +155,19 @@ def test_the_sink_is_removed_with_the_last_participant() -> None:
         function(one)
         function(two)
     # Each call of the second kind waits for a sink that runs.
-    assert api.sinks == [log._sink, log._sink, None]
+    assert api.sinks[0] is api.sinks[1] is not None and api.sinks[2:] == [None]
     api.set_log_sink = None  # 11.0
     log.open(one)
     log.close(one)
 
 
 def test_lines_of_the_creating_thread_are_captured() -> None:
-    log = security.SecurityLog(Api())  # type: ignore[arg-type]
+    log = security.SecurityLog(api := Api())  # type: ignore[arg-type]
+    log.open(lambda: None)
     own, peer = rejected("own"), rejected("peer")
     with log.captured() as lines:
-        log._sink(None, own.pointer)
-    log._sink(None, peer.pointer)
+        api.sinks[0](None, own.pointer)
+    api.sinks[0](None, peer.pointer)
     assert len(lines) == 1 and "own" in lines[0] and len(log.new_records()) == 1
 
 
@@ -229,13 +230,13 @@ def test_a_secured_peer_on_fast_dds_without_endpoints_is_reported(dds: World, ca
         correlation.add_secured_fast_dds(guid, -1)
     try:
         participant.discovery.guids[-1] = known[:12] + b"\0\0\1\4"
-        participant._warn_without_endpoints([known])
+        participant.warn_without_endpoints([known])
         assert "a peer on Fast DDS" not in caplog.text
-        participant._warn_without_endpoints([known, silent])
+        participant.warn_without_endpoints([known, silent])
         assert "a peer on Fast DDS was found, but no endpoints of it" in caplog.text
         caplog.clear()
         correlation.discard_secured_fast_dds(-1)  # it has left
-        participant._warn_without_endpoints([silent])
+        participant.warn_without_endpoints([silent])
         assert caplog.text == ""
     finally:
         del participant.discovery.guids[-1]

@@ -53,7 +53,7 @@ def test_memory_that_is_not_there_is_no_crash() -> None:
 
 
 def test_the_type_of_a_topic_is_found_by_its_name(participant: Any, pinned: Any) -> None:
-    topic = pinned(participant._topics["rt/topic", TEXT][0])
+    topic = pinned(participant.domain.types.create_topic(participant.entity, "rt/topic", TEXT))
     address = participant.domain.types[TEXT].address
     assert private_layout.probe_sertype(topic, TEXT.encode(), API.sertype_version) == address
     assert private_layout.probe_sertype(topic, TEXT.encode() + b"x", API.sertype_version) is None

@@ -12,6 +12,7 @@ import pytest
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import ClosedError, Context, LoopRunner, Node
+from rosidl_py_gen.runtime.transport.cyclone import discovery
 
 if TYPE_CHECKING:
     from support.node_fixtures import World
@@ -22,9 +23,10 @@ STRING: Any = get_message("std_msgs/msg/String")
 def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     context = Context(discovery="localhost")
     publisher = Node("n", context=context).create_publisher(STRING, "t")
-    writer: Any = publisher._writer
-    domain, order, errors = writer._domain, list[str](), list[str]()
-    copy, end = writer._copy, domain.end_if_unused
+    participant: Any = publisher._scope.participant
+    api, domain = participant.api, participant.domain
+    message, order, errors = STRING(data="x" * 100_000), list[str](), list[str]()
+    copy, end = api.copy_large, domain.end_if_unused
     began = threading.Event()
 
     def slow(*arguments: Any) -> Any:
@@ -36,11 +38,11 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
 
     def publish() -> None:
         try:
-            publisher.publish(STRING(data="x"))
+            publisher.publish(message)
         except ClosedError as error:
             errors.append(str(error))
 
-    monkeypatch.setattr(writer, "_copy", slow)
+    monkeypatch.setattr(api, "copy_large", slow)
     monkeypatch.setattr(domain, "end_if_unused", lambda: (order.append("ended"), end()))
     thread = threading.Thread(target=publish)
     thread.start()
@@ -50,7 +52,7 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
     assert order[0] == "copied" and "ended" in order
     assert errors == ["the writer of rt/t is closed"] and domain.writing == []
     with pytest.raises(ClosedError):
-        publisher.publish(STRING(data="x"))
+        publisher.publish(message)
 
 
 def test_discovery_that_a_thread_looks_at_is_not_deleted(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,18 +61,19 @@ def test_discovery_that_a_thread_looks_at_is_not_deleted(dds: World, monkeypatch
         Context(discovery="localhost", loop_runner=driver) as context,
         dds.node("other") as other,
     ):
-        discovery: Any = context._core.participant.discovery  # type: ignore[attr-defined]
+        Node("n", context=context)
         looking, closed, ends = threading.Event(), threading.Event(), list[bool]()
-        look = discovery._endpoint
+        look = discovery.topic_key_of
 
-        def slow(topic: int, pointer: int, handle: int) -> Any:
-            looking.set()
-            ends.append(closed.wait(0.05))
-            return look(topic, pointer, handle)
+        def slow(name: str) -> Any:
+            if threading.current_thread() is thread:
+                looking.set()
+                ends.append(closed.wait(0.05))
+            return look(name)
 
-        monkeypatch.setattr(discovery, "_endpoint", slow)
-        other.create_publisher(STRING, "t")
         thread = threading.Thread(target=driver.wait, args=(looking.is_set, 20))
+        monkeypatch.setattr(discovery, "topic_key_of", slow)
+        other.create_publisher(STRING, "t")
         thread.start()
         assert looking.wait(20)
         context.close()

@@ -346,9 +346,10 @@ class CycloneParticipant:
         new = [one.guid for one in events if isinstance(one, ParticipantDiscovered) and is_secured_fast_dds(one.guid)]
         loop = current_loop()
         if new and loop is not None:
-            loop.call_later(_NO_ENDPOINTS_DELAY_S, self._warn_without_endpoints, new)
+            loop.call_later(_NO_ENDPOINTS_DELAY_S, self.warn_without_endpoints, new)
 
-    def _warn_without_endpoints(self, participants: list[bytes]) -> None:
+    def warn_without_endpoints(self, participants: list[bytes]) -> None:
+        """Warn if a secured peer on Fast DDS has no endpoints; `participants` are the GUIDs of such peers."""
         prefixes = {guid[:GUID_PREFIX_BYTES] for guid in [*self.discovery.guids.values()]}
         if not self._closed and any(
             is_secured_fast_dds(one) and one[:GUID_PREFIX_BYTES] not in prefixes for one in participants

@@ -66,7 +66,7 @@ async def test_a_client_of_humbles_definition_is_served_in_its_bytes(zenoh: Worl
         ours, "/s", lambda request: ours.Response(seen=Range(range=request.seen.range + 1, variance=9.0), b=request.a)
     )
     peer.tell("SC", "/s", key_of(theirs))
-    await until(lambda: len(server._transport_server._declarations) == 2)
+    await until(lambda: len(server.matched_clients()) > 0)
     responses = peer.call("/s", key_of(theirs), body(HumbleRange(range=3.0), 7))
     await until(lambda: bool(responses))
     assert responses == [body(HumbleRange(range=4.0), 7)]
@@ -128,7 +128,7 @@ async def test_bytes_that_the_peers_definition_does_not_have(
     node = zenoh.node("ours")
     server = node.create_service(ours, "/served", lambda request: ours.Response())
     peer.tell("SC", "/served", key_of(theirs))
-    await until(lambda: len(server._transport_server._declarations) == 2)
+    await until(lambda: len(server.matched_clients()) > 0)
     peer.call("/served", key_of(theirs), b"\7")
     await until(lambda: "dropped a request to /served that is not a sonar_msgs/srv/Zonar" in caplog.text)
     peer.serve("/called", key_of(theirs), lambda request: b"\7")
@@ -187,7 +187,7 @@ async def test_a_response_that_does_not_fit_the_other_definition_ends_the_call(
     alice, bob = zenoh.pair()
     server = alice.create_service(ours, "s", lambda request: ours.Response(x=256))
     client = bob.create_client(theirs, "s")
-    await until(lambda: bob.count_services("s") == 1 and len(server._transport_server._declarations) == 2)
+    await until(lambda: bob.count_services("s") == 1 and len(server.matched_clients()) > 0)
     future = client.send_request(theirs.Request())
     with pytest.raises(ServerLostError):
         await asyncio.wrap_future(future)
@@ -217,11 +217,11 @@ async def test_a_definition_that_is_accepted_while_a_thread_of_zenoh_finds_the_s
     client = bob.create_client(ours, "s")
     assert (await client.call(ours.Request(), 5)).b == 1
     transport: Any = client._transport_client
-    graph = transport._owner.graph
+    graph: Any = bob._scope.participant.graph  # type: ignore[attr-defined]
     connected, added = graph.connected, iter(range(100))
 
     def slow_connected(own: Any) -> Any:  # the loop runs while this waits for the lock of the graph
-        transport._other_infos[f"RIHS01_{next(added):064}"] = transport.info
+        transport.accept_type_hash(f"RIHS01_{next(added):064}")
         return connected(own)
 
     monkeypatch.setattr(graph, "connected", slow_connected)

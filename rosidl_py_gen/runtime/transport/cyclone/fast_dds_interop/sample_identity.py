@@ -149,7 +149,8 @@ class SampleHooks:
         self.payload_offset = type_object.payload_offset or 0
         self.table = private_layout.copy_vtable(type_object.address, SAMPLE_FUNCTIONS)
         self._plain_from_ser = ct.PYFUNCTYPE(*_FromSer)(self.table[slots.from_ser] or 0)
-        self._plain_to_ser_ref = ct.PYFUNCTYPE(*_ToSerRef)(self.table[slots.to_ser_ref] or 0)
+        self.plain_to_ser_ref = ct.PYFUNCTYPE(*_ToSerRef)(self.table[slots.to_ser_ref] or 0)
+        """Function of Cyclone that the send hook calls."""
         self._from_ser_hook = ct.CFUNCTYPE(*_FromSer)(self._from_ser)
         self._to_ser_ref_hook = ct.CFUNCTYPE(*_ToSerRef)(self._to_ser_ref)
         self._from_ser_functions = (self.table[slots.from_ser], ct.cast(self._from_ser_hook, _Ptr).value)
@@ -218,7 +219,7 @@ class SampleHooks:
 
     def _to_ser_ref(self, sample: int, offset: int | None, size: int, iov: int) -> Any:
         """Set the iovec of a fragment, and add inline QoS to the first one. Called by Cyclone; must not raise."""
-        result = self._plain_to_ser_ref(sample, offset or 0, size, iov)
+        result = self.plain_to_ser_ref(sample, offset or 0, size, iov)
         begin = sample + self.payload_offset
         if bytes_at(begin, len(_IDENTITY_MAGIC)) == _IDENTITY_MAGIC:
             if not offset:
