@@ -16,7 +16,7 @@ from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
 from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, type_hashes_differ
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
-from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
+from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name, report_failure
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint, EntityLost, NodeEntities
 from rosidl_py_gen.runtime.transport.matching import Incompatibility, IncompatibilityKind
@@ -176,8 +176,9 @@ class Discovery:
     def _check_new_endpoint(self, new: DiscoveredEndpoint) -> None:
         """Report an endpoint that is incompatible with one of opposite direction, if one of the two is our own.
 
-        Each pair is reported once. Node names arrive some milliseconds after endpoints, so the warning is delayed. With
-        ``type_hash_check="off"``, a different definition is not reported.
+        Each pair is reported once, after all received events were applied, because a function of the user may read the
+        graph, and when the names of the nodes are known. With ``type_hash_check="off"``, a different definition is not
+        reported.
         """
         for other in self.graph.endpoints_on(new.topic_key, writers=not new.is_writer):
             writer, reader = (new, other) if new.is_writer else (other, new)
@@ -194,7 +195,7 @@ class Discovery:
             if is_accepted or not self._is_first_report(writer, reader):
                 continue
             is_delivered = is_definition and reader in own and modes <= {"warn", "off"}
-            self.call_when_named(partial(self._warn, result, is_delivered), writer, reader)
+            self._defer(partial(self._warn, result, is_delivered), writer, reader)
 
     def call_when_named(self, function: Callable[[], None], *endpoints: DiscoveredEndpoint) -> None:
         """Call a function when the nodes of endpoints are known; at the latest after a second on a loop, or at `close`.
@@ -203,7 +204,10 @@ class Discovery:
         """
         if all(map(self.graph.has_named_node, endpoints)):
             function()
-            return
+        else:
+            self._defer(function, *endpoints)
+
+    def _defer(self, function: Callable[[], None], *endpoints: DiscoveredEndpoint) -> None:
         self._deferred.append((function, endpoints))
         loop = self._loop_binding.loop
         if loop is None:
@@ -252,7 +256,10 @@ class Discovery:
         if incompatibility.kind is IncompatibilityKind.DEFINITION:
             text += _STILL_DELIVERED if is_delivered else _ADVICE
         if self.on_incompatible_endpoint is not None:
-            self.on_incompatible_endpoint(text, own.topic_key.name)
+            try:
+                self.on_incompatible_endpoint(text, own.topic_key.name)
+            except Exception:
+                report_failure("Context.on_incompatible_endpoint")
             return
         namespace, node_name = self.graph.node_of(own)
         get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)

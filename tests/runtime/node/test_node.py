@@ -271,6 +271,24 @@ async def test_incompatible_qos_is_explained_once_with_both_nodes(
         assert "Best effort publisher and reliable subscription" in line
 
 
+def test_a_failing_function_for_incompatible_endpoints_hides_nothing_else(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(text: str, topic: str) -> None:
+        calls.append((topic, alice.count_publishers("later")))
+        raise ValueError("boom")
+
+    calls: list[tuple[str, int]] = []
+    alice, bob = memory.pair()
+    alice.context.on_incompatible_endpoint = fail
+    bob.create_publisher(String, "s")
+    assert alice.count_publishers("s") == 1
+    alice.create_subscription(Int32, "s")
+    bob.create_publisher(String, "later")  # arrives together with the subscription
+    assert alice.count_publishers("later") == 1
+    assert calls == [("/s", 1)] and "Context.on_incompatible_endpoint failed" in caplog.text
+
+
 @pytest.mark.every_transport
 async def test_what_a_node_logs_is_published_on_rosout(world: World) -> None:
     alice, bob = world.pair()
