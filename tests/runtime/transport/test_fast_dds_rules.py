@@ -432,12 +432,11 @@ def interrupted(hooks: Any) -> Iterator[list[Any]]:
 
 async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None) -> None:
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
-    fast_dds: Any = cyclone._fast_dds
     await client.call(SetBool.Request(), timeout_s=10)
     with python_process(SERVER):
         types = dds.node("other").create_client(GetParameterTypes, "types")
         assert await types.wait_for_service(timeout_s=20)
-        hooks = fast_dds.hooks_of(types._scope.participant.domain.types[TYPES_REQUEST].address)
+        hooks = cyclone._fast_dds.hooks_of(types._scope.participant.domain.types[TYPES_REQUEST].address)
         with interrupted(hooks) as calls:
             types.send_request(GetParameterTypes.Request(names=["x"]))
         assert len(calls) == 1

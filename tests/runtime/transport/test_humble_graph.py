@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.announced_types import humble_node
 from support.node_fixtures import until
 
 from rosidl_py_gen import get_message
@@ -82,15 +83,6 @@ class Formats:
         return self._last
 
 
-def node_of(dds: World, monkeypatch: pytest.MonkeyPatch, distro: str) -> Node:
-    """Return a node whose graph messages are those of a distribution; those of Humble are without a hash."""
-    with monkeypatch.context() as patch:
-        patch.setenv("ROS_DISTRO", distro)
-        if distro == "humble":
-            patch.setattr(discovery_info, "HASHES", dict.fromkeys(discovery_info.HASHES, ""))
-        return dds.node("old" if distro == "humble" else "new")
-
-
 def writer_of(guid: bytes, type_hash: str) -> DiscoveredEndpoint:
     """A discovered writer of the topic."""
     return DiscoveredEndpoint(guid, b"", True, KEY, "", QoSProfile(), type_hash, wire_name=KEY.name)
@@ -126,10 +118,12 @@ async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_
     alice, bob = dds.pair()
     formats = Formats(bob, alice)
     await until(lambda: formats.is_humble() is True)  # both read it, and no node of Humble that comes is harmed
-    new = node_of(dds, monkeypatch, "jazzy")
+    with monkeypatch.context() as patch:
+        patch.setenv("ROS_DISTRO", "jazzy")
+        new = dds.node("new")
     await until(lambda: formats.is_humble() is False)
     assert await new.wait_for_node("alice", 10) and await bob.wait_for_node("alice", 10)
-    old = node_of(dds, monkeypatch, "humble")
+    old = humble_node(dds, "old")
     await until(lambda: formats.is_humble() is True)
     assert await bob.wait_for_node("alice", 10) and await old.wait_for_node("alice", 10)
     said = "So this process announces its nodes in the format of Humble, "
@@ -143,9 +137,7 @@ async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_
     assert caplog.text.count(said) == 2
 
 
-def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_otherwise(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_a_writer_without_hash_is_of_humble_until_its_message_tells_otherwise(caplog: pytest.LogCaptureFixture) -> None:
     """Its reader would get our last message before its own is here."""
     unknown, own = bytes(16), SingleParticipant()  # of no vendor
     own.topic.forward_events([LATER])
@@ -166,7 +158,7 @@ async def test_a_selected_distribution_decides(
     alice, bob = dds.pair()
     formats = Formats(bob, alice)
     await until(lambda: formats.is_humble() is (distro == "humble"))
-    old = node_of(dds, monkeypatch, "humble")
+    old = humble_node(dds, "old")
     await alice.wait_for_node("old", 10)
     said = "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble"
     if distro == "jazzy":
