@@ -77,6 +77,9 @@ DOCUMENTED = {
     "asyncio._get_running_loop",
     "asyncio._set_running_loop",
 }
+NAMED_TUPLES = {"_replace", "_fields"}
+# Programs that the real rclpy runs, too; they use what is private there on purpose.
+RUN_BY_RCLPY = ("ros_compat/programs", "ros_compat/semantics", "companions/programs", "interop_rclpy/peers")
 # Knows private structures of Cyclone DDS; no other module reads memory by address.
 KNOWS_LAYOUTS = "runtime.transport.cyclone.private_layout"
 # Functions and attributes by regular expression, and the modules (with what is below them) that may use them.
@@ -180,7 +183,17 @@ def test_third_party_packages_are_those_of_the_contract() -> None:
 
 def _private_uses(tree: ast.AST, shared: set[str] = SHARED) -> Iterator[ast.Attribute]:
     """`x._name` where x is neither `self` nor `cls`, and nothing in this file is called `_name`."""
-    known = shared | {
+    known = shared | _own_names(tree)
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Attribute) or _is_own(node.value):
+            continue
+        if _is_private(node.attr) and node.attr not in known and ast.unparse(node) not in DOCUMENTED:
+            yield node
+
+
+def _own_names(tree: ast.AST) -> set[str]:
+    """Functions, classes, variables, and attributes of `self` that this file defines."""
+    return {
         name
         for node in ast.walk(tree)
         for name in (
@@ -195,11 +208,6 @@ def _private_uses(tree: ast.AST, shared: set[str] = SHARED) -> Iterator[ast.Attr
             else []
         )
     }
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Attribute) or _is_own(node.value):
-            continue
-        if _is_private(node.attr) and node.attr not in known and ast.unparse(node) not in DOCUMENTED:
-            yield node
 
 
 def _is_private(name: str) -> bool:
@@ -223,6 +231,34 @@ def test_no_module_touches_what_is_private_to_others() -> None:
         for node in _private_uses(tree, SHARED | more.get(module.partition(".")[0], set()))
     ]
     assert wrong == []
+
+
+def _private_texts(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Lines and private names that are imported, or given to `setattr` and the like."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.Call) and re.search("(set|get|has|del)attr$", ast.unparse(node.func)):
+            names = [str(one.value) for one in node.args[:2] if isinstance(one, ast.Constant)]
+        else:
+            continue
+        yield from ((node.lineno, name) for one in names if _is_private(name := one.rpartition(".")[2]))
+
+
+def test_tests_use_private_names_only_if_the_documentation_lists_them() -> None:
+    tests = Path(__file__).resolve().parent
+    text = (PACKAGE.parent / "docs/internals/architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\|([^|]+)", text.partition("## Private structure that tests use")[2])
+    listed = {name for row in rows for name in re.findall(r"`(_\w+)`", row)}
+    ours = {name for _, tree in parsed_modules() for name in _own_names(tree) if _is_private(name)}
+    wrong = []
+    for path in sorted(tests.rglob("*.py")):
+        if not path.relative_to(tests).as_posix().startswith(("golden/", *RUN_BY_RCLPY)):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            used = [(node.lineno, node.attr) for node in _private_uses(tree, NAMED_TUPLES)]
+            used += [(line, name) for line, name in _private_texts(tree) if name not in _own_names(tree)]
+            wrong += [f"{path.relative_to(tests)}:{line}: {name}" for line, name in used if name in ours - listed]
+    assert listed and wrong == []
 
 
 def test_no_two_classes_share_a_name() -> None:

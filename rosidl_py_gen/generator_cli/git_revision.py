@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _NAMES = ("package.xml", "CMakeLists.txt", "COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE", "pyvenv.cfg")
 _MAX_FILES = 50_000
-_MAX_BYTES = 64 << 20
+MAX_BYTES = 64 << 20
 """Maximum bytes of the definitions of a revision; those of all packages of ROS 2 have 10 MB."""
 _HASH = re.compile(r"[0-9a-f]{40,64}\Z")
 _FILE_MODES = ("100644", "100755", "100664")
@@ -146,10 +146,10 @@ def _wanted(entries: Sequence[_GitTreeEntry], display: str) -> tuple[list[_GitTr
     relevant = [one for one in entries if one.path.endswith(_SUFFIXES) or PurePosixPath(one.path).name in _NAMES]
     wanted = [one for one in relevant if one.mode in _FILE_MODES]
     size = sum(one.size for one in wanted)
-    if len(wanted) > _MAX_FILES or size > _MAX_BYTES:
+    if len(wanted) > _MAX_FILES or size > MAX_BYTES:
         raise RevisionError(
             f"{printable(display)}: has {len(wanted)} files of definitions with {size} bytes; expected at most "
-            f"{_MAX_FILES} with {_MAX_BYTES}: name the folder of the packages, as REVISION:PATH"
+            f"{_MAX_FILES} with {MAX_BYTES}: name the folder of the packages, as REVISION:PATH"
         )
     for one in wanted:
         parts = one.path.split("/")

@@ -25,7 +25,7 @@ from rosidl_py_gen.errors import Diagnostic
 from rosidl_py_gen.type_loading import disk_cache
 
 _MAX_FILES = 200
-_MIN_AGE_NS = 2_000_000_000
+MIN_AGE_NS = 2_000_000_000
 """Minimum time since the last change of a path: the times of some file systems have steps of 2 s."""
 
 
@@ -98,6 +98,6 @@ def cached(settings: object, scan: Callable[[], Any]) -> Any:
             return result
     stamps, result = recorded(scan)
     newest = max((max(one[:2]) for one in stamps.values() if one is not None), default=0)
-    if newest < time_ns() - _MIN_AGE_NS:
+    if newest < time_ns() - MIN_AGE_NS:
         disk_cache.store_checked(file, marshal.dumps((stamps, result)), max_files=_MAX_FILES)
     return result

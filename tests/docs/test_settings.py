@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from support.markdown_pages import ROOT
 
-from rosidl_py_gen.runtime.node.arguments import _SWITCHES, _WITH_ARGUMENT
+from rosidl_py_gen.runtime.node.arguments import SWITCHES, WITH_ARGUMENT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,5 +43,5 @@ def test_the_page_lists_the_variables_that_the_code_reads() -> None:
 
 
 def test_the_page_lists_all_ros_arguments() -> None:
-    assert [flag for flag in _WITH_ARGUMENT if not re.search(rf"`{flag}[ `]", PAGE)] == []
-    assert [switch for switch in _SWITCHES if f"`--enable-`, `--disable-{switch}`" not in PAGE] == []
+    assert [flag for flag in WITH_ARGUMENT if not re.search(rf"`{flag}[ `]", PAGE)] == []
+    assert [switch for switch in SWITCHES if f"`--enable-`, `--disable-{switch}`" not in PAGE] == []

@@ -255,7 +255,7 @@ def test_a_revision_with_too_much_in_it_is_refused(shell: Shell, monkeypatch: py
     from rosidl_py_gen.generator_cli import git_revision
 
     repository(shell.folder, {f"src/{name}": text for name, text in BEFORE.items()})
-    monkeypatch.setattr(git_revision, "_MAX_BYTES", 10)
+    monkeypatch.setattr(git_revision, "MAX_BYTES", 10)
     answer = shell("diff", "HEAD", "src")
     assert answer.code == 1 and "expected at most 50000 with 10: name the folder of the packages" in answer.err
 

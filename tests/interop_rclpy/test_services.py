@@ -238,13 +238,13 @@ async def test_a_server_of_ours_that_ends_is_missed_and_may_return(
 _Listener = ct.CFUNCTYPE(None, ct.c_int32, c_api.DdsMatchedStatus, ct.c_void_p)
 
 
-def delay_match(reader: Any, delay_s: float) -> Any:
-    """Delay Cyclone's match of a reader; return the object to keep alive."""
+def delay_match(server: Any, delay_s: float) -> Any:
+    """Delay Cyclone's match of the reader of a server; return the object to keep alive."""
     function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone does not notify of a suitable moment
     api, listener = cyclone._api, cyclone._api.create_listener(None)
-    api.copy_listener(listener, reader._owner._listener)
+    api.copy_listener(listener, server._scope.participant.listener)
     api.lset_subscription_matched_arg(listener, ct.cast(function, ct.c_void_p), None, True)
-    assert api.set_listener(reader.entity, listener) == 0
+    assert api.set_listener(server._transport_server._reader.entity, listener) == 0
     api.delete_listener(listener)
     return function
 
@@ -255,7 +255,7 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
     """
     name, cls = fresh("early"), service(shared_peer, KIND)
     server = dds.node("server").create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
-    function = delay_match(server._transport_server._reader, 0.2)
+    function = delay_match(server, 0.2)
     await shared_peer.do("client", name=name, type=KIND)
     answers = await shared_peer.do("call", name=name, requests_=[{}, {}], within_s=10)
     assert [answer["message"] for answer in answers] == ["heard", "heard"]

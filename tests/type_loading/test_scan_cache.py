@@ -34,7 +34,7 @@ FILES = {
 @pytest.fixture(autouse=True)
 def _folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
-    monkeypatch.setattr(scan_cache, "_MIN_AGE_NS", -(10**18))  # also what was written just now is cached
+    monkeypatch.setattr(scan_cache, "MIN_AGE_NS", -(10**18))  # also what was written just now is cached
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     write(tmp_path, FILES)
     yield
@@ -153,7 +153,7 @@ def test_an_error_is_not_cached(tmp_path: Path) -> None:
 def test_what_changed_a_moment_ago_is_not_cached(
     tmp_path: Path, scans: list[object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scan_cache, "_MIN_AGE_NS", 2_000_000_000)
+    monkeypatch.setattr(scan_cache, "MIN_AGE_NS", 2_000_000_000)
     _found(tmp_path)
     _found(tmp_path)
     assert len(scans) == 2
@@ -200,7 +200,7 @@ def test_several_may_write_at_once(tmp_path: Path) -> None:
 
 def test_a_large_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace_packages(_workspace(tmp_path))
-    monkeypatch.setattr(workspaces, "_names", lambda folder: pytest.fail("walked"))
+    monkeypatch.setattr(workspaces, "note", lambda folder: pytest.fail("walked"))
     assert set(workspace_packages(_workspace(tmp_path))) == {"a_msgs", "b_msgs", "robot"}
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
 
-_MAX_FOLDERS = 2000
+MAX_FOLDERS = 2000
 """Maximum folders to visit for an error text: 0.1 s; more would delay the error in a large home folder."""
 _NOT_SOURCES = ("build", "install", "log", "node_modules", "site-packages")
 
@@ -95,7 +95,7 @@ def _find(root: Path, package: str) -> _Place | None:
                 found.append(_Place(folder, mark, _has_interfaces(package, folder, is_package)))
             continue
         for name in sorted(entries):
-            is_source = name[0] != "." and name not in _NOT_SOURCES and len(waiting) < _MAX_FOLDERS
+            is_source = name[0] != "." and name not in _NOT_SOURCES and len(waiting) < MAX_FOLDERS
             if is_source and entries[name].is_dir(follow_symlinks=False):
                 waiting.append((folder / name, mark))
     return min(found, key=lambda place: (place.mark is not None, not place.has_interfaces), default=None)

@@ -104,7 +104,7 @@ class RosArguments:
         self.logs = replace(self.logs, file_name=value)
 
 
-_WITH_ARGUMENT = {
+WITH_ARGUMENT = {
     "-r": RosArguments.add_remap_rule,
     "--remap": RosArguments.add_remap_rule,
     "-p": RosArguments.add_parameter,
@@ -116,7 +116,7 @@ _WITH_ARGUMENT = {
     "--log-config-file": RosArguments.set_log_config_file,
     "--log-file-name": RosArguments.set_log_file_name,
 }
-_SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-logs": "external_lib"}
+SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-logs": "external_lib"}
 """Rest of a flag after ``--enable-`` or ``--disable-`` -> the field of `LogSettings` that it sets."""
 
 
@@ -145,7 +145,7 @@ def parse_arguments(arguments: Sequence[str]) -> RosArguments:
             parsed.program.append(argument)
     if unknown:
         flags = " ".join(map(repr, unknown))
-        known = ", ".join([*_WITH_ARGUMENT, *(f"--enable-{s}, --disable-{s}" for s in _SWITCHES)])
+        known = ", ".join([*WITH_ARGUMENT, *(f"--enable-{s}, --disable-{s}" for s in SWITCHES)])
         raise RosArgumentError(f"unknown ROS arguments: {flags}; expected {known}; end them with '--'")
     return parsed
 
@@ -158,7 +158,7 @@ def _parse_group(parsed: RosArguments, rest: Iterator[str]) -> list[str]:
             break
         if argument == "--ros-args":
             continue
-        handler = _WITH_ARGUMENT.get(argument)
+        handler = WITH_ARGUMENT.get(argument)
         if handler is not None:
             value = next(rest, None)
             if value is None:
@@ -167,8 +167,8 @@ def _parse_group(parsed: RosArguments, rest: Iterator[str]) -> list[str]:
                 handler(parsed, value)
             except (RosArgumentError, InvalidNameError, ParameterFileError, LogLevelError) as error:
                 raise RosArgumentError(f"ROS argument {argument} {value!r}: {error}") from None
-        elif (switch := _SWITCH.match(argument)) and switch[2] in _SWITCHES:
-            change: dict[str, Any] = {_SWITCHES[switch[2]]: switch[1] == "enable"}
+        elif (switch := _SWITCH.match(argument)) and switch[2] in SWITCHES:
+            change: dict[str, Any] = {SWITCHES[switch[2]]: switch[1] == "enable"}
             parsed.logs = replace(parsed.logs, **change)
         else:
             unknown.append(argument)

@@ -354,7 +354,7 @@ def test_an_explanation_takes_no_longer_in_a_large_folder(tmp_path: Path, monkey
     for number in range(60):
         (tmp_path / f"d{number}" / "e" / "f").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rosidl_py_gen.compiler.frontend.missing._MAX_FOLDERS", 20)
+    monkeypatch.setattr("rosidl_py_gen.compiler.frontend.missing.MAX_FOLDERS", 20)
     visited: list[str] = []
     scan = os.scandir
     monkeypatch.setattr(os, "scandir", lambda place: visited.append(str(place)) or scan(place))

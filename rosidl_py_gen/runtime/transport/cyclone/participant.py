@@ -162,10 +162,10 @@ class CycloneParticipant:
             folder = "" if security is None else security.folder
             self.domain = Domain.join(_api, _fast_dds, self.domain_id, _configuration(settings), folder)
             undo.callback(self.domain.leave)
-            self._listener: int = _api.create_listener(None)
-            undo.callback(_api.delete_listener, self._listener)
-            _api.lset_data_available_arg(self._listener, putw, self.pipe.stream, True)
-            self._early = EarlySampleReaders(_api, _fast_dds, self._listener)
+            self.listener: int = _api.create_listener(None)
+            undo.callback(_api.delete_listener, self.listener)
+            _api.lset_data_available_arg(self.listener, putw, self.pipe.stream, True)
+            self._early = EarlySampleReaders(_api, _fast_dds, self.listener)
             undo.callback(self._early.close)
             if security is not None:
                 _security_log.open(self._report_soon)
@@ -180,7 +180,7 @@ class CycloneParticipant:
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
             self.guid = _api.guid_of(self.entity)
             self.discovery = BuiltinTopicReaders(
-                *(_api, _fast_dds, self.entity, self._listener, self.pipe.stream),
+                *(_api, _fast_dds, self.entity, self.listener, self.pipe.stream),
                 on_new_participant=partial(request_endpoints, self.guid, is_local=self._is_local),
                 new_warnings=self._new_warnings,
             )
