@@ -390,6 +390,20 @@ async def test_cancel_requests_as_a_stream(world: World) -> None:
     task.cancel()
 
 
+async def test_a_cancel_request_without_a_decision_ends_with_its_goal(world: World) -> None:
+    server, client = await pair(world, None)
+    cancels = server.cancel_requests()
+    sending = asyncio.ensure_future(client.send_goal(goal()))
+    accepted = (await take(aiter(server))).accept()
+    cancelling = asyncio.ensure_future((await sending).cancel(timeout_s=5))
+    request = await take(cancels)
+    accepted.succeed(result(1))
+    with pytest.raises(AlreadyTerminatedError):
+        await cancelling
+    with pytest.raises(AlreadyRespondedError):
+        request.accept()
+
+
 async def _accept_all(server: Any) -> None:
     async for request in server:
         request.accept()
