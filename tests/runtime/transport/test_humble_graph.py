@@ -137,7 +137,9 @@ async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_
     assert caplog.text.count(said) == 2
 
 
-def test_a_writer_without_hash_is_of_humble_until_its_message_tells_otherwise(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_otherwise(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     """Its reader would get our last message before its own is here."""
     unknown, own = bytes(16), SingleParticipant()  # of no vendor
     own.topic.forward_events([LATER])

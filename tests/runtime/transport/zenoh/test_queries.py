@@ -128,7 +128,7 @@ async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_go
     await until(lambda: pair.reader._queries)
     participant: Any = pair.node._scope.participant
     participant.undeclare_token(pair.reader.guid)
-    await until(lambda: not pair.client.service_is_ready())
+    await until(lambda: not pair.client._servers())
     for _ in range(5):  # the client checks for lost requests in a callback of the loop
         await asyncio.sleep(0)
     request = await anext(pair.server)
