@@ -105,10 +105,13 @@ def test_what_the_real_packages_get_wrong(tmp_path: Path) -> None:
         cloud = point_cloud2.create_cloud(Header(), fields, [(1, 2, 3, 4)], 32)
         moved = do_transform_cloud(cloud, TransformStamped())
         print(moved.point_step, [*map(float, point_cloud2.read_points_list(moved)[0])])
-        # Turning a vector leaves the transform as it was.
+        # Turning a vector, whatever its frame and class, leaves the transform as it was.
+        class Own(Vector3Stamped):
+            pass
+
         how = TransformStamped()
         how.transform.translation.x = 3.0
-        tf2_geometry_msgs.do_transform_vector3(Vector3Stamped(), how)
+        tf2_geometry_msgs.do_transform_vector3(Own(header=Header(frame_id="//base")), how)
         print(how.transform.translation.x)
         # Rows of an image that end with less bytes than a pixel has.
         image = Image(height=2, width=1, encoding="bgr8", step=4, data=[1, 2, 3, 9, 4, 5, 6, 9])

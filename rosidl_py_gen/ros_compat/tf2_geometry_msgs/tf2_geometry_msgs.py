@@ -37,17 +37,17 @@ from_msg_msg = to_msg_msg
 
 def do_transform_point(point: PointStamped, transform: TransformStamped) -> PointStamped:
     """Transform a point."""
-    return _transform(point, transform)
+    return _transform(PointStamped(point=point.point), transform)
 
 
 def do_transform_vector3(vector3: Vector3Stamped, transform: TransformStamped) -> Vector3Stamped:
     """Transform a direction, which is only rotated."""
-    return _transform(vector3, transform)
+    return _transform(Vector3Stamped(vector=vector3.vector), transform)
 
 
 def do_transform_pose(pose: Pose, transform: TransformStamped) -> Pose:
     """Transform a pose; w of the resulting orientation is not negative."""
-    change, position, result = _to_transform(transform, ""), pose.position, Pose()
+    change, position, result = _to_transform(transform), pose.position, Pose()
     x, y, z = change.apply((position.x, position.y, position.z)).tolist()
     result.position.x, result.position.y, result.position.z = x, y, z
     rotation = quaternion_to_matrix(change.rotation) @ quaternion_to_matrix(_quaternion_or_identity(pose.orientation))
@@ -73,7 +73,7 @@ def do_transform_pose_with_covariance_stamped(
 
 def do_transform_polygon_stamped(polygon: PolygonStamped, transform: TransformStamped) -> PolygonStamped:
     """Transform a polygon."""
-    return _transform(polygon, transform)
+    return _transform(PolygonStamped(polygon=polygon.polygon), transform)
 
 
 def transform_covariance(cov_in: Any, transform: TransformStamped) -> Any:
@@ -84,17 +84,15 @@ def transform_covariance(cov_in: Any, transform: TransformStamped) -> Any:
 
 
 def _transform(message: T, transform: TransformStamped) -> T:
-    result: Any = _to_transform(transform, message.header.frame_id).transform(message)
+    result: Any = _to_transform(transform).transform(message)
     result.header = transform.header
     return result  # type: ignore[no-any-return]
 
 
-def _to_transform(stamped: TransformStamped, source: str) -> _tf.Transform:
-    move = stamped.transform.translation
-    frames = stamped.header.frame_id, source.lstrip("/")
-    return _tf.Transform(
-        *frames, 0, np.array((move.x, move.y, move.z)), _quaternion_or_identity(stamped.transform.rotation)
-    )
+def _to_transform(stamped: TransformStamped) -> _tf.Transform:
+    """Return a transform of messages without a frame."""
+    move, rotation = stamped.transform.translation, _quaternion_or_identity(stamped.transform.rotation)
+    return _tf.Transform(stamped.header.frame_id, "", 0, np.array((move.x, move.y, move.z)), rotation)
 
 
 def _quaternion_or_identity(quaternion: Any) -> Any:
