@@ -15,6 +15,7 @@ n.debug(5)
 n.info('x',bogus=1)
 n.info('x',throttle_time_source_type=5)
 n.info('x',throttle_duration_sec=1,throttle_time_source_type='s')
+n.info('x',throttle_duration_sec=1,throttle_time_source_type=None)  # text
 n.log('x',15)
 n.log('x',0)
 n.set_level(15)

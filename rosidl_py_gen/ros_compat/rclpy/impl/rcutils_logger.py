@@ -125,7 +125,7 @@ def get_filters_from_kwargs(**kwargs: Any) -> list[str]:
     ]
     for name in requested:
         for param, default in supported_filters[name].params.items():
-            if param not in kwargs and default is None:
+            if kwargs.get(param, default) is None:
                 raise TypeError(
                     f'required parameter "{param}" not specified but is required for the the logging filter "{name}"'
                 )
