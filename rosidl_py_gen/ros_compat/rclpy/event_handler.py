@@ -188,7 +188,9 @@ class _EventCallbacks:
             logger.warn(f"{self._ROSIDL_QOS_WARNING.format(topic_name)} Last incompatible policy: {policy}")
 
         def log_type(event: runtime.IncompatibleStatus) -> None:
-            logger.warn(f"Incompatible type on topic '{topic_name}', no messages will be sent to it.")
+            is_other_type = event.reason.startswith("types differ")  # another definition may be delivered
+            effect = ", no messages will be sent to it." if is_other_type else f": {event.reason}"
+            logger.warn(f"Incompatible type on topic '{topic_name}'{effect}")
 
         return {"incompatible_qos": log_qos, "incompatible_type": log_type}
 
