@@ -11,7 +11,10 @@ from support.program_processes import run
 PROGRAM = Path(__file__).resolve().parent / "semantics" / "threads.py"
 
 
-@pytest.mark.parametrize("case", ["counted_subscriptions", "services_of_services", "groups_of_what_was_destroyed"])
+@pytest.mark.parametrize(
+    "case",
+    ["counted_subscriptions", "services_of_services", "groups_of_what_was_destroyed", "peers_found_during_creation"],
+)
 def test_threads_lose_nothing_and_leave_nothing(case: str) -> None:
     done = run(PROGRAM, case, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
@@ -35,6 +38,29 @@ def test_a_call_that_its_executor_cannot_answer_is_logged(tmp_path: Path) -> Non
     done = run("program.py", cwd=tmp_path, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     assert (done.returncode, done.stdout) == (0, "None\n"), done.stderr
     assert done.stderr.count("call of answer in a callback: its executor cannot receive the response") == 1
+
+
+OTHER_DEFINITION = """
+import rclpy
+from rosidl_py_gen import compile_definition
+from std_msgs.msg import String
+
+rclpy.init()
+node, received = rclpy.create_node("n"), []
+node.create_subscription(String, "t", received.append, 1)
+Other = compile_definition("std_msgs/msg/String", "string data\\nint32 number")
+publisher = node.handle.entity.create_publisher(Other, "t")
+while not received:
+    publisher.publish(Other(data="x"))
+    rclpy.spin_once(node, timeout_sec=0.1)
+rclpy.spin_once(node, timeout_sec=0.5)
+"""
+
+
+def test_another_definition_is_logged_and_delivered(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(OTHER_DEFINITION)
+    done = run("program.py", cwd=tmp_path, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    assert "[n]: Incompatible type on topic 't': their definitions of std_msgs/msg/String differ" in done.stderr
 
 
 FEEDBACK_AFTER_THE_RESULT = """

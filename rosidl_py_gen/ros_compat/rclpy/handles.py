@@ -108,7 +108,7 @@ class ContextHandle(Destroyable):
             raise
         self.change_token: object = None
         """Replaced by a new object after each change that an executor may wait for."""
-        self.topic_handles: weakref.WeakSet[Handle[Any]] = weakref.WeakSet()
+        self._topic_handles: set[weakref.ref[Handle[Any]]] = set()
         """Publishers and subscriptions of the program, which have callbacks for incompatible peers or want none."""
         self.runtime.on_incompatible_endpoint = self._on_incompatible_endpoint
         self.creation_lock = threading.RLock()
@@ -119,9 +119,14 @@ class ContextHandle(Destroyable):
         self._lock = threading.Lock()
         self._is_closed = False
 
+    def add_topic_handle(self, handle: Handle[Any]) -> None:
+        """Leave the logging of incompatible peers on this topic to the callbacks of the endpoint."""
+        self._topic_handles.add(weakref.ref(handle, self._topic_handles.discard))
+
     def _on_incompatible_endpoint(self, text: str, topic: str) -> None:
-        """Log an incompatible peer of another endpoint, such as a client."""
-        if all(handle.entity.topic != topic for handle in list(self.topic_handles)):
+        """Log an incompatible peer of another endpoint, such as a client. Thread: loop."""
+        handles = [reference() for reference in tuple(self._topic_handles)]  # other threads add some
+        if all(handle is None or handle.entity.topic != topic for handle in handles):
             runtime.get_logger("rclpy").warning(text)
 
     def ok(self) -> bool:

@@ -368,7 +368,7 @@ class Node(NodeParameters):
             except runtime.UnsupportedEventError as error:
                 raise UnsupportedEventTypeError(str(error)) from error
             handle.events = queues
-            context.topic_handles.add(handle)
+            context.add_topic_handle(handle)
         return handle
 
     def create_subscription(

@@ -194,9 +194,12 @@ class EndpointEventPoller:
                 if counts is None:
                     raise UnsupportedEventError(f"{subject}: this middleware does not report {name} events; DDS does")
                 self._counts[name] = counts
-        self._registrations: list[Registration] = [scope.loop_binding.on_bind(self._schedule_poll)]
+        self._registrations: list[Registration] = [scope.loop_binding.on_bind(self._start)]
         if _INCOMPATIBLE & self._callbacks.keys():
             self._registrations.append(scope.discovery.on_change.add(self._on_change))
+
+    def _start(self) -> None:
+        self._loop_binding.call_soon(self._schedule_poll)  # another thread may run the loop
 
     def _schedule_poll(self) -> None:
         if self._timer is not None:

@@ -83,6 +83,28 @@ def groups_of_what_was_destroyed(node: Node) -> None:
         assert group.entities == set()
 
 
+def peers_found_during_creation(node: Node) -> None:
+    handle, executor = node.context.handle, MultiThreadedExecutor(2)
+    loop, errors = handle.loop_runner.loop, list[Any]()
+
+    def find_peer() -> None:
+        handle.runtime.on_incompatible_endpoint("not logged", "/t0")
+        loop.call_soon(find_peer)
+
+    loop.set_debug(True)  # its functions refuse calls of other threads
+    loop.set_exception_handler(lambda _, context: errors.append(context))
+    sys.setswitchinterval(1e-6)
+    executor.add_node(node)
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    spinning.start()
+    created = [node.create_publisher(String, "t0", 1)]
+    loop.call_soon_threadsafe(find_peer)
+    created += [node.create_publisher(String, f"t{number}", 1) for number in range(1, 300)]
+    executor.shutdown()
+    spinning.join()
+    assert errors == []
+
+
 rclpy.init()
 one = Node("threads", start_parameter_services=False)
 globals()[sys.argv[1]](one)
