@@ -65,8 +65,9 @@ def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
     """Yield all messages, and report progress from the present position to `end`."""
+    messages = reader.raw_messages()  # may read parts of the file that are not in the index, which is progress too
     start, total = progress.position, max(1, sum(channel.count or 0 for channel in reader.channels))
-    for count, message in enumerate(reader.raw_messages()):
+    for count, message in enumerate(messages):
         if not count % _MESSAGES_PER_REPORT:
             progress.show(min(start + (end - start) * count // total, end))
         yield message

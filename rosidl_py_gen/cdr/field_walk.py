@@ -18,6 +18,7 @@ from rosidl_py_gen.cdr.layout import (
     COUNT_CODE,
     EMPTY_MESSAGE,
     HEADER_BYTES,
+    MAX_COUNT,
     MAX_WSTRING_UNIT,
     WSTRING_UNIT_BYTES,
     align_offset,
@@ -80,6 +81,8 @@ def _check_field(value: Any, field: Field, path: str) -> None:
         raise EncodeError(path, f"expected exactly {kind.capacity} elements, found {len(value)}")
     if kind.arity is Arity.BOUNDED and len(value) > kind.capacity:
         raise EncodeError(path, f"expected at most {kind.capacity} elements, found {len(value)}")
+    if len(value) > MAX_COUNT:
+        raise EncodeError(path, f"expected at most {MAX_COUNT} elements, found {len(value)}")
     if not isinstance(value, np.ndarray):
         for index, item in enumerate(value):
             _check_element(item, field, f"{path}[{index}]")

@@ -39,6 +39,7 @@ MAX_ALIGN = 8
 COUNT_BYTES = 4
 """Size and alignment of the length prefix of a sequence, string or wstring."""
 COUNT_CODE = "I"
+MAX_COUNT = 0xFFFFFFFF
 NUL = b"\0"
 """Terminator of a string, included in its length prefix. A wstring has none."""
 WSTRING_UNIT_BYTES = 4

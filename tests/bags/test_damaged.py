@@ -236,6 +236,12 @@ def test_a_recorder_killed_while_it_compresses_a_file_leaves_every_message_once(
             assert all(file.suffix == ".zstd" for file in reader.files), step
 
 
+def test_progress_of_reindexing_never_goes_back(tmp_path: Path) -> None:
+    size, states = len(recording(tmp_path / "a_0.mcap", COUNT)), []
+    reindex_folder(tmp_path, lambda *state: states.append(state))
+    assert states == sorted(states) and states[-1] == (size, size)
+
+
 def raising(error: type[BaseException]) -> Any:
     def fail(*_: Any, **__: Any) -> None:
         raise error

@@ -161,6 +161,12 @@ def test_a_field_that_was_deleted_is_named() -> None:
         assert (caught.value.path, caught.value.reason) == (f"{TOP}.part.inner.x", "the field is not set")
 
 
+def test_a_sequence_that_is_longer_than_its_length_can_be_written_is_named() -> None:
+    message = get_message("std_msgs/msg/UInt8MultiArray")(data=np.broadcast_to(np.uint8(0), 2**32))
+    with pytest.raises(EncodeError, match=r"Array\.data: expected at most 4294967295 elements, found 4294967296"):
+        validate(message)
+
+
 def test_values_whose_own_code_raises_are_named_too() -> None:
     class Hostile:
         def __repr__(self) -> str:
