@@ -122,6 +122,8 @@ def test_idl_text_gives_the_class_of_the_same_msg_text() -> None:
     )
     assert encode(one) == encode(twin)
     assert decode(idl, encode(twin)) == one
+    empty = "module text8 { module msg { struct Nothing { uint8 structure_needs_at_least_one_member; }; }; };"
+    assert compile_definition("text8/msg/Nothing", empty)._TYPE.fields == ()
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
+import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.example_counts import examples
 from support.interface_packages import assert_clean, write
@@ -25,7 +26,9 @@ def test_a_string_literal_means_the_string(text: str) -> None:
     assert len(literal.splitlines()) == 1
 
 
-@given(st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False)))
+@example(math.nan)
+@example(-math.inf)
+@given(st.one_of(st.booleans(), st.integers(), st.floats()))
 def test_a_literal_means_the_value(value: bool | int | float) -> None:
     found = eval(py_literal(value), {"__builtins__": {"float": float}})
     assert (type(found), repr(found)) == (type(value), repr(value))

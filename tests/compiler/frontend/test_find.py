@@ -11,7 +11,7 @@ from support.interface_packages import problems_of, write
 
 from rosidl_py_gen.base.generated_classes import GENERATED_HEADER
 from rosidl_py_gen.base.names import RosName
-from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select
+from rosidl_py_gen.compiler.frontend.registry import InterfaceRegistry, read_checked, select, split_filter
 from rosidl_py_gen.compiler.frontend.search_path import SearchPath, scan_search_path
 from rosidl_py_gen.compiler.generate import load
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, TypeNotFoundError
@@ -212,6 +212,7 @@ IMPLIED = ["action_msgs", "builtin_interfaces", "service_msgs", "unique_identifi
 )
 def test_a_selection_has_its_dependencies(tmp_path: Path, wanted: str, names: str) -> None:
     assert chosen(tmp_path, wanted) == {*names.split()}
+    assert split_filter(f" {wanted} ; ;b:c/msg/D") == [wanted, "b", "c/msg/D"]
 
 
 def test_packages_of_actions_and_an_empty_selection(tmp_path: Path) -> None:

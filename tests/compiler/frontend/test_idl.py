@@ -167,6 +167,7 @@ ERRORS = [
     (module("typedef wstring<3> t; struct Sample { sequence<t> y; };"), "1:77: expected sequence<wstring<3>>, found a typedef in it"),
     ("#include b.idl\n" + struct("long x;"), '1:1: expected "@" or'),
     ("module a {" * 5000, "1:"),
+    ("module a {" * 5000 + "struct Sample { long x; };" + "};" * 5000, "1:1: nested too deeply"),
     ("/* never closed", "1:1: the comment is never closed"),
 ]  # fmt: skip
 
