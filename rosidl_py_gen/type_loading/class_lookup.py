@@ -209,10 +209,15 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
     return None
 
 
+def get_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any]:
+    """Return the class that `get_message`, `get_service` or `get_action` returns for a full name; raises as they do."""
+    return _get(name, "", object, path, distro)
+
+
 def find_named_class(name: str, *, path: SearchFolders = (), distro: str | None = None) -> type[Any] | None:
     """Return the class that `get_message`, `get_service` or `get_action` returns for a full name; else None."""
     try:
-        return _get(name, "", object, path, distro)
+        return get_named_class(name, path=path, distro=distro)
     except TypeNotFoundError:
         return None
 

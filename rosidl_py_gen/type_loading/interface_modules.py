@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import RosName, py_name, snake_case, split_ros_name
 from rosidl_py_gen.type_loading import disk_cache
-from rosidl_py_gen.type_loading.class_lookup import find_named_class
+from rosidl_py_gen.type_loading.class_lookup import get_named_class
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,12 +75,13 @@ class Interfaces:
 
         Raises:
             DefinitionError: the definition has problems.
+            TypeNotFoundError: its file was removed after the search.
         """
         if code is not None:
             exec(code, module.__dict__)
             return
         for part in _SUFFIXES[name.kind]:
-            cls = find_named_class(f"{name}{part}", path=self._folders, distro=self._distro)
+            cls = get_named_class(f"{name}{part}", path=self._folders, distro=self._distro)
             module.__dict__[py_name(name.name + part)] = cls
         module.__dict__["__all__"] = [py_name(name.name + part) for part in _SUFFIXES[name.kind]]
 

@@ -84,6 +84,22 @@ def test_a_definition_that_is_not_that_of_messages_is_refused(run_here: Any, hum
     assert "4 of 12 bytes of a message are after its last field" in err and "Reading.msg" in err
 
 
+def test_damaged_messages_are_not_a_missing_definition(run_here: Any, tmp_path: Path) -> None:
+    messages = [(1, String(data="x" * 10_000).encode())]  # more than a page
+    bag = write_humble(tmp_path / "humble.db3", ("/s", "std_msgs/msg/String", messages))
+    data, page = bytearray(bag.read_bytes()), 4096
+    for at in range(0, len(data), page):
+        if data[at + 4 : at + 8] == b"xxxx":
+            data[at : at + 4] = b"\x7f\xff\xff\xff"  # the next page
+    bag.write_bytes(data)
+    definitions = tmp_path / "std_msgs"
+    (definitions / "msg").mkdir(parents=True)
+    (definitions / "msg" / "String.msg").write_text("string data\nint8 more\n")
+    for command, *options in (("convert", str(tmp_path / "out.mcap")), ("migrate", "--dry-run", "--path", definitions)):
+        code, _, err = run_here("bag", command, str(bag), *map(str, options))
+        assert code == 1 and "disk image is malformed\n" in err, err
+
+
 def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_path: Path) -> None:
     folder = package(tmp_path / "then" / "old_msgs", THEN)
     out = run_here("bag", "info", humble, "--verbose", "--path", folder)[1]

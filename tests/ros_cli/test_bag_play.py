@@ -115,6 +115,7 @@ async def test_a_topic_begins_as_long_after_the_bag_as_then_and_delay_waits_befo
         (("--playback-duration", "0.3"), range(4)),  # its end counts, as in rosbag2
         (("--playback-duration", "-1"), range(10)),
         (("--playback-duration", "0"), ()),
+        (("--playback-duration", "0", "--loop"), ()),
         (("--duration", "0.3"), range(3)),
         (("--start-offset", "0.5", "--playback-duration", "0.2"), range(5, 8)),
         (("--playback-until-sec", "1000.2"), range(3)),

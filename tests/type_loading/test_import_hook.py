@@ -15,7 +15,7 @@ import pytest
 from support.interface_packages import write
 from support.rclpy_messages import hooked
 
-from rosidl_py_gen import DefinitionError, ImportHookWarning, get_message, install_import_hook
+from rosidl_py_gen import DefinitionError, ImportHookWarning, RosidlError, get_message, install_import_hook
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.type_loading import disk_cache
@@ -51,6 +51,15 @@ def python(program: str, *arguments: str | Path, **settings: str) -> subprocess.
 
 
 # --- what it gives ----------------------------------------------------------------------------------------------------
+
+
+@APIS
+def test_a_definition_that_was_removed_meanwhile_is_an_error(message_api: Any, definitions: Path) -> None:
+    with hooked(message_api=message_api, path=definitions):
+        messages = import_module("hooked_msgs.msg")
+        (definitions / "hooked_msgs/msg/Point.msg").unlink()
+        with pytest.raises(RosidlError, match="hooked_msgs/msg/Point"):
+            _ = messages.Point
 
 
 @APIS

@@ -175,7 +175,7 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
     from rosidl_py_gen.bags.definition_lookup import described
     from rosidl_py_gen.cdr.type_queries import referenced_classes
     from rosidl_py_gen.compiler.compatibility.migration import fields_of, message_converter, plan
-    from rosidl_py_gen.ros_cli.bag.selection import fitting_definition
+    from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
 
     if channel.message_encoding != "cdr":
         return _Topic(channel, channel, note=f"messages are {channel.message_encoding}")
@@ -189,12 +189,15 @@ def _topic(reader: BagReader, channel: BagTopic, definitions: _NewDefinitions, r
             raise CommandError(f"{rules.types[channel.type_name].place}: {name} is {new_definition}")
         return _Topic(channel, channel, note=new_definition)
     try:
-        definition = fitting_definition(reader, channel)
+        definition = reader.definition(channel)
     except RosidlError as error:
+        reason = str(error)
+    else:
+        reason = guess_mismatch(reader, channel, definition)
+    if reason:
         if channel.count == 0:
-            return _Topic(channel, channel, note=f"no messages, and {error}")
-        advice = "pass the old definitions with --old-path, or select topics with --topics"
-        raise CommandError(f"{error}; {advice}") from None
+            return _Topic(channel, channel, note=f"no messages, and {reason}")
+        raise CommandError(f"{reason}; pass the old definitions with --old-path, or select topics with --topics")
     old: Any = definition.message_class
     new, text = new_definition
     target = replace(

@@ -70,9 +70,12 @@ def channels_with_definitions(
         if channel.definition or channel.message_encoding != "cdr":
             continue
         try:
-            known = fitting_definition(reader, channel)
+            known = reader.definition(channel)
         except RosidlError as error:
             unknown.append((channel, str(error)))
+            continue
+        if reason := guess_mismatch(reader, channel, known):
+            unknown.append((channel, reason))
             continue
         channels[channel.key] = described(channel, known)
         if has_definition(channels[channel.key]):
@@ -83,14 +86,15 @@ def channels_with_definitions(
     return channels
 
 
-def fitting_definition(reader: BagReader, channel: BagTopic) -> TopicDefinition:
-    """Return the definition of a channel; raises `CommandError` if it is a guess that its first messages contradict."""
-    known = reader.definition(channel)
-    if not known.is_recorded:
-        messages = (one.data for one in reader.raw_messages(channel.name) if one.channel.key == channel.key)
-        if reason := mismatch_reason(channel, known, islice(messages, _SAMPLES)):
-            raise CommandError(reason)
-    return known
+def guess_mismatch(reader: BagReader, channel: BagTopic, known: TopicDefinition) -> str:
+    """Return why a definition that is a guess differs from the first messages of the channel; empty if it may fit.
+
+    Raises `BagError` if these messages are damaged.
+    """
+    if known.is_recorded:
+        return ""
+    messages = (one.data for one in reader.raw_messages(channel.name) if one.channel.key == channel.key)
+    return mismatch_reason(channel, known, islice(messages, _SAMPLES))
 
 
 def _require_known(reader: BagReader, unknown: Sequence[tuple[BagTopic, str]], keeps_unknown: bool) -> None:

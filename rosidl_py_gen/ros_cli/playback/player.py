@@ -180,16 +180,20 @@ class Player:
             await rate.sleep()
 
     async def play(self) -> None:
-        """Publish all messages, repeatedly with ``--loop``, until `stop`; at the end, wait while paused."""
+        """Publish all messages, repeatedly with ``--loop``, until `stop`; at the end, wait while paused.
+
+        Without messages there is nothing to repeat.
+        """
         self._begin(self._part.start_ns)
         self._has_begun.set()
         while not self._is_stopped:
             if self._next is None:
                 if self.timeline.is_paused:
                     await self.timeline.until(None)
-                elif self._options.loop:
+                    continue
+                if self._options.loop:
                     self._begin(self._part.start_ns)
-                else:
+                if self._next is None:
                     return
             elif await self.timeline.until(self._due(self._next)):
                 item = self._next

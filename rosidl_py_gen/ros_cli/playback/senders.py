@@ -18,7 +18,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Service
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
-from rosidl_py_gen.ros_cli.bag.selection import fitting_definition
+from rosidl_py_gen.ros_cli.bag.selection import guess_mismatch
 from rosidl_py_gen.ros_cli.type_resolution import opaque_message_class
 from rosidl_py_gen.runtime import (
     Durability,
@@ -117,13 +117,13 @@ async def wait_each_until_timeout(waits: Iterable[Awaitable[object]]) -> list[Wa
 def _class_of(reader: BagReader, channel: BagTopic) -> type[Message]:
     """Return the class of a channel; a class without fields if its definition is missing or wrong."""
     try:
-        cls: type[Message] = fitting_definition(reader, channel).message_class
-        return cls
-    except CommandError as error:
-        terminal_output.note(str(error))
+        known = reader.definition(channel)
     except RosidlError:  # there is none
-        pass
-    return opaque_message_class(channel.type_name, channel.type_hash)
+        return opaque_message_class(channel.type_name, channel.type_hash)
+    if reason := guess_mismatch(reader, channel, known):
+        terminal_output.note(reason)
+        return opaque_message_class(channel.type_name, channel.type_hash)
+    return known.message_class
 
 
 def _offered_qos(topic: BagTopic) -> QoSProfile:
