@@ -27,6 +27,7 @@ import signal
 import sys
 import types
 from pathlib import Path
+from socket import gethostname
 from typing import TYPE_CHECKING, Any
 
 from support.markdown_pages import ROOT, Block, blocks
@@ -214,8 +215,9 @@ class Page:
     async def expect(self, lines: list[str]) -> None:
         """Wait until the block before has printed these lines first; ``…`` stands for anything, alone for any lines.
 
-        Spaces and tabs at the end of lines do not count.
+        Spaces and tabs at the end of lines do not count. In addresses, pages call this machine ``robot``.
         """
+        lines = [line.replace("//robot:", f"//{gethostname()}:") for line in lines]
         patterns = [re.escape(line).replace("…", ".*") + "[ \\t]*\n" if line != "…" else "(?:.*\n)*?" for line in lines]
         pattern = "".join(patterns)
         for _ in range(int(PATIENCE_S / 0.02)):
