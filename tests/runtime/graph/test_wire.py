@@ -39,6 +39,13 @@ def test_a_name_of_dds_tells_what_it_carries_and_is_found_again(dds: str, kind: 
     assert topic_key == (kind, name) and ddsnames.wire_name(topic_key) == dds
 
 
+def test_types_of_programs_without_ros_keep_their_names() -> None:
+    assert [ddsnames.ros_type(name) for name in ("std_msgs::msg::dds_::String_", "HelloWorld")] == [
+        "std_msgs/msg/String",
+        "HelloWorld",
+    ]
+
+
 @pytest.mark.parametrize(
     ("type", "service"),
     [

@@ -12,7 +12,7 @@ from support.node_fixtures import World, until
 from support.zenoh_peer import Peer, PlainPublisher
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterType
-from rosidl_py_gen.runtime import CountStatus, SubscriptionEventCallbacks
+from rosidl_py_gen.runtime import CountStatus, SubscriptionEventCallbacks, UnsupportedEventError
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import SequenceGaps
 
 ONE, OTHER = b"1" * 16, b"2" * 16
@@ -76,3 +76,10 @@ async def test_a_subscription_is_told_of_numbers_that_never_came(zenoh: World, p
     publish(1)
     await until(lambda: len(lost) == 2)
     assert lost == [CountStatus(2, 2), CountStatus(3, 1)]
+
+
+def test_missed_deadlines_are_not_reported(zenoh: World) -> None:
+    with pytest.raises(UnsupportedEventError, match="this middleware does not report deadline events"):
+        zenoh.node("n").create_subscription(
+            ParameterType, "t", event_callbacks=SubscriptionEventCallbacks(deadline=print)
+        )
