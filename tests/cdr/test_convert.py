@@ -102,6 +102,15 @@ def test_wrong_input_is_named_with_its_path(values: Any, path: str, text: str) -
         assert (again.value.path, again.value.reason) == (path, caught.value.reason)
 
 
+def test_a_wrong_value_of_a_message_is_named_with_its_path() -> None:
+    for convert, values, reason in (
+        (to_dict, {"inner": 5}, "inner: expected "),
+        (to_json, {"text": b"x"}, "text: expected str"),
+    ):
+        with pytest.raises(EncodeError, match=reason):
+            convert(Sample(**values))
+
+
 def test_json_spells_the_numbers_it_lacks_as_text() -> None:
     message = Sample(
         f64=math.nan, f32=math.inf, many=[1.0, -math.inf, math.nan], pair=[math.inf, 0.0], list=[Sample().inner]

@@ -56,6 +56,13 @@ def test_recorded_bytes_are_read_and_written(name: str) -> None:
         assert encode(again) == vector.cdr
 
 
+def test_bytes_that_break_off_are_refused_as_by_ours() -> None:
+    data = rclpy_class("std_msgs/msg/ByteMultiArray")(data=[b"a", b"b"]).encode()[:-1]
+    for cls in (message("std_msgs/msg/ByteMultiArray"), rclpy_class("std_msgs/msg/ByteMultiArray")):
+        with pytest.raises(DecodeError, match=r"ByteMultiArray\.data: at byte 16: expected 2 bytes"):
+            decode(cls, data)
+
+
 def test_changed_bytes_mean_the_same_to_both() -> None:
     random = Random(5)
     for _ in range(examples(300)):
