@@ -326,6 +326,8 @@ def test_compressed_bags_of_rosbag2_are_read(tmp_path: Path, storage: str, mode:
     if not has_metadata:
         (folder / "metadata.yaml").unlink()
     assert words(folder) == RIGHT
+    (file,) = folder.glob("bag_0.*")
+    assert words(file) == RIGHT
 
 
 def test_damaged_compression_is_told(tmp_path: Path) -> None:
