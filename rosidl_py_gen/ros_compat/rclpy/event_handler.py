@@ -188,9 +188,8 @@ class _EventCallbacks:
             logger.warn(f"{self._ROSIDL_QOS_WARNING.format(topic_name)} Last incompatible policy: {policy}")
 
         def log_type(event: runtime.IncompatibleStatus) -> None:
-            is_other_type = event.reason.startswith("types differ")  # another definition may be delivered
-            effect = ", no messages will be sent to it." if is_other_type else f": {event.reason}"
-            logger.warn(f"Incompatible type on topic '{topic_name}'{effect}")
+            # Not rclpy's "no messages will be sent to it": messages with another definition may be delivered.
+            logger.warn(f"Incompatible type on topic '{topic_name}': {event.reason}")
 
         return {"incompatible_qos": log_qos, "incompatible_type": log_type}
 
