@@ -230,10 +230,11 @@ def test_messages_the_filter_has_no_value_for_are_noted_once(topic_peer: tuple[s
 
 async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: Any) -> None:
     node = network.node("robot", enable_rosout=False, parameter_events=False)
-    publisher = node.create_publisher(STRING, "/words", LATCHED)
+    publisher = node.create_publisher(STRING, "/words")
+    process = await tool.start("topic", "echo", "/words", "--field", "data", "--filter", "'needle' in m.data")
+    await publisher.wait_for_subscribers(timeout_s=25)
     for word in ("a", "needle 1", "b", "needle 2", "\x1b[31mneedle\t3\nnext line"):
         publisher.publish({"data": word})
-    process = await tool.start("topic", "echo", "/words", "--field", "data", "--filter", "'needle' in m.data")
     for expected in ("needle 1\n", "---\n", "needle 2\n", "---\n", "\ufffd[31mneedle\t3\n", "next line\n"):
         assert (await asyncio.wait_for(process.stdout.readline(), 25)).decode() == expected
     assert (await tool.interrupt(process)).code == 0
