@@ -105,7 +105,7 @@ def test_what_the_real_packages_get_wrong(tmp_path: Path) -> None:
         cloud = point_cloud2.create_cloud(Header(), fields, [(1, 2, 3, 4)], 32)
         moved = do_transform_cloud(cloud, TransformStamped())
         print(moved.point_step, [*map(float, point_cloud2.read_points_list(moved)[0])])
-        # Turning a vector, whatever its frame and class, leaves the transform as it was.
+        # Turning a vector does not change the transform; any frame name and subclasses are accepted.
         class Own(Vector3Stamped):
             pass
 

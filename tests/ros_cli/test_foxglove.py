@@ -25,7 +25,7 @@ from websockets.asyncio.client import connect
 
 from rosidl_py_gen import compile_definition, get_message, get_service
 from rosidl_py_gen.ros_cli.foxglove import limits
-from rosidl_py_gen.ros_cli.foxglove.protocol import LISTS
+from rosidl_py_gen.ros_cli.foxglove.protocol import OPERATIONS
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
@@ -374,7 +374,7 @@ async def test_a_viewer_that_sends_garbage_harms_nobody(node: Node, serving: Any
     entries += [{"id": 1, "topic": "/words", "encoding": "cdr", "schemaName": "x/msg/Y"}]
     values = [*odd, *([one] for one in entries)]
     texts = ["", "{", "[]", "null", '{"op": 1}', '{"op": "nothing"}', "[" * 100_000, "\0"]
-    texts += [json.dumps({"op": op, key: value}) for op, (key, _) in LISTS.items() for value in values]
+    texts += [json.dumps({"op": op, key: value}) for op, (key, _) in OPERATIONS.items() for value in values]
     async with serving("--max-rate", "1000000") as address, viewer(address) as good:
         await good.subscribe("/words")
         async with viewer(address) as bad:

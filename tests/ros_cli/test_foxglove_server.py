@@ -293,7 +293,7 @@ def _viewer(connection: Any) -> Viewer:
 
 def test_every_list_of_a_message_has_a_limit_of_entries() -> None:
     entries: dict[str, Any] = {"subscriptions": {"id": 1, "channelId": 1}, "channels": {}, "parameters": {"name": "x"}}
-    for op, (key, _) in protocol.LISTS.items():
+    for op, (key, _) in protocol.OPERATIONS.items():
         if key:
             text = json.dumps({"op": op, key: [entries.get(key, 7)] * (limits.MAX_ENTRIES + 1)})
             with pytest.raises(protocol.ProtocolError, match=f"got 8193 {key}, expected at most 8192"):

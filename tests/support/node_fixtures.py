@@ -421,7 +421,7 @@ async def start_process(*command: str | Path, **options: Any) -> asyncio.subproc
 
 
 def entity(owner: Any, name: str) -> Any:
-    """The entity of a node, or of an action or another composite, whose topic or service ends with `name`."""
+    """Return the entity of a node, or of an action client or server, whose topic or service name ends with `name`."""
     entities = getattr(owner, "_parts", owner._scope).owned.values()
     return next(one for one in entities if str(getattr(one, "topic", getattr(one, "name", ""))).endswith(name))
 

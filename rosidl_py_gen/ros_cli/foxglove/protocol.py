@@ -77,7 +77,7 @@ def read(message: str | bytes) -> ClientMessage:
         if len(message) > MAX_TEXT:
             raise ValueError(f"got a text of {len(message)} characters, expected at most {MAX_TEXT}")
         fields = json.loads(message, parse_constant=_no_number, parse_int=_integer)
-        key, read_one = LISTS[fields["op"]]
+        key, read_one = OPERATIONS[fields["op"]]
         what = [read_one(one) for one in _entries(key, fields[key])] if key else None
         if fields["op"] == "setParameters":
             _require_few_values(what or [])
@@ -170,7 +170,7 @@ def _parameter(one: Mapping[str, Any]) -> tuple[str, Any]:
     return name, value
 
 
-LISTS: dict[str, tuple[str, Callable[[Any], Any]]] = {
+OPERATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "subscribe": ("subscriptions", lambda one: (_number(one["id"]), _number(one["channelId"]))),
     "unsubscribe": ("subscriptionIds", _number),
     "advertise": ("channels", _advertisement),
@@ -183,7 +183,7 @@ LISTS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "unsubscribeConnectionGraph": ("", _text),
     "fetchAsset": ("", _text),
 }
-"""Key of the list of each operation, and parser of an element."""
+"""Operations of viewers: the key of their list, and the parser of an element."""
 
 
 def control(op: str, **fields: Any) -> str:
