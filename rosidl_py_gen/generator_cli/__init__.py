@@ -217,10 +217,27 @@ def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, a
     else:
         search = _search(paths)
         changed = environment.install(search, wanted or [*search.packages], force=force)
-    if as_json:
-        print_json({action: changed})
-    else:
+    if not as_json:
         echo(f"{action}ed {', '.join(changed) or 'nothing'}")
+    libraries = [] if action == "uninstall" else _install_library(as_json)
+    if as_json:
+        print_json({action: changed} | ({"libddsc": libraries[0]} if libraries else {}))
+
+
+def _install_library(as_json: bool) -> list[str]:
+    """Install libddsc if this Python has the extra ``node``, but no wheel of cyclonedds; returns the path."""
+    from importlib.util import find_spec
+
+    if find_spec("yaml") is None or find_spec("rich") is None:
+        return []
+    from rosidl_py_gen.wheels import libddsc
+
+    if not libddsc.needs_library():
+        return []
+    found = libddsc.install()
+    if not as_json:
+        echo(found.text)
+    return [found.path]
 
 
 def _generate(paths: tuple[str, ...], selection: str, out: str, check: bool, keep_going: bool, as_json: bool) -> None:
@@ -462,6 +479,37 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
         reason = "" if no_dependencies else ", because they are installed"
         texts = ", ".join(missing)
         echo(f"required, but not made{reason}: {texts}; name packages to make wheels of them", err=True)
+
+
+@cli.command()
+@click.option(
+    "--from",
+    "file",
+    metavar="FILE",
+    type=click.Path(dir_okay=False),
+    help="Wheel of cyclonedds with the library, instead of the one of the package index.",
+)
+@_JSON
+def libddsc(file: str | None, as_json: bool) -> None:
+    """Install the C library of Cyclone DDS, which DDS needs, into this Python environment.
+
+    The library is taken from the wheel of cyclonedds for another Python, because it does not depend on the Python. pip
+    or uv downloads that wheel with your settings of the package index, and its SHA-256 is checked. Nothing is installed
+    if a library is found, except with --from. `--install` does the same where it is needed.
+
+    \b
+    rosidl-py-gen libddsc
+    rosidl-py-gen libddsc --from cyclonedds-11.0.1-cp313-cp313-win_amd64.whl
+    """
+    from rosidl_py_gen.runtime.transport.cyclone import library
+    from rosidl_py_gen.wheels import libddsc
+
+    is_found = file is None and library.is_found()
+    path = library.find().file if is_found else (installed := libddsc.install(file)).path
+    if as_json or _group_option("as_json", False):
+        print_json({"libddsc": path, "installed": not is_found})
+    else:
+        echo(f"nothing to install: {library.find()}" if is_found else installed.text)
 
 
 @cli.command()

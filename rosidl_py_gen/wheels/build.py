@@ -23,6 +23,8 @@ from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rosidl_py_gen.base.xml_reader import XmlElement
     from rosidl_py_gen.compiler.frontend.search_path import Package, SearchPath
 
@@ -105,9 +107,6 @@ def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], d
 
 def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: set[str], out: Path) -> BuiltWheel:
     """Build the wheel of a package in `out`, replacing an older wheel of the same name."""
-    from flit_core.common import Metadata, Module
-    from flit_core.wheel import WheelBuilder
-
     manifest = read_manifest(package.folder)
     requires = [_compatible_versions(__version__)]
     for used in sorted(uses | _declared(search, package.name)):
@@ -115,25 +114,42 @@ def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: 
         requires.append(f"{used.replace('_', '-')}=={version}")
     contents = {f"{package.name}/{name.kind}/{path.name}": path.read_bytes() for name, path in package.files.items()}
     contents[f"{package.name}/package.xml"] = (package.folder / "package.xml").read_bytes()
-    # A pyproject.toml would lose the license of package.xml: flit_core takes only SPDX expressions from there.
-    metadata = Metadata(_metadata(package.name.replace("_", "-"), manifest, requires))
     entry_points = {ENTRY_POINTS: {package.name: package.name}}
+    metadata = _metadata(package.name.replace("_", "-"), manifest, requires)
+    made = write_wheel(out, package.name, files | contents, metadata, entry_points)
+    return BuiltWheel(package.name.replace("_", "-"), made, tuple(requires))
+
+
+def write_wheel(
+    out: Path,
+    module: str,
+    files: Mapping[str, bytes],
+    metadata: dict[str, object],
+    entry_points: dict[str, dict[str, str]] | None = None,
+) -> Path:
+    """Write the wheel of a Python package into a folder, replacing an older wheel of the same name; returns its path.
+
+    `files` have paths below site-packages.
+    """
+    from flit_core.common import Metadata, Module
+    from flit_core.wheel import WheelBuilder
+
     with TemporaryDirectory(prefix="rosidl-py-gen-wheel-") as folder:
         top = Path(folder)
-        for name, data in (files | contents).items():
+        for name, data in files.items():
             path = top / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
-        partial = out / f".{package.name}.whl.part"
+        partial = out / f".{module}.whl.part"
         try:
             with partial.open("wb") as file:
-                builder = WheelBuilder(top, Module(package.name, top), metadata, entry_points, file, None)
+                # A pyproject.toml would lose the license of package.xml: flit_core takes only SPDX expressions there.
+                builder = WheelBuilder(top, Module(module, top), Metadata(metadata), entry_points or {}, file, None)
                 builder.source_time_stamp = builder.source_time_stamp or _EARLIEST
                 builder.build()
-            made = partial.replace(out / builder.wheel_filename)
+            return partial.replace(out / builder.wheel_filename)
         finally:
             partial.unlink(missing_ok=True)
-    return BuiltWheel(metadata.name, made, tuple(requires))
 
 
 def _compatible_versions(version: str) -> str:

@@ -9,8 +9,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-import subprocess
-import sys
 from importlib.metadata import Distribution, distributions
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,6 +19,7 @@ from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.errors import OutputError
 from rosidl_py_gen.wheels.build import build
+from rosidl_py_gen.wheels.installer import find_installer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -49,11 +48,12 @@ def install(search: SearchPath, packages: list[str], *, force: bool = False) -> 
         OutputError: packages of other tools conflict, or pip failed.
         DefinitionError: definitions or manifests have problems.
     """
+    installer = find_installer()
     with TemporaryDirectory(prefix="rosidl-py-gen-install-") as folder:
         built = build(search, packages, Path(folder))
         if not force:
             _check_no_conflict([one.path.name.split("-")[0] for one in built])
-        _pip("install", "--no-deps", "--no-index", "--force-reinstall", *(str(one.path) for one in built))
+        installer.install(*(one.path for one in built))
         return [" ".join(one.path.name.split("-")[:2]) for one in built]
 
 
@@ -71,7 +71,7 @@ def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]
         return []
     if not force and (changed := [text for name in chosen for text in _modified_files(known[name])]):
         raise OutputError(f"modified since the installation: {_listed(changed)}; --force removes them")
-    _pip("uninstall", "--yes", *(known[name].metadata["Name"] for name in chosen))
+    find_installer().uninstall(*(known[name].metadata["Name"] for name in chosen))
     return chosen
 
 
@@ -113,16 +113,3 @@ def _listed(texts: Iterable[str]) -> str:
     texts = list(texts)
     more = f" and {len(texts) - _MAX_LISTED} more" if len(texts) > _MAX_LISTED else ""
     return ", ".join(texts[:_MAX_LISTED]) + more or "none"
-
-
-def _pip(*arguments: str) -> None:
-    if find_spec("pip") is None:
-        raise OutputError(
-            "this environment has no pip; make wheels with `rosidl-py-gen wheel --out dist` and install them with the "
-            "tool of the environment, such as `uv pip install dist/*.whl`"
-        )
-    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        output = (done.stderr.strip() or done.stdout.strip())[-2000:]
-        raise OutputError(f"pip {arguments[0]} failed: {output}")

@@ -20,6 +20,7 @@ from functools import cache, cached_property
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
+from typing import ClassVar
 
 from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.transport.api import BackendMissingError
@@ -33,13 +34,74 @@ _NAMES = {"win32": ("ddsc.dll",), "darwin": ("libddsc.dylib",)}.get(
 )
 """Names for the loader. The plain name exists only with the headers, and that of Debian has a special suffix."""
 _WHEELS = {
-    "rosidl_libddsc": ("lib", "../rosidl_libddsc.libs"),
+    "rosidl_libddsc": ("lib",),
     "cyclonedds": (".dylibs", "../cyclonedds.libs", "../cyclonedds_nightly.libs"),
 }
 """Packages that contain the library, and the folders. cyclonedds has another copy elsewhere, for compilers."""
+LIBRARY_COMMAND = "rosidl-py-gen libddsc"
+"""Command that takes the library from a wheel of another Python."""
 _DEBIAN = "apt install libddsc0debian (Debian from 12, Ubuntu from 24.04, Raspberry Pi OS)"
 _SECURITY_SYMBOL = "DDS_Security_Exception_set"
 """Function that exists only in builds with DDS Security."""
+
+
+@dataclass(frozen=True, slots=True)
+class LibraryWheel:
+    """Wheel of cyclonedds on the package index that contains libddsc for a platform.
+
+    The library does not depend on the Python that the wheel is for.
+    """
+
+    platform: str
+    """Tag of the platform in the name of the wheel."""
+    sha256: str
+    """SHA-256 of the wheel, hexadecimal."""
+    member: str
+    """Path of the library in the wheel."""
+    library: str
+    """Name of the library in the environment.
+
+    On Windows the name has a version: programs that load ``ddsc.dll`` by name would get a library of this process.
+    """
+
+    VERSION: ClassVar[str] = "11.0.1"
+    PYTHON: ClassVar[str] = "3.13"
+
+    @property
+    def file(self) -> str:
+        """File name of the wheel."""
+        tag = f"cp{self.PYTHON.replace('.', '')}"
+        return f"cyclonedds-{self.VERSION}-{tag}-{tag}-{self.platform}.whl"
+
+
+_LINUX_LIBRARY, _MAC_LIBRARY = "libddsc-ad12c33a.so.11.0.1", "libddsc.11.0.1.dylib"
+_LIBRARY_WHEELS = {
+    ("linux", "x86_64"): LibraryWheel(
+        "manylinux_2_17_x86_64.manylinux2014_x86_64",
+        "fef1f6ce115a579e322f3156842e8b660883e4e8b0aa2f5e2a3df9d7959d1736",
+        f"cyclonedds.libs/{_LINUX_LIBRARY}",
+        _LINUX_LIBRARY,
+    ),
+    ("darwin", "arm64"): LibraryWheel(
+        "macosx_11_0_arm64",
+        "c3b899649685fd2606ea65620ea173b28d61e775adf8785861460ff91efbbbb8",
+        f"cyclonedds/.dylibs/{_MAC_LIBRARY}",
+        _MAC_LIBRARY,
+    ),
+    ("darwin", "x86_64"): LibraryWheel(
+        "macosx_10_13_x86_64",
+        "20b5f2b4c1e42bf3d217f45ba3664dc21a16b74803b8b457e91ea187b11fc7bd",
+        f"cyclonedds/.dylibs/{_MAC_LIBRARY}",
+        _MAC_LIBRARY,
+    ),
+    ("win32", "AMD64"): LibraryWheel(
+        "win_amd64",
+        "850d6624dad8c9f3e0e65423225bd8e4c14c85c2d53bd64e16c2569ea3b491db",
+        "cyclonedds.libs/ddsc.dll",
+        "ddsc-11.0.1.dll",
+    ),
+}
+"""Wheels by `sys.platform` and `platform.machine()`; pyproject.toml has the same platforms."""
 
 
 @dataclass(frozen=True)
@@ -166,14 +228,32 @@ def file_of(library: ct.CDLL, name: str) -> str:
     return os.path.realpath(os.fsdecode(info[0])) if is_known and info[0] else name
 
 
+def library_wheel() -> LibraryWheel | None:
+    """Return the wheel that contains libddsc for this platform; None if there is no such wheel."""
+    if sys.platform == "linux" and not _has_glibc():
+        return None
+    return _LIBRARY_WHEELS.get((sys.platform, platform.machine()))
+
+
 def has_wheel() -> bool:
     """Return True if cyclonedds has a wheel for this Python; pyproject.toml has the same markers."""
-    system, machine = sys.platform, platform.machine()
-    return (
-        sys.version_info < (3, 14)
-        and sys.implementation.name == "cpython"
-        and (system == "darwin" or (system, machine) in (("linux", "x86_64"), ("win32", "AMD64")))
-    )
+    is_supported = sys.version_info < (3, 14) and sys.implementation.name == "cpython"
+    return is_supported and _is_gil_build() and library_wheel() is not None
+
+
+def _has_glibc() -> bool:
+    """Return True if Linux uses glibc, which the wheels need, and not musl."""
+    try:
+        return (os.confstr("CS_GNU_LIBC_VERSION") or "").startswith("glibc")
+    except (OSError, ValueError):
+        return False
+
+
+def _is_gil_build() -> bool:
+    """Return True unless this is a free-threaded Python, which has wheels of its own kind."""
+    import sysconfig
+
+    return not sysconfig.get_config_var("Py_GIL_DISABLED")
 
 
 def security_advice() -> str:
@@ -190,6 +270,11 @@ def install_advice() -> str:
     """Return the command that installs the library, or other advice for this system."""
     if has_wheel():
         return install_command("node")
-    if sys.platform == "linux":
-        return f"{_DEBIAN}, or source a ROS installation with rmw_cyclonedds, or name a libddsc in {VARIABLE}"
-    return f"a CPython from 3.10 to 3.13, which has a wheel of cyclonedds; or name a libddsc in {VARIABLE}"
+    if library_wheel() is not None:
+        return LIBRARY_COMMAND
+    name_one = f"name a libddsc in {VARIABLE}"
+    if sys.platform != "linux":
+        return f"build Cyclone DDS for this platform, which has no wheel of it, and {name_one}"
+    if not _has_glibc():
+        return f"build Cyclone DDS for this system, which does not use glibc, and {name_one}"
+    return f"{_DEBIAN}, or source a ROS installation with rmw_cyclonedds, or {name_one}"

@@ -1,0 +1,137 @@
+"""Programs that install packages into this Python environment: pip, or uv if the environment has no pip."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rosidl_py_gen.errors import OutputError
+
+_MAX_OUTPUT_CHARS = 2000
+"""Maximum length of the output of a failed installer in an error."""
+_EPHEMERAL = "extends-environment"
+"""Key of pyvenv.cfg in the environments that ``uv run --with`` makes in its cache for one command."""
+
+
+@dataclass(frozen=True, slots=True)
+class Installer:
+    """Program that changes this environment."""
+
+    name: str
+    _install: tuple[str, ...]
+    """Command that the paths of wheels follow."""
+    _uninstall: tuple[str, ...]
+    """Command that the names of distributions follow."""
+    _unpack: tuple[str, ...]
+    """Command with the user's settings of the index that requirements with hashes follow."""
+
+    def install(self, *wheels: Path) -> None:
+        """Install wheels without their dependencies; raises `OutputError` with the output of the program."""
+        self._run("install", *self._install, *map(str, wheels))
+
+    def uninstall(self, *distributions: str) -> None:
+        """Uninstall distributions by name; raises `OutputError` with the output of the program."""
+        self._run("uninstall", *self._uninstall, *distributions)
+
+    def unpack(self, requirements: Path, target: Path, python: str, platform: str) -> None:
+        """Download and unpack wheels for a Python and a platform into a folder.
+
+        Args:
+            requirements: file with a SHA-256 for each requirement.
+            target: new folder.
+            python: version of Python, such as 3.13.
+            platform: tag of the platform, such as win_amd64; uv uses this platform instead.
+
+        Raises:
+            OutputError: the index cannot be reached or has other files; the text has the output of the program.
+        """
+        tags = () if self.name == "uv" else [f"--platform={one}" for one in platform.split(".")]
+        self._run(
+            "install",
+            *self._unpack,
+            f"--python-version={python}",
+            *tags,
+            "--target",
+            str(target),
+            "-r",
+            str(requirements),
+        )
+
+    def _run(self, action: str, *command: str) -> None:
+        # In an empty folder: ``python -m`` imports modules of the current folder first.
+        with TemporaryDirectory(prefix="rosidl-py-gen-empty-") as empty:
+            done = subprocess.run(command, cwd=empty, capture_output=True, text=True, check=False)
+        if not done.returncode:
+            return
+        output = done.stderr.strip() or done.stdout.strip()
+        if "externally" in output and "managed" in output:
+            raise OutputError(
+                f"the packages of {sys.executable} are managed by the system (PEP 668), so {self.name} refuses to "
+                f"{action}; use a virtual environment: `python3 -m venv .venv && . .venv/bin/activate`"
+            )
+        raise OutputError(f"{self.name} {action} failed: {output[-_MAX_OUTPUT_CHARS:]}")
+
+
+def find_installer() -> Installer:
+    """Return pip of this environment, else uv; raises `OutputError` without them and in temporary environments."""
+    if _is_ephemeral():
+        raise OutputError(
+            f"the environment {sys.prefix} is temporary: `uv run --with` made it for one command; expected an "
+            "environment of your own, such as `uv venv` makes"
+        )
+    if find_spec("pip") is not None:
+        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input")
+        return Installer(
+            "pip",
+            (*pip, "install", "--no-deps", "--no-index", "--force-reinstall"),
+            (*pip, "uninstall", "--yes"),
+            (*pip, "install", "--no-deps", "--only-binary=:all:", "--require-hashes"),
+        )
+    if uv := _uv():
+        # Without a cache: uv links installed files to it, and a change of one would return with the next installation.
+        of_this = "--python", sys.executable, "--no-cache"
+        return Installer(
+            "uv",
+            (
+                *uv,
+                "pip",
+                "install",
+                *of_this,
+                "--no-deps",
+                "--no-index",
+                "--offline",
+                "--reinstall",
+                "--link-mode=copy",
+            ),
+            (*uv, "pip", "uninstall", *of_this),
+            (*uv, "pip", "install", "--python", sys.executable, "--no-deps", "--only-binary=:all:", "--require-hashes"),
+        )
+    raise OutputError(
+        f"the environment {sys.prefix} has no pip, and there is no uv on PATH; expected one of them. "
+        f"`{shlex.quote(sys.executable)} -m ensurepip` adds pip. Or make wheels with `rosidl-py-gen wheel --out dist` "
+        "and install those with the tool of the environment"
+    )
+
+
+def _uv() -> tuple[str, ...]:
+    """Return the command uv of this environment, else of PATH; empty without uv."""
+    if find_spec("uv") is not None:
+        return sys.executable, "-m", "uv"
+    found = shutil.which("uv")
+    # Windows searches the current folder, whose programs are not trusted.
+    return () if found is None or os.path.dirname(os.path.abspath(found)) == os.getcwd() else (found,)
+
+
+def _is_ephemeral() -> bool:
+    try:
+        text = Path(sys.prefix, "pyvenv.cfg").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return any(line.partition("=")[0].strip() == _EPHEMERAL for line in text.splitlines())

@@ -1,0 +1,144 @@
+"""Installation of the C library of Cyclone DDS for Pythons that cyclonedds has no wheel for.
+
+The library does not depend on the Python. pip or uv downloads the wheel of cyclonedds for another Python with the
+user's settings of the index, and checks the recorded SHA-256. The library is then packed into a wheel of its own,
+``rosidl-libddsc``, and installed into this environment.
+
+Source: docs/internals/dds.md 7.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+from zipfile import BadZipFile, ZipFile
+
+from rosidl_py_gen.errors import OutputError
+from rosidl_py_gen.runtime.transport.cyclone import library
+from rosidl_py_gen.runtime.transport.cyclone.library import LIBRARY_COMMAND, DdscLibrary, LibraryWheel
+from rosidl_py_gen.wheels.build import write_wheel
+from rosidl_py_gen.wheels.installer import find_installer
+
+if TYPE_CHECKING:
+    import os
+
+_PACKAGE = "rosidl_libddsc"
+_LICENSE = f"cyclonedds-{LibraryWheel.VERSION}.dist-info/licenses/LICENSE"
+_MAX_WHEEL_BYTES = 64 << 20
+"""Maximum size of a wheel that is given as a file; the recorded ones have at most 8 MB."""
+_INIT = '''"""C library of Cyclone DDS, taken from the wheel of cyclonedds {version} for this platform."""
+'''
+
+
+@dataclass(frozen=True, slots=True)
+class InstalledLibrary:
+    """Library that `install` has installed.
+
+    Attributes:
+        version: of Cyclone DDS.
+        wheel: file name of the wheel that contained the library.
+        path: of the library in this environment.
+    """
+
+    version: str
+    wheel: str
+    path: str
+
+    @property
+    def text(self) -> str:
+        """Line that states what was installed."""
+        return f"installed libddsc {self.version}, from {self.wheel}: {self.path}"
+
+
+def needs_library() -> bool:
+    """Return True if no libddsc was found, cyclonedds has no wheel for this Python, and a recorded wheel has one."""
+    return not library.has_wheel() and library.library_wheel() is not None and not library.is_found()
+
+
+def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
+    """Install libddsc into this environment, from the package index, or from a wheel of cyclonedds in `file`.
+
+    Raises:
+        OutputError: this platform has no recorded wheel, the wheel has another SHA-256 than recorded, the index cannot
+            be reached, the environment has no installer, or the library does not load.
+    """
+    wheel = library.library_wheel()
+    if wheel is None:
+        raise OutputError(f"libddsc: no wheel of cyclonedds is recorded for this platform; {library.install_advice()}")
+    installer = find_installer()
+    with TemporaryDirectory(prefix="rosidl-py-gen-libddsc-") as folder:
+        content, terms = fetch(wheel, Path(folder)) if file is None else read(wheel, Path(file))
+        built = _build(wheel, content, terms, Path(folder))
+        installer.install(built)
+    return InstalledLibrary(wheel.VERSION, wheel.file, _check(wheel))
+
+
+def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
+    """Return library and licence of a wheel that pip or uv downloads into a folder; raises `OutputError`."""
+    requirements, target = folder / "requirements.txt", folder / "wheel"
+    requirements.write_text(f"cyclonedds=={wheel.VERSION} --hash=sha256:{wheel.sha256}\n", encoding="utf-8")
+    try:
+        find_installer().unpack(requirements, target, wheel.PYTHON, wheel.platform)
+    except OutputError as error:
+        cause = str(error)
+        if "hash" in cause.lower():
+            found = cause.split()[-1].removeprefix("sha256:")
+            cause = f"{wheel.file} of the index has the SHA-256 {found}, expected {wheel.sha256}"
+        raise OutputError(
+            f"libddsc: {cause}; check the settings of the index, or download {wheel.file} elsewhere and run "
+            f"`{LIBRARY_COMMAND} --from {wheel.file}`"
+        ) from None
+    try:
+        return (target / wheel.member).read_bytes(), (target / _LICENSE).read_bytes()
+    except OSError as error:
+        raise OutputError(f"libddsc: {wheel.file} has no {error.filename}; expected {wheel.member}") from error
+
+
+def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
+    """Return library and licence of a wheel on disk; raises `OutputError`."""
+    try:
+        with file.open("rb") as opened:
+            found = hashlib.sha256(opened.read(_MAX_WHEEL_BYTES)).hexdigest()
+            if found != wheel.sha256:
+                raise OutputError(
+                    f"{file}: the SHA-256 is {found}; expected {wheel.sha256} of {wheel.file}, which "
+                    f"`pip download --no-deps --only-binary=:all: --python-version {wheel.PYTHON} "
+                    f"--platform {wheel.platform.split('.')[0]} cyclonedds=={wheel.VERSION}` downloads"
+                )
+            with ZipFile(opened) as archive:
+                return archive.read(wheel.member), archive.read(_LICENSE)
+    except OSError as error:
+        raise OutputError(f"{file}: {error.strerror or error}; expected a wheel named {wheel.file}") from error
+    except (BadZipFile, KeyError) as error:
+        raise OutputError(f"{file}: {error}; expected a wheel with {wheel.member}") from error
+
+
+def _build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Path:
+    """Build the wheel that is installed; it contains the library and the licence of Cyclone DDS."""
+    files = {
+        f"{_PACKAGE}/__init__.py": _INIT.format(version=wheel.VERSION).encode(),
+        f"{_PACKAGE}/lib/{wheel.library}": content,
+        f"{_PACKAGE}/LICENSE": terms,
+    }
+    metadata = {
+        "name": _PACKAGE.replace("_", "-"),
+        "version": wheel.VERSION,
+        "summary": "C library of Eclipse Cyclone DDS, taken from a wheel of cyclonedds",
+        "license": "EPL-2.0 OR BSD-3-Clause",
+        "requires_python": ">=3.10",
+    }
+    return write_wheel(folder, _PACKAGE, files, metadata)
+
+
+def _check(wheel: LibraryWheel) -> str:
+    """Return the path of the installed library; raises `OutputError` if it does not load."""
+    import importlib
+
+    importlib.invalidate_caches()
+    found = library.load({})  # not cached: it failed before the installation
+    if isinstance(found, DdscLibrary):
+        return found.file
+    raise OutputError(f"libddsc: the library of {wheel.file} was installed, but does not load: {found}")
