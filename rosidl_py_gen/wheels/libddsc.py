@@ -10,6 +10,7 @@ Source: docs/internals/dds.md 7.
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +30,7 @@ _PACKAGE = "rosidl_libddsc"
 _LICENSE = f"cyclonedds-{LibraryWheel.VERSION}.dist-info/licenses/LICENSE"
 _MAX_WHEEL_BYTES = 64 << 20
 """Maximum size of a wheel that is given as a file; the recorded ones have at most 8 MB."""
+_MAX_CAUSE_CHARS = 400
 _INIT = '''"""C library of Cyclone DDS, taken from the wheel of cyclonedds {version} for this platform."""
 '''
 
@@ -71,7 +73,7 @@ def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
     installer = find_installer()
     with TemporaryDirectory(prefix="rosidl-py-gen-libddsc-") as folder:
         content, terms = fetch(wheel, Path(folder)) if file is None else read(wheel, Path(file))
-        built = _build(wheel, content, terms, Path(folder))
+        built = build(wheel, content, terms, Path(folder))
         installer.install(built)
     return InstalledLibrary(wheel.VERSION, wheel.file, _check(wheel))
 
@@ -83,18 +85,25 @@ def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
     try:
         find_installer().unpack(requirements, target, wheel.PYTHON, wheel.platform)
     except OutputError as error:
-        cause = str(error)
-        if "hash" in cause.lower():
-            found = cause.split()[-1].removeprefix("sha256:")
-            cause = f"{wheel.file} of the index has the SHA-256 {found}, expected {wheel.sha256}"
         raise OutputError(
-            f"libddsc: {cause}; check the settings of the index, or download {wheel.file} elsewhere and run "
-            f"`{LIBRARY_COMMAND} --from {wheel.file}`"
+            f"libddsc: {_cause(str(error), wheel)}; check the settings of the index, or get {wheel.file} in another "
+            f"way and run `{LIBRARY_COMMAND} --from {wheel.file}`"
         ) from None
     try:
         return (target / wheel.member).read_bytes(), (target / _LICENSE).read_bytes()
     except OSError as error:
         raise OutputError(f"libddsc: {wheel.file} has no {error.filename}; expected {wheel.member}") from error
+
+
+def _cause(output: str, wheel: LibraryWheel) -> str:
+    """Return the cause of a failed download in one line, from the output of pip or uv."""
+    digests = [one for one in re.findall(r"\b[0-9a-f]{64}\b", output) if one != wheel.sha256]
+    if "hash" in output.lower() and digests:
+        return f"{wheel.file} of the package index has the SHA-256 {digests[-1]}; expected {wheel.sha256}"
+    lines = re.findall(r"^\s*(?:.*failed: )?(?:ERROR|error|cause): *(.+?)\s*$", output, re.MULTILINE)
+    first, last = (lines[0], lines[-1]) if lines else (output.split("\n")[0], "")
+    reason = first if last in first else f"{first}: {last}"
+    return f"the package index cannot be reached or has no {wheel.file}: {reason[:_MAX_CAUSE_CHARS]}"
 
 
 def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
@@ -116,14 +125,14 @@ def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
         raise OutputError(f"{file}: {error}; expected a wheel with {wheel.member}") from error
 
 
-def _build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Path:
+def build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Path:
     """Build the wheel that is installed; it contains the library and the licence of Cyclone DDS."""
     files = {
         f"{_PACKAGE}/__init__.py": _INIT.format(version=wheel.VERSION).encode(),
         f"{_PACKAGE}/lib/{wheel.library}": content,
         f"{_PACKAGE}/LICENSE": terms,
     }
-    metadata = {
+    metadata: dict[str, object] = {
         "name": _PACKAGE.replace("_", "-"),
         "version": wheel.VERSION,
         "summary": "C library of Eclipse Cyclone DDS, taken from a wheel of cyclonedds",

@@ -54,9 +54,11 @@ def libraries() -> Iterator[Finding]:
         except PackageNotFoundError:
             if _MIDDLEWARE_OF.get(name, chosen) != chosen:
                 continue
-            # Other packages contain libddsc, too; the self-test reports if none is domain.
-            level = NOTE if name == "cyclonedds" else BROKEN
-            yield Finding(level, f"{name} is not installed", install_command(extra))
+            if name == "cyclonedds":
+                # Without advice: the self-test reports the library that is used, or what to install on this platform.
+                yield Finding(NOTE, "cyclonedds is not installed; DDS uses another libddsc if one is found")
+            else:
+                yield Finding(BROKEN, f"{name} is not installed", install_command(extra))
 
 
 def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
