@@ -38,7 +38,8 @@ def test_a_variable_says_which_one_and_nothing_else_is_tried() -> None:
 
 
 def test_the_order_is_wheels_then_ros_then_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("site/rosidl_libddsc/lib/libddsc.so.11", "site/rosidl_libddsc/__init__.py", "ros/lib/libddsc.so", "ros/lib/x86_64-linux-gnu/libddsc.so"):
+    site = "site/rosidl_libddsc/lib/libddsc.so.11", "site/rosidl_libddsc/__init__.py"
+    for name in (*site, "ros/lib/libddsc.so", "ros/lib/x86_64-linux-gnu/libddsc.so"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     monkeypatch.syspath_prepend(tmp_path / "site")
