@@ -58,7 +58,7 @@ def test_the_supported_cpythons_are_those_that_are_tried() -> None:
     supported = re.findall(r"Python :: (3\.\d+)\"", PROJECT)
     (told,) = [row[1] for row in rows(ROOT / "docs/reference/versions.md") if row[0] == "CPython"]
     tried = jobs(ROOT / ".github/workflows/ci.yml")["machines"]["strategy"]["matrix"]["python"]
-    assert told.split(", ") == supported and tried == [*supported, "3.14"]
+    assert told.split(", ") == supported == tried
     assert f'requires-python = ">={supported[0]}"' in PROJECT
 
 
@@ -66,7 +66,6 @@ def test_the_supported_cpythons_are_those_that_are_tried() -> None:
 def test_workflows_run_what_readme_and_ci_run() -> None:
     known = (ROOT / "README.md").read_text(encoding="utf-8") + (ROOT / ".ci/run").read_text(encoding="utf-8")
     known += prose(ROOT / "CONTRIBUTING.md").replace("\n", " ")
-    known += (ROOT / "packaging/libddsc/README.md").read_text(encoding="utf-8")
     words = " ".join(known.split())
     lines = [line for _, step in steps() for line in step.get("run", "").splitlines()]
     assert [line for line in lines if line not in words] == [
@@ -76,13 +75,7 @@ def test_workflows_run_what_readme_and_ci_run() -> None:
         'test -z "$(git status --porcelain)"',
         "pip install -e '.[${{ env.HAS_DDS == 'true' && 'test' || 'test-without-dds' }}]'",
         "pytest tests/runtime/entities/test_services.py tests/runtime/transport/test_fast_dds_rules.py",
-        "sed -i 's/^Types: deb$/Types: deb deb-src/' /etc/apt/sources.list.d/debian.sources",
-        "apt-get update -qq && apt-get install -y -qq --no-install-recommends dpkg-dev ca-certificates",
-        "tar -cf cyclonedds.tar cyclonedds",
-        "tar -xf cyclonedds.tar",
-        "pip install cibuildwheel==4.3.5",
-        'cibuildwheel --only "$ONLY" packaging/libddsc',
-        'test "$(ls dist/rosidl_libddsc-"${GITHUB_REF_NAME#libddsc-v}"-*.whl | wc -l)" = 7',
+        "pip install build",
         'test -f "dist/rosidl_py_gen-${GITHUB_REF_NAME#v}.tar.gz"',
     ]
 
