@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
@@ -27,5 +28,12 @@ def blocking(method: Callable[Concatenate[S, P], Coroutine[Any, Any, R]]) -> Cal
         return result
 
     run.__name__, run.__qualname__ = f"{name}_sync", f"{method.__qualname__}_sync"
-    run.__doc__ = f"Call `{name}` in plain code; raises `WouldDeadlockError` on the event loop's thread."
+    run.__doc__ = _docstring(name, inspect.getdoc(method) or f"Call `{name}`.")
     return run
+
+
+def _docstring(name: str, text: str) -> str:
+    """Return the docstring of a blocking form: the one of the method, and the exception that only this form raises."""
+    before, _, errors = text.partition("\nRaises:\n")
+    raises = [*filter(None, [errors.rstrip()]), "    WouldDeadlockError: it is called on the thread of the event loop."]
+    return "\n".join([before.rstrip(), "", f"Blocking form of `{name}`, for plain code.", "", "Raises:", *raises])

@@ -260,7 +260,9 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         """Wait until `server_is_available`.
 
         Raises:
-            WaitTimeoutError: no server was matched within `timeout_s`. Others as `server_is_available`.
+            WaitTimeoutError: no server was matched within `timeout_s`.
+            IncompatibleServiceError: the only servers are Fast DDS servers that cannot be used.
+            ClosedError: the client is closed, also while waiting.
         """
         return await self._scope.wait_or_raise(
             self._is_available.get,
@@ -365,7 +367,11 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         """Request to cancel one goal, which may be another client's; see `ClientGoal.cancel`.
 
         Raises:
-            ActionArgumentError: `goal_id` is not a goal id. Others as `ClientGoal.cancel`.
+            ActionArgumentError: `goal_id` is not a goal id.
+            CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server refused.
+            ActionTimeoutError: no reply arrived within `timeout_s`.
+            ActionServerLostError: the server disappeared.
+            ClosedError: the client is closed.
         """
         goal_id = require_goal_id(goal_id)
         subject = f"goal {goal_id.hex()}"
@@ -398,17 +404,24 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
         """Request to cancel every goal of the server, including other clients'; return the ids being cancelled.
 
         Raises:
-            CancelRejectedError: the server refused for all of its goals. Others as `ClientGoal.cancel`.
+            CancelRejectedError: the server refused for all of its goals.
+            ActionTimeoutError: no reply arrived within `timeout_s`.
+            ActionServerLostError: the server disappeared.
+            ClosedError: the client is closed.
         """
         return await self._request_cancel(ZERO_ID, None, "any goal", timeout_s)
 
     cancel_all_sync = blocking(cancel_all)
 
     async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
-        """Request to cancel every goal that was accepted at `stamp` or earlier; returns and raises as `cancel_all`.
+        """Request to cancel every goal that was accepted at `stamp` or earlier; returns as `cancel_all`.
 
         Raises:
             ActionArgumentError: `stamp` is zero, which selects all goals.
+            CancelRejectedError: the server refused for all of these goals.
+            ActionTimeoutError: no reply arrived within `timeout_s`.
+            ActionServerLostError: the server disappeared.
+            ClosedError: the client is closed.
             TypeError: `stamp` is not a time.
         """
         return await self._request_cancel(ZERO_ID, require_stamp(stamp), "any goal", timeout_s)

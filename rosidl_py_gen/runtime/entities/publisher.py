@@ -156,7 +156,12 @@ class Publisher(Entity, Generic[T]):
         return self._writer.guid
 
     async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
-        """Wait until at least `count` subscriptions are matched; raises `WaitTimeoutError` after `timeout_s`."""
+        """Wait until at least `count` subscriptions are matched.
+
+        Raises:
+            WaitTimeoutError: fewer were matched within `timeout_s`.
+            ClosedError: the publisher is closed, also while waiting.
+        """
         return await self._scope.wait_or_raise(
             lambda: self.subscription_count >= count,
             timeout_s,

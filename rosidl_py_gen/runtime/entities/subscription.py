@@ -163,7 +163,12 @@ class Subscription(PollableEntity, Generic[T]):
     receive_sync = blocking(receive)
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
-        """Return the message of `receive`, with its timestamps and publisher's GID."""
+        """Return the message of `receive`, with its timestamps and publisher's GID.
+
+        Raises:
+            WaitTimeoutError: no message arrived within `timeout_s`; a `TimeoutError`.
+            ClosedError: the subscription was closed, also while waiting.
+        """
         message, sample = await self._receive(timeout_s)
         return message, self._info(sample)
 
@@ -403,7 +408,12 @@ class Subscription(PollableEntity, Generic[T]):
         return self._reader.guid
 
     async def wait_for_publishers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
-        """Wait until at least `count` publishers are matched; raises `WaitTimeoutError` after `timeout_s`."""
+        """Wait until at least `count` publishers are matched.
+
+        Raises:
+            WaitTimeoutError: fewer were matched within `timeout_s`.
+            ClosedError: the subscription is closed, also while waiting.
+        """
         return await self._scope.wait_or_raise(
             lambda: self.publisher_count >= count,
             timeout_s,

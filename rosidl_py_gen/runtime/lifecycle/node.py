@@ -69,31 +69,51 @@ class LifecycleNode(Node):
         return self._machine.state
 
     async def configure(self) -> TransitionCallbackReturn:
-        """Configure the node; raises `TransitionError` unless it is unconfigured."""
+        """Configure the node.
+
+        Raises:
+            TransitionError: the node is not unconfigured.
+        """
         return await self._machine.change(label="configure")
 
     configure_sync = blocking(configure)
 
     async def cleanup(self) -> TransitionCallbackReturn:
-        """Make the node unconfigured; raises `TransitionError` unless it is inactive."""
+        """Make the node unconfigured.
+
+        Raises:
+            TransitionError: the node is not inactive.
+        """
         return await self._machine.change(label="cleanup")
 
     cleanup_sync = blocking(cleanup)
 
     async def activate(self) -> TransitionCallbackReturn:
-        """Activate the node; raises `TransitionError` unless it is inactive."""
+        """Activate the node.
+
+        Raises:
+            TransitionError: the node is not inactive.
+        """
         return await self._machine.change(label="activate")
 
     activate_sync = blocking(activate)
 
     async def deactivate(self) -> TransitionCallbackReturn:
-        """Make the node inactive; raises `TransitionError` unless it is active."""
+        """Make the node inactive.
+
+        Raises:
+            TransitionError: the node is not active.
+        """
         return await self._machine.change(label="deactivate")
 
     deactivate_sync = blocking(deactivate)
 
     async def shutdown(self) -> TransitionCallbackReturn:
-        """Finalize the node; raises `TransitionError` if it is finalized, or in a transition."""
+        """Finalize the node.
+
+        Raises:
+            TransitionError: the node is finalized, or in a transition.
+        """
         return await self._machine.change(label="shutdown")
 
     shutdown_sync = blocking(shutdown)

@@ -241,7 +241,9 @@ class MessageMethods(NodeBase):
 
         Raises:
             WaitTimeoutError: no message arrived within `timeout_s`; attribute `reason` contains the reason.
-            ClosedError: the node is closed, also while waiting. Others as `create_subscription`.
+            InvalidNameError, InvalidQoSError, TypeNotFoundError: topic, profile or type is invalid or unknown.
+            TypeError, ValueError: another argument is invalid.
+            ClosedError: the node is closed, also while waiting.
         """
         subscription: AdaptiveSubscription[Any] = AdaptiveSubscription(
             self, topic, msg_type, qos=qos, depth=1, raw=raw, arrays=arrays

@@ -302,7 +302,13 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             concurrency: maximum number of concurrent calls of an async callback; they start in order.
 
         Raises:
-            TypeError, ValueError: an argument is invalid. Others as `create_publisher`.
+            InvalidNameError: the topic name is invalid.
+            InvalidQoSError: the profile is invalid.
+            TypeNotFoundError: `msg_type` names no known type.
+            CallbackSignatureError: `callback` cannot be called with a message.
+            UnsupportedEventError: the transport does not report a requested event.
+            TypeError, ValueError: an argument is invalid.
+            ClosedError: the node is closed.
         """
         self._require_open()
         if arrays and raw:

@@ -72,7 +72,13 @@ class ServiceMethods(NodeBase):
             arrays: decode sequences of fixed-size messages as structured arrays; not with a type name.
             type_hash_check: like that of `Node`.
 
-        Raises as `create_publisher`.
+        Raises:
+            InvalidNameError: the name is invalid.
+            InvalidQoSError: the profile is invalid.
+            TypeNotFoundError: `srv_type` names no known type.
+            CallbackSignatureError: `handler` cannot be called with a request.
+            TypeError, ValueError: an argument is invalid.
+            ClosedError: the node is closed.
         """
         self._require_open()
         server: ServiceServer[Any, Any] = ServiceServer(
@@ -105,7 +111,22 @@ class ServiceMethods(NodeBase):
         arrays: bool = False,
         type_hash_check: TypeCheck | None = None,
     ) -> Client[Any, Any]:
-        """Create a client of a service; parameters and exceptions as for `create_service`."""
+        """Create a client of a service.
+
+        Args:
+            srv_type: service class, or its name such as ``"std_srvs/srv/Trigger"``: then messages are dicts.
+            name: service name, which is expanded and remapped.
+            qos: profile, or depth.
+            arrays: decode sequences of fixed-size messages as structured arrays; not with a type name.
+            type_hash_check: like that of `Node`.
+
+        Raises:
+            InvalidNameError: the name is invalid.
+            InvalidQoSError: the profile is invalid.
+            TypeNotFoundError: `srv_type` names no known type.
+            TypeError, ValueError: an argument is invalid.
+            ClosedError: the node is closed.
+        """
         self._require_open()
         return Client(
             self._scope,
@@ -227,7 +248,11 @@ class ServiceMethods(NodeBase):
             arrays: decode sequences of fixed-size messages in results and feedback as structured arrays.
             type_hash_check: like that of `Node`, for the services and topics of this action.
 
-        Raises as `create_action_server`.
+        Raises:
+            InvalidNameError: the action name is invalid.
+            TypeNotFoundError: `action` names no known type.
+            TypeError, ActionArgumentError, ValueError: an argument is invalid.
+            ClosedError: the node is closed.
         """
         from rosidl_py_gen.runtime.actions.client import ActionClient
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type

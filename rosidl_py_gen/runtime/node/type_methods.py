@@ -77,6 +77,13 @@ class TypeMethods(NodeBase):
         Nodes announce the hashes of request and response, with which a local definition is compared. Nodes of this
         package describe both. Nodes of ROS 2 describe only the whole service, whose hash is not announced: pass it as
         `type_hash`, or switch introspection on in the node.
+
+        Raises:
+            TypeDescriptionError: there are several types or hashes, or no node described the announced type.
+            TypeNotFoundError: no hash is announced, and there is no local definition.
+            CallTimeoutError: no node announced a type within `timeout_s`.
+            InvalidNameError: name or type name is invalid.
+            DefinitionError: `path` cannot be read.
         """
         return await self._resolve(
             service_query(self._names.resolve_service(service)), Service, type_name, type_hash, path, timeout_s
@@ -93,7 +100,15 @@ class TypeMethods(NodeBase):
         path: SearchFolders = (),
         timeout_s: float | None = None,
     ) -> type[Action[Any, Any, Any]]:
-        """Return the class of an action, like `resolve_service_type`, with the same restrictions."""
+        """Return the class of an action, like `resolve_service_type`, with the same restrictions.
+
+        Raises:
+            TypeDescriptionError: there are several types or hashes, or no node described the announced type.
+            TypeNotFoundError: no hash is announced, and there is no local definition.
+            CallTimeoutError: no node announced a type within `timeout_s`.
+            InvalidNameError: name or type name is invalid.
+            DefinitionError: `path` cannot be read.
+        """
         from rosidl_py_gen.runtime.actions.types import ActionNames
 
         names = ActionNames.resolve(self._names, action)

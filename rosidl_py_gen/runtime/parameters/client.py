@@ -105,7 +105,12 @@ class ParameterEvents(AsyncQueue[RemoteParameterEvent]):
             self._push(RemoteParameterEvent(message.node, read_stamp(message.stamp), event_from_message(message)))
 
     async def wait_for_publishers(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until a publisher is matched; raises `WaitTimeoutError`."""
+        """Wait until a publisher is matched.
+
+        Raises:
+            WaitTimeoutError: none was matched within `timeout_s`.
+            ClosedError: the events or the node are closed, also while waiting.
+        """
         return await self._subscription.wait_for_publishers(timeout_s)
 
     wait_for_publishers_sync = blocking(wait_for_publishers)
@@ -144,7 +149,12 @@ class ParameterClient(CompositeEntity):
         scope.register(self)
 
     async def wait_for_services(self, timeout_s: float | None = None) -> Literal[True]:
-        """Wait until the remote node serves its parameters; raises `WaitTimeoutError`."""
+        """Wait until the remote node serves its parameters.
+
+        Raises:
+            WaitTimeoutError: at least one service did not appear within `timeout_s`.
+            ClosedError: the client is closed, also while waiting.
+        """
 
         def unavailable() -> list[Client[Any, Any]]:
             return [client for client in self._clients if not client.service_is_available()]
@@ -171,6 +181,9 @@ class ParameterClient(CompositeEntity):
 
         Raises:
             ParameterNotDeclaredError: at least one of them is not declared, or has no value.
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
         """
         requested = as_names(names)
         return self._select(names, requested, [item.value for item in await self._get_values(requested, timeout_s)])
@@ -186,7 +199,14 @@ class ParameterClient(CompositeEntity):
     async def get_types(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
-        """Return one type for one name, a list for several; raises as `get`."""
+        """Return one type for one name, a list for several.
+
+        Raises:
+            ParameterNotDeclaredError: at least one of them is not declared.
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
+        """
         requested = as_names(names)
         return self._select(names, requested, await self._get_types(requested, timeout_s))
 
@@ -201,7 +221,14 @@ class ParameterClient(CompositeEntity):
     async def describe(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
-        """Return one descriptor for one name, a list for several; raises `ParameterNotDeclaredError`."""
+        """Return one descriptor for one name, a list for several.
+
+        Raises:
+            ParameterNotDeclaredError: at least one of them is not declared.
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
+        """
         requested = as_names(names)
         return self._select(names, requested, await self._get_descriptors(requested, timeout_s))
 
@@ -236,6 +263,9 @@ class ParameterClient(CompositeEntity):
         Raises:
             InvalidParameterValueError: an object is not a parameter value.
             TypeError: a name is not a str.
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
         """
         deadline = Deadline(timeout_s)
         parameters = await self._with_array_types(as_parameters(values), deadline)
@@ -289,7 +319,15 @@ class ParameterClient(CompositeEntity):
         return [result_from_message(item) for item in (await self._set.call(request, deadline.remaining_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
-        """Set all parameters or none; otherwise as `set`."""
+        """Set all parameters or none; values are converted as by `set`.
+
+        Raises:
+            InvalidParameterValueError: an object is not a parameter value.
+            TypeError: a name is not a str.
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
+        """
         deadline = Deadline(timeout_s)
         parameters = await self._with_array_types(as_parameters(values), deadline)
         result = await self._set_all(parameters, deadline)
@@ -331,7 +369,13 @@ class ParameterClient(CompositeEntity):
     async def list(
         self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None
     ) -> ListParametersResult:
-        """Return names and groups, below the prefixes if there are some; depth 0 is unlimited."""
+        """Return names and groups, below the prefixes if there are some; depth 0 is unlimited.
+
+        Raises:
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
+        """
         request = ListParameters_Request(prefixes=as_names(prefixes, "prefixes"), depth=depth)
         result = (await self._list.call(request, timeout_s)).result
         return ListParametersResult(tuple(result.names), tuple(result.prefixes))
@@ -347,6 +391,9 @@ class ParameterClient(CompositeEntity):
         Raises:
             ParameterFileError: it is not a parameter file, or has no values for the remote node.
             OSError: it cannot be read.
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
         """
         entries = read_parameter_file(Path(path))
         if not any(entry.matches(self.node) for entry in entries):
@@ -383,13 +430,25 @@ class ParameterClient(CompositeEntity):
         return SetResult(False, f"it is read-only with {actual.value!r:.100}; the file has {value.value!r:.100}")
 
     async def get_all(self, timeout_s: float | None = None) -> dict[str, PythonValue]:
-        """Return the values of all parameters that have one, by name; `timeout_s` is for all requests together."""
+        """Return the values of all parameters that have one, by name; `timeout_s` is for all requests together.
+
+        Raises:
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
+        """
         return {name: value.value for name, value in (await self._read_all(timeout_s)).items()}
 
     get_all_sync = blocking(get_all)
 
     async def dump_yaml(self, timeout_s: float | None = None) -> str:
-        """Return the text of a parameter file with all values of the remote node; otherwise as `get_all`."""
+        """Return the text of a parameter file with all values of the remote node; see `get_all`.
+
+        Raises:
+            CallTimeoutError: no reply arrived within `timeout_s`.
+            ServerLostError: the remote node disappeared.
+            ClosedError: the client is closed.
+        """
         return dump_parameters(self.node, await self._read_all(timeout_s))
 
     dump_yaml_sync = blocking(dump_yaml)
