@@ -69,7 +69,7 @@ NOT_EVERYWHERE = {
 ONLY_IN_TEST_ALL = {
     "IPython", "botocore", "cryptography", "dask", "distributed", "duckdb", "flask", "fsspec", "griffe", "hatchling",
     "ipykernel", "jupyter_client", "matplotlib", "mcap_ros2", "moto", "mypy", "pandas", "polars", "pyarrow", "pycdr2",
-    "rosbags", "ruff", "s3fs", "trustme", "upath", "uvloop", "xacro",
+    "rosbags", "ruff", "s3fs", "trustme", "upath", "uv", "uvloop", "xacro",
 }  # fmt: skip
 """Modules that the extra `test-all` installs and `test` does not."""
 PASSED_FILE = os.environ.get("ROSIDL_TEST_PASSED", "")

@@ -64,7 +64,7 @@ _PATH = click.option(
     metavar="DIR",
     shell_complete=_completion("complete_directories"),
     help="Folder of a package, of packages, or src of a workspace. May be repeated. "
-    "Searched before those of pyproject.toml, AMENT_PREFIX_PATH and the bundled interfaces.",
+    "Searched before the folders of pyproject.toml, AMENT_PREFIX_PATH, installed and bundled packages.",
 )
 
 _PROGRESS_DELAY_S = 1.0
@@ -124,7 +124,7 @@ class _Group(click.Group):
     "--install",
     "action",
     flag_value="install",
-    help="Install the packages into this Python environment by pip; generate no other files.",
+    help="Install the packages into this Python environment by pip or uv; generate no other files.",
 )
 @click.option(
     "--uninstall",
@@ -218,7 +218,8 @@ def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, a
         search = _search(paths)
         changed = environment.install(search, wanted or [*search.packages], force=force)
     if not as_json:
-        echo(f"{action}ed {', '.join(changed) or 'nothing'}")
+        place = f"{'into' if action == 'install' else 'from'} {sys.prefix}: "
+        echo(f"{action}ed {place if changed else ''}{', '.join(changed) or 'nothing'}")
     libraries = [] if action == "uninstall" else _install_library(as_json)
     if as_json:
         print_json({action: changed} | ({"libddsc": libraries[0]} if libraries else {}))
@@ -458,11 +459,12 @@ def diff(paths: tuple[str, ...], as_json: bool, **arguments: Any) -> None:
 def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependencies: bool, as_json: bool) -> None:
     """Make a pip wheel of each message package, and of its dependencies that are not installed.
 
-    NAMES are packages. [default: all in the folders of --path] Name, version and other metadata are from package.xml.
+    NAMES are packages. [default: all in the folders of --path, else all bundled packages] Name, version and other
+    metadata are from package.xml.
 
     \b
     rosidl-py-gen wheel --path ~/robot_ws/src/my_msgs --out dist
-    pip install --find-links dist my-msgs
+    pip install dist/*.whl
     """
     from rosidl_py_gen.wheels.build import build, selected_packages
 

@@ -44,17 +44,13 @@ class BuiltWheel:
 
 
 def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
-    """Return the names of the requested packages, else those of the given folders; raises `DefinitionError`."""
+    """Return the requested packages, else those of the given folders, else all; raises `DefinitionError`."""
     for name in wanted:
         if name not in search.packages:
             known = ", ".join(search.packages)[:300]
             raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; expected one of {known}"))
-    found = wanted or [name for name, one in search.packages.items() if one.origin not in (BUNDLED, INSTALLED)]
-    if not found:
-        raise DefinitionError(
-            Diagnostic("wheel", 0, 0, "name packages, such as std_msgs, or give the folder of your own with --path")
-        )
-    return sorted(found)
+    own = [name for name, one in search.packages.items() if one.origin not in (BUNDLED, INSTALLED)]
+    return sorted(wanted or own or search.packages)
 
 
 def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:

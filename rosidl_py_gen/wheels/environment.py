@@ -1,4 +1,4 @@
-"""Installation of message packages into this Python environment by pip.
+"""Installation of message packages into this Python environment by pip, or by uv if the environment has no pip.
 
 An installation is refused if it conflicts with a package of another tool or with a ROS installation. A package with
 modified files is not uninstalled.
@@ -40,12 +40,12 @@ def installed_packages() -> dict[str, Distribution]:
 
 
 def install(search: SearchPath, packages: list[str], *, force: bool = False) -> list[str]:
-    """Make wheels of packages and of their dependencies, install them by pip, and return ``name version`` of each.
+    """Make wheels of packages and of their dependencies, install them, and return ``name version`` of each.
 
     With `force`, packages of other tools are replaced, and an importable rclpy does not matter.
 
     Raises:
-        OutputError: packages of other tools conflict, or pip failed.
+        OutputError: packages of other tools conflict, the environment has no installer, or the installer failed.
         DefinitionError: definitions or manifests have problems.
     """
     installer = find_installer()
@@ -58,9 +58,9 @@ def install(search: SearchPath, packages: list[str], *, force: bool = False) -> 
 
 
 def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]:
-    """Uninstall message packages by pip; all installed ones if none is named, modified ones only with `force`.
+    """Uninstall message packages; all installed ones if none is named, modified ones only with `force`.
 
-    Raises `OutputError` if a package is not installed or has modified files, or pip failed.
+    Raises `OutputError` if a package is not installed or has modified files, or the installer is missing or failed.
     """
     known = installed_packages()
     for name in packages:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -11,6 +13,9 @@ from typing import Any
 
 import pytest
 
+import rosidl_py_gen
+from rosidl_py_gen.base.distributions import DEFAULT
+from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.generator_cli import main
@@ -34,6 +39,9 @@ def source(folder: Path, name: str, version: str, *depends: str, **messages: str
     return package
 
 
+DEPENDENCIES = "numpy", "lark", "jinja2", "markupsafe", "click", "flit_core"
+
+
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
     source(tmp_path / "src", "wheel_base_msgs", "0.5.0", "std_msgs", Wheel="std_msgs/Header header\nfloat64 speed\n")
@@ -47,23 +55,30 @@ def site_of(python: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The Python of an environment with pip, this package and what it needs, and no message packages."""
+    """Python of an environment with pip, this package and its dependencies, and no message packages."""
     folder = tmp_path_factory.mktemp("clean")
     subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-    (bin_,) = [path for path in (folder / "bin" / "python", folder / "Scripts" / "python.exe") if path.exists()]
-    site = site_of(bin_)
-    ours = Path(next(path for path in sys.path if path.endswith("site-packages")))
-    for name in ("numpy", "numpy.libs", "lark", "jinja2", "markupsafe", "click", "flit_core"):
-        if (ours / name).exists():
-            (site / name).symlink_to(ours / name)
-    import rosidl_py_gen
+    return with_this_package(folder)
 
+
+def with_this_package(environment: Path) -> Path:
+    """Make this package and its dependencies importable in an environment, and return its Python."""
+    (python,) = [path for path in (environment / "bin/python", environment / "Scripts/python.exe") if path.exists()]
+    site = site_of(python)
+    for name in DEPENDENCIES:
+        spec = importlib.util.find_spec(name)
+        assert spec is not None and spec.origin is not None, name
+        module = Path(spec.origin).parent
+        for path in (module, module.with_name(f"{name}.libs")):
+            if path.exists():
+                (site / path.name).symlink_to(path)
     (site / "here.pth").write_text(str(Path(rosidl_py_gen.__file__).parent.parent))
-    return bin_
+    return python
 
 
-def said(python: str | Path, *arguments: str | Path, status: int = 0, cwd: Path | None = None) -> str:
+def said(python: str | Path, *arguments: str | Path, status: int = 0, cwd: Path | None = None, **variables: str) -> str:
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "AMENT_PREFIX_PATH")}
+    environment |= variables
     done = subprocess.run([python, *arguments], capture_output=True, text=True, cwd=cwd, env=environment, check=False)
     assert done.returncode == status, done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -99,6 +114,13 @@ def test_each_package_becomes_a_wheel_with_what_its_manifest_says(workspace: Pat
     ):
         assert f"{line}\n" in told
     assert "Requires-Dist: rosidl-py-gen>=" in told
+
+
+def test_without_names_all_bundled_packages_become_wheels(tmp_path: Path, capsys: Any) -> None:
+    main(["wheel", "--out", str(tmp_path)])
+    written, names = capsys.readouterr().out.splitlines(), [*bundled_packages(DEFAULT)]
+    assert [Path(path).name.partition("-")[0] for path in written] == sorted(names)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [Path(path).name for path in written]
 
 
 def test_a_wheel_has_the_same_bytes_every_time(
@@ -171,7 +193,7 @@ def test_wheels_are_installed_used_typed_and_found_by_the_next_package(
         assert "wheel-robot-msgs==1.2.3; name packages" in note
         listed = said(clean, *GENERATOR, "--list")
         assert "site-packages" in next(line for line in listed.splitlines() if line.startswith("wheel_robot_msgs"))
-        assert "uninstalled wheel_robot_msgs" in said(clean, *GENERATOR, "--uninstall", "--filter", "wheel_robot_msgs")
+        assert "clean0: wheel_robot_msgs" in said(clean, *GENERATOR, "--uninstall", "--filter", "wheel_robot_msgs")
         assert "No module named" in said(clean, "-c", "import wheel_robot_msgs", status=1)
     finally:
         said(clean, *GENERATOR, "--uninstall")
@@ -196,6 +218,118 @@ def test_packages_are_installed_and_taken_back(clean: Path, workspace: Path, tmp
     )
 
 
+@pytest.fixture(scope="module")
+def uv() -> str:
+    """Path of the program uv."""
+    import uv
+
+    found: str = uv.find_uv_bin()
+    return found
+
+
+@pytest.fixture(scope="module")
+def clean_uv(uv: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Python of an environment that uv made, as `clean`, but without pip."""
+    folder = tmp_path_factory.mktemp("uv") / ".venv"
+    said(uv, "venv", "--offline", "--no-config", "--python", sys.executable, folder)
+    python = with_this_package(folder)
+    assert "No module named pip" in said(python, "-m", "pip", status=1)
+    return python
+
+
+@pytest.mark.needs("uv")
+def test_uv_installs_and_removes_packages_in_an_environment_without_pip(
+    clean_uv: Path, uv: str, workspace: Path, tmp_path: Path
+) -> None:
+    site, on_path = site_of(clean_uv), os.pathsep.join([str(Path(uv).parent), os.environ["PATH"]])
+    before = sorted(path.relative_to(site) for path in site.rglob("*") if "__pycache__" not in path.parts)
+    for _ in range(2):  # the second run is an update
+        done = said(clean_uv, *GENERATOR, "--path", workspace, "--install", PATH=on_path, cwd=tmp_path)
+        assert f"installed into {clean_uv.parent.parent}: " in done
+        assert "std_msgs 0.1.0" in done and "wheel_robot_msgs 1.2.3" in done
+    assert said(clean_uv, "-c", "from wheel_robot_msgs.msg import Robot; print(len(Robot().wheels))") == "0\n"
+    changed = site / "std_msgs" / "msg" / "_string.py"
+    original = changed.read_text()
+    changed.write_text(original + "# mine\n")
+    assert "modified since" in said(clean_uv, *GENERATOR, "--uninstall", PATH=on_path, status=1)
+    said(clean_uv, *GENERATOR, "--filter", "std_msgs", "--install", PATH=on_path)
+    assert changed.read_text() == original
+    assert "uninstalled from" in said(clean_uv, *GENERATOR, "--uninstall", PATH=on_path)
+    assert sorted(path.relative_to(site) for path in site.rglob("*") if "__pycache__" not in path.parts) == before
+
+
+@pytest.mark.needs("uv")
+def test_uv_of_the_environment_is_used_without_uv_on_path(clean_uv: Path, uv: str, tmp_path: Path) -> None:
+    site = site_of(clean_uv)
+    (site / "uv").mkdir()
+    (site / "uv" / "__init__.py").touch()
+    (site / "uv" / "__main__.py").write_text(
+        f"import subprocess, sys\nprint('module', file=open({str(tmp_path / 'used')!r}, 'a'))\n"
+        f"sys.exit(subprocess.call([{uv!r}, *sys.argv[1:]]))\n"
+    )
+    try:
+        for action in ("--install", "--uninstall"):
+            assert "turtlesim" in said(clean_uv, *GENERATOR, "--filter", "turtlesim", action, PATH="/nowhere")
+    finally:
+        shutil.rmtree(site / "uv")
+        said(clean_uv, *GENERATOR, "--uninstall", PATH=str(Path(uv).parent))
+    assert (tmp_path / "used").read_text() == "module\nmodule\n"
+
+
+@pytest.mark.needs("uv")
+def test_an_environment_without_pip_and_uv_gets_an_error_with_the_commands(clean_uv: Path) -> None:
+    text = said(clean_uv, *GENERATOR, "--filter", "std_msgs", "--install", PATH="/nowhere", status=1)
+    assert f"{clean_uv.parent.parent} has no pip, and there is no uv on PATH; expected one of them" in text
+    assert f"`{clean_uv} -m ensurepip` adds pip" in text and "rosidl-py-gen wheel --out dist" in text
+
+
+@pytest.mark.needs("uv")
+def test_the_temporary_environment_of_uv_run_with_is_refused(uv: str, clean_uv: Path, tmp_path: Path) -> None:
+    """`uv run --with` lays an environment over that of the command, and deletes it afterwards."""
+    extra = tmp_path / "extra-1-py3-none-any.whl"
+    with zipfile.ZipFile(extra, "w") as wheel:
+        wheel.writestr("extra-1.dist-info/METADATA", "Metadata-Version: 2.1\nName: extra\nVersion: 1\n")
+        wheel.writestr("extra-1.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        wheel.writestr("extra-1.dist-info/RECORD", "")
+    (tmp_path / "here").mkdir()
+    text = said(
+        *(uv, "run", "--offline", "--no-config", "--no-project", "--python", clean_uv, "--with", extra),
+        *("python", *GENERATOR, "--filter", "std_msgs", "--install"),
+        cwd=tmp_path / "here",
+        VIRTUAL_ENV=str(clean_uv.parent.parent),
+        status=1,
+    )
+    assert "is temporary: `uv run --with` made it for one command; expected an environment of your own" in text
+
+
+def test_a_python_managed_by_the_system_gets_the_command_for_an_environment(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any, tmp_path: Path
+) -> None:
+    """PEP 668: pip refuses to change it."""
+    (tmp_path / "EXTERNALLY-MANAGED").write_text("[externally-managed]\nError=use apt\n")
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys, sysconfig\nsys.prefix = sys.base_prefix\npath = sysconfig.get_path\n"
+        f"sysconfig.get_path = lambda name, *rest: {str(tmp_path)!r} if name == 'stdlib' else path(name, *rest)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.delenv("PIP_BREAK_SYSTEM_PACKAGES", raising=False)
+    with pytest.raises(SystemExit):
+        main(["--filter", "turtlesim", "--install"])
+    assert "managed by the system (PEP 668), so pip refuses to install; use a virtual environment" in (
+        capsys.readouterr().err
+    )
+
+
+def test_modules_of_the_current_folder_are_not_run_by_an_installation(clean: Path, tmp_path: Path) -> None:
+    for name in ("pip", "uv", "json", "sitecustomize"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a module of the current folder ran')\n")
+    program = tmp_path / "bin" / "generator.py"
+    program.parent.mkdir()
+    program.write_text(GENERATOR[1])
+    for action in ("--install", "--uninstall"):
+        assert "turtlesim" in said(clean, program, "--filter", "turtlesim", action, cwd=tmp_path)
+
+
 def test_packages_of_others_are_left_alone(clean: Path, tmp_path: Path) -> None:
     site = site_of(clean)
     for name, words in (("std_msgs", "std_msgs is importable from"), ("rclpy", "rclpy is importable from")):
@@ -215,7 +349,6 @@ def test_packages_of_others_are_left_alone(clean: Path, tmp_path: Path) -> None:
         (["--install", "--filter", "std_msgs", "--out", "x"], "--out and --install do not go together"),
         (["--uninstall", "--check"], "--check and --uninstall do not go together"),
         (["--force", "--filter", "std_msgs"], "--force belongs to --install and --uninstall"),
-        (["wheel"], "name packages, such as std_msgs, or give the folder of your own"),
         (["wheel", "std_msg"], "there is no package of this name"),
     ],
 )
