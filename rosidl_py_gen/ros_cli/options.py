@@ -88,8 +88,8 @@ _path = click.option(
     metavar="DIR",
     shell_complete=_complete_directories,
     callback=_with_project_path,
-    help="Folder with interface packages; searched before the folders of pyproject.toml and AMENT_PREFIX_PATH, and the "
-    "bundled packages. May be repeated.",
+    help="Folder with interface packages; searched before the folders of pyproject.toml, AMENT_PREFIX_PATH, installed "
+    "and bundled packages. May be repeated.",
 )
 
 

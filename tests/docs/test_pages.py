@@ -15,8 +15,6 @@ from support.markdown_pages import PAGES, ROOT, anchors, links, named_tests, pro
 from support.node_fixtures import ON_ZENOH
 
 SITE = [page for page in PAGES if page.name != "README.md" and page.parent.name != "internals"]
-MOST_PAGES = 45
-MOST_WORDS = 42_000
 MOST_WORDS_OF_A_SENTENCE = 40
 BANNED = re.compile(
     r"\b(ours|theirs|any more|no longer|nobody|whoever|somebody|is told|are told|tells? of|meanwhile|what was tried)\b",
@@ -111,11 +109,6 @@ def test_api_pages_show_only_what_exists() -> None:
 def test_every_page_of_the_site_is_in_the_navigation() -> None:
     listed = set(re.findall(r"([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE))
     assert listed - {"docs/internals/architecture.md"} >= {str(page.relative_to(ROOT / "docs")) for page in SITE}
-
-
-def test_the_site_is_small() -> None:
-    assert len(SITE) <= MOST_PAGES
-    assert sum(len(page.read_text(encoding="utf-8").split()) for page in SITE) <= MOST_WORDS
 
 
 @pytest.mark.parametrize("page", SITE, ids=lambda page: str(page.relative_to(ROOT / "docs")))
