@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.occurrences import is_logged
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.robot.node_program import LATCHED, WARNING_INTERVAL_S, ProgramError, serve
@@ -68,6 +69,7 @@ class JointStatePublisher:
                 raise ProgramError(f"parameter dependent_joints.{name}: expected {expected}")
             parent, factor = self._parameter(f"{group}.parent", str, ""), self._parameter(f"{group}.factor", float, 1.0)
             self._dependent[joint] = Mimic(parent, factor, self._parameter(f"{group}.offset", float, 0.0))
+        self._refused_descriptions = 0
         self._joints: list[str] = []
         self._free: dict[str, _FreeJoint] = {}
         self._mimics: dict[str, Mimic] = {}
@@ -101,7 +103,9 @@ class JointStatePublisher:
         try:
             self._use_description(message.data)
         except (DefinitionError, ProgramError) as error:
-            self.node.logger.error(f"robot description ignored: {error}")
+            self._refused_descriptions += 1
+            if is_logged(self._refused_descriptions):
+                self.node.logger.error(f"robot description ignored: {error}")
 
     def _use_description(self, text: str, path: str = "<robot_description>") -> None:
         """Use the movable joints of a URDF; raises `DefinitionError` or `ProgramError` and changes nothing."""

@@ -103,7 +103,8 @@ class RobotStatePublisher:
             return
         now, published = self.node.clock.now().nanoseconds, self._published_ns
         if now < self._last_callback_ns:
-            warn("time has jumped back; all joints of the next message are published")
+            text = "time has jumped back; all joints of the next message are published"
+            warn(text, throttle_s=WARNING_INTERVAL_S)
             published.clear()
         self._last_callback_ns = now
         states: dict[str, float] = {}

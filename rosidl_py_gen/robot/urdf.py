@@ -14,8 +14,9 @@ from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.occurrences import MAX_FIRST
 from rosidl_py_gen.base.xml_reader import MAX_FILE_BYTES, XmlElement, XmlSource, parse_fragment, read_file
-from rosidl_py_gen.errors import DefinitionError, display_path
+from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger
 from rosidl_py_gen.tf.quaternion_math import ORIGIN, Quaternion, Vector, add, normalized, product, rotate
 
@@ -92,17 +93,28 @@ def parse_urdf(text: str, path: str = "<robot_description>") -> dict[str, Joint]
     _attribute(root, "name", "robot")
     links: dict[str, XmlElement] = {}
     joints: dict[str, Joint] = {}
+    warnings: list[Diagnostic] = []
     if xacro := next((element for element in root.elements if element.tag.startswith("xacro:")), None):
-        _warn(xacro, f"<{xacro.tag}> ignored; expected the output of xacro, not its input")
+        text = f"<{xacro.tag}> ignored; expected the output of xacro, not its input"
+        warnings.append(xacro.diagnostic(text))
     for element in root.elements:
         if element.tag in ("link", "joint"):
             same: dict[str, Any] = links if element.tag == "link" else joints
             name = _attribute(element, "name", element.tag)
             if name in same:
                 raise element.error(f'second {element.tag} "{name}"; expected different names')
-            same[name] = element if element.tag == "link" else _joint(name, element)
+            same[name] = element if element.tag == "link" else _joint(name, element, warnings)
     _check_tree(root, links, joints)
+    _log(warnings)
     return joints
+
+
+def _log(warnings: list[Diagnostic]) -> None:
+    logger = get_logger("robot_description")
+    for warning in warnings[:MAX_FIRST]:
+        logger.warning(str(warning))
+    if (more := len(warnings) - MAX_FIRST) > 0:
+        logger.warning(f"{more} further warnings about this robot description are not logged")
 
 
 def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[dict[str, Mimic], list[str]]:
@@ -150,7 +162,7 @@ def _check_tree(root: XmlElement, links: dict[str, XmlElement], joints: dict[str
         raise parents[link].element.error(f'link "{link}" is in a loop of joints; expected a tree') from None
 
 
-def _joint(name: str, element: XmlElement) -> Joint:
+def _joint(name: str, element: XmlElement, warnings: list[Diagnostic]) -> Joint:
     where = f'joint "{name}"'
     kind = _attribute(element, "type", where)
     if kind not in JOINT_TYPES:
@@ -166,7 +178,8 @@ def _joint(name: str, element: XmlElement) -> Joint:
         is_usable = 1e-300 < length < math.inf
         axis = (x / length, y / length, z / length) if is_usable else ORIGIN
         if not is_usable:
-            _warn(children["axis"], f"{where} is not published: its axis has length {length}; expected one like 0 0 1")
+            text = f"{where} is not published: its axis has length {length}; expected one like 0 0 1"
+            warnings.append(children["axis"].diagnostic(text))
     limits = None
     if (limit := children.get("limit")) is not None:
         limits = (_number(limit, "lower", where), _number(limit, "upper", where))
@@ -199,10 +212,6 @@ def parse_number(text: str) -> float:
     """Return a finite number, or NaN for another text."""
     value = float(text) if len(text) < 1000 and _NUMBER.fullmatch(text) else math.nan
     return value if math.isfinite(value) else math.nan
-
-
-def _warn(element: XmlElement, text: str) -> None:
-    get_logger("robot_description").warning(str(element.diagnostic(text)))
 
 
 def _attribute(element: XmlElement, key: str, where: str) -> str:

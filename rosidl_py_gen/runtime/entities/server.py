@@ -237,7 +237,7 @@ class ServiceServer(PollableEntity, ServiceEndpoint[RequestT, ResponseT]):
             return
         if is_reachable:
             self._send_queue.send(partial(self._send, origin, data))
-        else:
+        elif self._throttle.allows():
             self._scope.logger.warning(f"dropped a response of {self.name}: its client's reader never appeared")
 
     def matched_clients(self) -> list[bytes]:

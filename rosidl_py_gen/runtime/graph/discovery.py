@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.callbacks import RegistrationSet
+from rosidl_py_gen.base.occurrences import MAX_FIRST, is_logged
 from rosidl_py_gen.base.waiters import Waiters
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
 from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, type_hashes_differ
@@ -56,6 +57,8 @@ class Discovery:
         self._lock = threading.RLock()
         self._closed = False
         self._reported: set[tuple[object, ...]] = set()
+        self._warned: dict[TopicKey, int] = {}
+        """Number of warnings about incompatible endpoints, by topic of the own endpoint."""
         """Reported incompatibilities: GUIDs of the endpoints, or name of the service and GUIDs of the participants."""
         self._deferred: list[tuple[Callable[[], None], tuple[DiscoveredEndpoint, ...]]] = []
         """Functions to call when the nodes of endpoints are known."""
@@ -261,6 +264,11 @@ class Discovery:
             except Exception:
                 report_failure("Context.on_incompatible_endpoint")
             return
+        self._warned[own.topic_key] = count = self._warned.get(own.topic_key, 0) + 1
+        if not is_logged(count):
+            return
+        if count > MAX_FIRST:
+            text = f"{count} incompatible endpoints so far, of which few are logged; {text}"
         namespace, node_name = self.graph.node_of(own)
         get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.base.callbacks import require_signature
 from rosidl_py_gen.base.distributions import DEFAULT as DEFAULT_DISTRO
 from rosidl_py_gen.base.distributions import selected
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.msgs.lifecycle_msgs import msg
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     ChangeState,
@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.names.remapping import NodeNames
     from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+_MAX_LABEL_CHARS = 100
+"""Maximum length of the label of a request in an error; the labels of transitions are shorter."""
 
 
 class State(IntEnum):
@@ -254,9 +257,8 @@ class LifecycleMachine:
         row = requested_transition(self.state, transition_id, label)
         if row is None:
             possible = ", ".join(item.label for item in available_transitions(self.state) if item.id < 10) or "nothing"
-            raise TransitionError(
-                f"{label or transition_id!r} is not possible in state {self.state.label}; possible: {possible}"
-            )
+            found = printable(label, _MAX_LABEL_CHARS) or transition_id
+            raise TransitionError(f"{found!r} is not possible in state {self.state.label}; possible: {possible}")
         previous = self.state
         self._enter(row)
         outcome, cancelled = await self._run(previous)
@@ -294,7 +296,7 @@ class LifecycleMachine:
         try:
             outcome = await self.change(request.transition.id, request.transition.label)
         except TransitionError as error:
-            self._scope.logger.warning(f"refused a change of state: {error}")
+            self._scope.logger.warning(f"refused a change of state: {error}", throttle_s=1.0)
             return ChangeState_Response(success=False)
         return ChangeState_Response(success=outcome is TransitionCallbackReturn.SUCCESS)
 

@@ -159,6 +159,8 @@ def decode_description(node: str, data: bytes) -> srv.GetTypeDescription_Respons
 
 PARAMETER = "start_type_description_service"
 _BUNDLED = "rosidl_py_gen.msgs"
+_MAX_NAME_CHARS = 200
+"""Maximum length of a type name of a request in the log; names of DDS have at most 255 characters."""
 _MEMORY = "rosidl_py_gen_memory."
 """Package of the classes that are compiled at run time."""
 _GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
@@ -196,7 +198,7 @@ def _describe(scope: EntityScope, request: srv.GetTypeDescription_Request) -> sr
             response.type_sources = _sources(cls)
             encode(response)
     except Exception:
-        scope.report_failure(f"describing the type {request.type_name} {request.type_hash}")
+        scope.report_failure(f"describing the type {printable(request.type_name, _MAX_NAME_CHARS)} {request.type_hash}")
         return _failure(reason)
     return response
 

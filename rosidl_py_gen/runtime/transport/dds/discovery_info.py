@@ -323,7 +323,8 @@ class DiscoveryInfoTopic:
             try:
                 message = decode_message(data, prefix)
             except DecodeError as err:
-                internal_logger().warning(f"ignored a graph message of participant {prefix.hex('.')}: {err}")
+                text = f"ignored a graph message of participant {prefix.hex('.')}: {err}"
+                internal_logger().warning(text, throttle_s=1.0)
                 continue
             is_humble = self._is_humble(guid, message)
             if not is_lost:  # else nothing would forget the layout
