@@ -1,9 +1,8 @@
-"""Second process of the doctor's self-test: publishes the messages that it receives. Run with ``python -m``."""
+"""Second process of the doctor's self-test: publishes the messages that it receives."""
 
 from __future__ import annotations
 
 import asyncio
-import sys
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
@@ -31,6 +30,7 @@ async def main(domain_id: int, discovery: str, test_id: str) -> None:
             out.publish(message)
 
 
-if __name__ == "__main__":
+def start(domain_id: str, discovery: str, test_id: str) -> None:
+    """Run the process."""
     # SIGTERM ends `run` in order; peers would wait for acknowledgements of a killed process.
-    run(asyncio.wait_for(main(int(sys.argv[1]), sys.argv[2], sys.argv[3]), _MAX_LIFETIME_S))
+    run(asyncio.wait_for(main(int(domain_id), discovery, test_id), _MAX_LIFETIME_S))

@@ -9,16 +9,16 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
-import sys
 from collections import Counter, defaultdict
 from contextlib import suppress
 from itertools import chain, islice
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.python_processes import python_command
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
-from rosidl_py_gen.ros_cli.doctor.echo import topics
+from rosidl_py_gen.ros_cli.doctor.echo import start, topics
 from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
 from rosidl_py_gen.ros_cli.doctor.network import FIRST_PORT, PORTS_PER_DOMAIN
 from rosidl_py_gen.runtime import SecurityError, WaitTimeoutError
@@ -64,7 +64,7 @@ class SelfTest:
         settings = command_node.context.settings
         arguments = (str(settings.domain_id), settings.discovery_range.value, self._test_id)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "rosidl_py_gen.ros_cli.doctor.echo", *arguments],
+            python_command(f"from {start.__module__} import start; start(*sys.argv[1:])", *arguments),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

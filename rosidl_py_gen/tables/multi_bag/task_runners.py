@@ -24,6 +24,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.base.python_processes import python_command
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
 
@@ -91,8 +92,8 @@ class WorkerProcess:
     def __init__(self) -> None:
         self.connection, other = Pipe()
         # Unlike multiprocessing, this does not import the main module, which may have no `if __name__ == "__main__"`.
-        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({other.fileno()})"
-        command, environment = [sys.executable, "-c", code], {**_ONE_THREAD, **os.environ}
+        command = python_command(f"from {__name__} import serve; serve({other.fileno()})")
+        environment = {**_ONE_THREAD, **os.environ}
         with other:
             self.process = Popen(command, env=environment, pass_fds=[other.fileno()], stdin=DEVNULL, stdout=DEVNULL)
 
