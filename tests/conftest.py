@@ -23,6 +23,7 @@ import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
 from support.environments import cache_folder, require
 from support.example_counts import examples
+from support.without_message_packages import restart_without_message_packages
 
 from rosidl_py_gen.runtime.transport.cyclone import library
 
@@ -87,6 +88,8 @@ def is_there(name: str) -> bool:
 
 @pytest.hookimpl(tryfirst=True)  # before hypothesis looks at --hypothesis-profile
 def pytest_configure(config: pytest.Config) -> None:
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        restart_without_message_packages(config)
     if _is_quick(config):
         os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
         # Workers return freed memory to the system; else each would keep 80 MB of it.
