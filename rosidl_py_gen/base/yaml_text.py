@@ -15,6 +15,7 @@ The rules for every text, which may come from an untrusted file or peer:
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,7 @@ except ModuleNotFoundError as missing:
     raise missing_extra_message(missing) or missing from None
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     _PyYamlLoader = yaml.SafeLoader
 else:
@@ -109,10 +110,6 @@ class _TreeLoader(_PyYamlLoader):
         return UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
 
 
-class _AnchorLoader(_TreeLoader):
-    """Loader of `compose_yaml` that ignores anchors, as rcl does."""
-
-
 def _add_resolvers() -> None:
     merge = re.compile(r"<<\Z")
     for tag, pattern, first in (
@@ -170,37 +167,64 @@ def load_yaml(
     return _checked(text, _Loader, max_bytes, MAX_LEVELS, read)
 
 
-def compose_yaml(
-    text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS, anchors: bool = False
-) -> yaml.Node | None:
+def compose_yaml(text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS) -> yaml.Node | None:
     """Return the tree of a text without anchors and aliases; None for an empty one.
 
     Scalars without a tag have the tag `UNTAGGED`, whatever they look like.
 
     Raises:
-        YamlError: the text is not YAML, exceeds a limit, or has aliases or, unless `anchors` is set, anchors.
+        YamlError: the text is not YAML, exceeds a limit, or has anchors or aliases.
     """
-    loader = _AnchorLoader if anchors else _TreeLoader
-    node: yaml.Node | None = _checked(text, loader, max_bytes, max_levels, lambda text: loader(text).get_single_node())
+    node: yaml.Node | None = _checked(
+        text, _TreeLoader, max_bytes, max_levels, lambda text: _TreeLoader(text).get_single_node()
+    )
     return node
 
 
+def yaml_events(text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS) -> Iterator[yaml.Event]:
+    """Yield the events of all documents of a text. Anchors are ignored; the tag of an untagged scalar is None.
+
+    Raises:
+        YamlError: the text is not YAML, exceeds a limit, or has aliases. Events before the place were yielded.
+    """
+    with _yaml_errors():
+        for event in _checked_events(_decoded(text, max_bytes), _PyYamlLoader, max_levels):
+            if isinstance(event, yaml.AliasEvent):
+                raise YamlError("anchors and aliases are not supported", event.start_mark)
+            yield event
+
+
 def _checked(text: str | bytes, loader: Any, max_bytes: int, max_levels: int, read: Callable[[str], Any]) -> Any:
+    with _yaml_errors():
+        text = _decoded(text, max_bytes)
+        for event in _checked_events(text, loader, max_levels):
+            if loader is _TreeLoader and getattr(event, "anchor", None) is not None:
+                raise YamlError("anchors and aliases are not supported", event.start_mark)
+        return read(text)
+
+
+def _decoded(text: str | bytes, max_bytes: int) -> str:
+    """Return the text, whose size and directives are checked."""
     if len(text) > max_bytes:
         raise YamlError(f"{len(text)} bytes; expected at most {max_bytes}")
+    text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+    if sum(1 for _ in _DIRECTIVE.finditer(text)) > _MAX_DIRECTIVES:
+        raise YamlError(f"more than {_MAX_DIRECTIVES} %TAG directives")
+    return text
+
+
+@contextlib.contextmanager
+def _yaml_errors() -> Iterator[None]:
+    """Convert errors of PyYAML to `YamlError`."""
     try:
-        text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
-        if sum(1 for _ in _DIRECTIVE.finditer(text)) > _MAX_DIRECTIVES:
-            raise YamlError(f"more than {_MAX_DIRECTIVES} %TAG directives")
-        _check_events(text, loader, max_levels)
-        return read(text)
+        yield
     except yaml.MarkedYAMLError as error:
         raise YamlError(
             error.problem or error.context or "not YAML", error.problem_mark or error.context_mark
         ) from None
     except UnicodeError:
         raise YamlError("expected UTF-8") from None
-    except YamlError:
+    except RosidlError:
         raise
     except yaml.YAMLError as error:
         raise YamlError(str(error).partition("\n")[0]) from None
@@ -208,16 +232,13 @@ def _checked(text: str | bytes, loader: Any, max_bytes: int, max_levels: int, re
         raise YamlError(f"a value does not match its tag: {type(error).__name__} {error}") from None
 
 
-def _check_events(text: str, loader: Any, max_levels: int) -> None:
-    """Raise `YamlError` for more levels or values than the limits, aliases written out."""
+def _checked_events(text: str, loader: Any, max_levels: int) -> Iterator[yaml.Event]:
+    """Yield events; raise `YamlError` for more levels or values than the limits, aliases written out."""
     open_counts = [0.0]
     open_anchors: list[str | None] = []
     anchors: dict[str | None, float] = {}
     for index, event in enumerate(yaml.parse(text, Loader=loader)):
         anchor = getattr(event, "anchor", None)
-        refuses = loader is _TreeLoader or (loader is _AnchorLoader and isinstance(event, yaml.AliasEvent))
-        if anchor is not None and refuses:
-            raise YamlError("anchors and aliases are not supported", event.start_mark)
         if isinstance(event, yaml.CollectionStartEvent):
             open_counts.append(0)
             open_anchors.append(anchor)
@@ -234,6 +255,7 @@ def _check_events(text: str, loader: Any, max_levels: int) -> None:
             anchors[anchor] = 1
         if open_counts[-1] > MAX_VALUES or index > 2 * MAX_VALUES:
             raise YamlError(f"more than {MAX_VALUES} values, aliases written out", event.start_mark)
+        yield event
 
 
 def _as_text(key: yaml.Node) -> yaml.Node:

@@ -438,6 +438,11 @@ def _read_declaration(namespace: str, index: int, declaration: tuple[Any, ...]) 
 
 
 def _to_rclpy_value(value: Any) -> Any:
-    """Return an initial value with arrays as lists, and bytes (``!!binary``) as a list of single bytes."""
+    """Return an initial value with arrays as lists, and bytes (``!!binary``) as a list of single bytes.
+
+    An empty list of a file is bytes in the runtime, which gives it the declared type; in rclpy it is NOT_SET.
+    """
+    if value == b"":
+        return None
     items = [bytes([byte]) for byte in value] if isinstance(value, bytes) else value
     return list(items) if isinstance(items, (tuple, list)) else items

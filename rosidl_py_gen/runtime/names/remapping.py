@@ -22,7 +22,8 @@ _TOKEN = r"(?:(?:[A-Za-z]_?)|_)(?:[0-9A-Za-z]_?)*"
 _NAME = rf"(?:~/|/)?{_TOKEN}(?:/{_TOKEN})*|~"
 _RULE_PREFIX = re.compile(rf"({_TOKEN}):(?!=|//)")
 _NAME_TEXT = re.compile(rf"(?:{_NAME})\Z")
-_TOKEN_TEXT = re.compile(rf"{_TOKEN}\Z")
+TOKEN_TEXT = re.compile(rf"{_TOKEN}\Z")
+"""Name of a node, without namespace, in rules and in ``-p``."""
 _NAMESPACE_TEXT = re.compile(rf"(?:/|(?:/{_TOKEN})+)\Z")
 
 
@@ -65,7 +66,7 @@ def parse_remap_rule(text: str) -> RemapRule:
     prefix = _RULE_PREFIX.match(left)
     node, left = (prefix.group(1), left[prefix.end() :]) if prefix else (None, left)
     if left in ("__node", "__name"):
-        if not _TOKEN_TEXT.match(replacement):
+        if not TOKEN_TEXT.match(replacement):
             raise _rule_error(text, f"{replacement!r} is not a node name")
         return RemapRule(RemapKind.NODE_NAME, node, "", replacement)
     if left == "__ns":

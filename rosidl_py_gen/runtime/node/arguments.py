@@ -15,16 +15,18 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
-from rosidl_py_gen.runtime.names.remapping import InvalidRemapRuleError, RemapRule, parse_remap_rule
+from rosidl_py_gen.runtime.names.remapping import TOKEN_TEXT, InvalidRemapRuleError, RemapRule, parse_remap_rule
 from rosidl_py_gen.runtime.names.validation import validate_enclave
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides, overrides_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from rosidl_py_gen.runtime.parameters.files import ParameterTable
     from rosidl_py_gen.runtime.parameters.values import ParameterValue
 
-_NODE_PREFIX = re.compile(r"([^:]+):(?!=)")
+_NODE_PREFIX = re.compile(r"([^:]+):(?!=|//)")
+_PARAMETER_TOKEN = re.compile(r"(?!__)[A-Za-z_]\w*\Z", re.ASCII)
 _SWITCH = re.compile(r"--(enable|disable)-(.*)\Z")
 
 
@@ -39,7 +41,7 @@ class RosArguments:
     Attributes:
         program: program name and the arguments of the program.
         remap_rules: in order; the first one that matches applies.
-        parameters: from ``-p`` and files, in order; later ones override earlier ones.
+        parameters: from ``-p`` and files, combined as in rcl; later ones override earlier ones.
         warnings: sentences to log once.
     """
 
@@ -49,6 +51,7 @@ class RosArguments:
     logs: LogSettings = field(default_factory=LogSettings)
     enclave: str = "/"
     warnings: list[str] = field(default_factory=list)
+    _table: ParameterTable | None = field(default=None, repr=False, compare=False)
 
     def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
         """Return the parameter values of a node."""
@@ -58,26 +61,44 @@ class RosArguments:
         self.remap_rules.append(parse_remap_rule(value))
 
     def add_parameter(self, value: str) -> None:
-        from rosidl_py_gen.runtime.parameters.files import parse_parameter_value
-
         left, separator, text = value.partition(":=")
         if not separator:
             raise RosArgumentError("there is no ':='; expected [NODE:]name:=value")
         prefix = _NODE_PREFIX.match(left)
-        pattern = "/" + prefix.group(1).lstrip("/") if prefix else "/**"
+        key = prefix.group(1) if prefix else "/**"
         name = left[prefix.end() :] if prefix else left
-        if not name or ":" in name or any(character.isspace() for character in name):
-            raise RosArgumentError(f"{name!r} is not a parameter name; expected [NODE:]name:=value")
-        self.parameters.append(ParameterOverrides(pattern, {name: parse_parameter_value(text)}, f"-p {value}"))
+        if not _is_parameter_name(name):
+            raise RosArgumentError(
+                f"{name!r} is not a parameter name; expected [NODE:]name:=value with letters, digits, _, / and . in "
+                "it, no digit or __ first, no ___, and no empty part; set other names in a parameter file"
+            )
+        if prefix and not all(TOKEN_TEXT.match(token) for token in key.removeprefix("/").split("/")):
+            raise RosArgumentError(
+                f"{key!r} is not the name of a node; expected [NODE:]name:=value with neither wildcards nor __ in "
+                "the node; set other nodes in a parameter file"
+            )
+        self._parameter_table().read_argument(key, name, text, f"-p {value}")
 
     def add_parameter_file(self, value: str) -> None:
-        from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
-
         try:
             text = Path(value).read_text(encoding="utf-8")
         except (OSError, ValueError) as error:
             raise RosArgumentError(f"the file cannot be read: {error}") from None
-        self.parameters.extend(parse_parameter_file(text, value))
+        self._parameter_table().read_file(text, value)
+
+    def _parameter_table(self) -> ParameterTable:
+        from rosidl_py_gen.runtime.parameters.files import ParameterTable
+
+        if self._table is None:
+            self._table = ParameterTable()
+        return self._table
+
+    def combine_parameters(self) -> None:
+        """Set `parameters` from all files and arguments."""
+        if self._table is not None:
+            self.parameters = self._table.overrides()
+            self.warnings += self._table.warnings()
+            self._table = None
 
     def set_log_level(self, value: str) -> None:
         name, separator, level = value.partition(":=")
@@ -143,6 +164,7 @@ def parse_arguments(arguments: Sequence[str]) -> RosArguments:
             unknown += _parse_group(parsed, rest)
         elif not _parse_deprecated_remap(parsed, argument):
             parsed.program.append(argument)
+    parsed.combine_parameters()
     if unknown:
         flags = " ".join(map(repr, unknown))
         known = ", ".join([*WITH_ARGUMENT, *(f"--enable-{s}, --disable-{s}" for s in SWITCHES)])
@@ -173,6 +195,14 @@ def _parse_group(parsed: RosArguments, rest: Iterator[str]) -> list[str]:
         else:
             unknown.append(argument)
     return unknown
+
+
+def _is_parameter_name(name: str) -> bool:
+    """Return True if rcl accepts a name in ``-p`` (`_rcl_parse_param_name`): dots separate it into non-empty parts."""
+    return all(
+        part and all(_PARAMETER_TOKEN.match(token) and "___" not in token for token in part.split("/") if token)
+        for part in name.split(".")
+    )
 
 
 def _parse_deprecated_remap(parsed: RosArguments, argument: str) -> bool:

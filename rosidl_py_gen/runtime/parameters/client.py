@@ -399,7 +399,7 @@ class ParameterClient(CompositeEntity):
         if not any(entry.matches(self.node) for entry in entries):
             patterns = ", ".join(dict.fromkeys(entry.pattern for entry in entries)) or "no node"
             raise ParameterFileError(f"{path}: no parameters for {self.node}; the file has parameters of {patterns}")
-        values = overrides_for(entries, self.node)
+        values = {name: value for name, value in overrides_for(entries, self.node).items() if value.is_set}
         deadline = Deadline(timeout_s)
         results = await self.set([Parameter(name, value) for name, value in values.items()], deadline.remaining_s())
         return {

@@ -5,6 +5,8 @@ quoted scalars, and `plain_scalar` converts the plain ones. Scalars that are quo
 other tags and anchors are ignored (``!!int yes`` is true), and block scalars count as plain, as in `get_value` of
 parse.c of rcl_yaml_param_parser. With Lyrical and later, ``!!bool``, ``!!int`` and ``!!float`` decide about the type.
 
+Files are read event by event, as rcl does, because its results do not always follow the structure of the maps.
+
 Lines are written without the emitter of PyYAML, which takes one second for each MB of a long text, and recurses for
 each level. Each value is on one line; scalars are plain if that is unambiguous, else in double quotes with JSON
 escapes. Source: docs/internals/protocol.md 10.5.
@@ -13,6 +15,7 @@ escapes. Source: docs/internals/protocol.md 10.5.
 from __future__ import annotations
 
 import base64
+import heapq
 import json
 import math
 import re
@@ -21,7 +24,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 from rosidl_py_gen.base.distributions import is_selected_since
 from rosidl_py_gen.base.resources import missing_extra_message
-from rosidl_py_gen.base.yaml_text import STRING, YamlError, compose_yaml
+from rosidl_py_gen.base.yaml_text import STRING, YamlError, yaml_events
+from rosidl_py_gen.runtime.names.validation import find_namespace_fault, find_node_name_fault
 from rosidl_py_gen.runtime.parameters.initial_values import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
@@ -29,11 +33,12 @@ from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     ParameterType,
     ParameterValue,
+    PythonValue,
     parameter_value,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
 try:
@@ -119,12 +124,9 @@ def underflows(text: str, value: float) -> bool:
 
 def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverrides]:
     """Parse a parameter file; `name` is its name in errors. Raises `ParameterFileError` with line and column."""
-    root = _compose(text, name)
-    if root is None:
-        return []
-    if not isinstance(root, yaml.MappingNode):
-        _fail(name, root, "expected node names with parameters below them")
-    return list(_nodes(name, root, ""))
+    table = ParameterTable()
+    table.read_file(text, name)
+    return table.overrides()
 
 
 def read_parameter_file(path: Path) -> list[ParameterOverrides]:
@@ -138,68 +140,389 @@ def read_parameter_file(path: Path) -> list[ParameterOverrides]:
 
 def parse_parameter_value(text: str) -> ParameterValue:
     """Parse the value of a ``-p name:=value`` argument, a scalar or a list; raises `ParameterFileError`."""
-    node = _compose(text, "<value>")
-    if node is None:
-        raise ParameterFileError("<value>: empty value; for an empty string write \"''\" in a shell")
-    return _value("<value>", node)
+    table = ParameterTable()
+    table.read_argument("/**", "value", text, "<value>")
+    return table.overrides()[0].values["value"]
 
 
-def _compose(text: str, name: str) -> yaml.Node | None:
-    try:
-        return compose_yaml(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS, anchors=True)
-    except YamlError as error:
-        raise ParameterFileError(error.at(name)) from None
+class ParameterTable:
+    """Parameters of nodes from files and arguments, combined as rcl combines them.
+
+    - Later values replace earlier ones below the same node key. rcl has one slot for each type, so that a later value
+      of another type is read only if its type precedes the other one in `_PRECEDENCE`.
+    - Node keys are compared as they are written: ``show`` and ``/show`` are two. `overrides` returns them in the order
+      of their first appearance; of several keys that match a node, the last one wins.
+
+    """
+
+    def __init__(self) -> None:
+        self._nodes: dict[str, _NodeValues] = {}
+
+    def read_file(self, text: str, name: str) -> None:
+        """Add the parameters of a file; `name` is for errors and warnings. Raises `ParameterFileError`."""
+        reader = _FileReader(name, self.node)
+        try:
+            for event in yaml_events(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS):
+                reader.read(event)
+        except YamlError as error:
+            raise ParameterFileError(error.at(name)) from None
+
+    def read_argument(self, key: str, parameter: str, text: str, source: str) -> None:
+        """Add the value of ``-p``; `source` is for warnings. Raises `ParameterFileError`."""
+        slot = self.node(key, source).slot(parameter)
+        reader = _ValueReader("<value>", slot)
+        try:
+            for event in yaml_events(text, max_bytes=_MAX_BYTES, max_levels=_MAX_LEVELS):
+                if isinstance(event, yaml.MappingStartEvent) and not reader.is_in_list:
+                    _fail("<value>", event, "expected a value or a list, found a map")
+                reader.read(event)
+        except YamlError as error:
+            raise ParameterFileError(error.at("<value>")) from None
+        if not reader.has_value:
+            raise ParameterFileError("<value>: empty value; for an empty string write \"''\" in a shell")
+
+    def node(self, key: str, source: str) -> _NodeValues:
+        """Return the values of a node key, for more values from `source`."""
+        node = self._nodes.setdefault(key, _NodeValues(key))
+        node.sources.setdefault(source)
+        node.source = source
+        return node
+
+    def overrides(self) -> list[ParameterOverrides]:
+        """Return the values by node key and source."""
+        overrides: list[ParameterOverrides] = []
+        for node in self._nodes.values():
+            values: dict[str, dict[str, ParameterValue]] = {source: {} for source in node.sources}
+            for name, slot in node.by_name().items():
+                value, source = slot.value_and_source()
+                values[source][name] = value
+            overrides += (ParameterOverrides(f"/{node.key.removeprefix('/')}", values[one], one) for one in values)
+        return overrides
+
+    def warnings(self) -> list[str]:
+        """Return a sentence for each value that is not used because of an earlier value of another type."""
+        return [
+            f"{source} sets the parameter {name} = {value.value!r:.100} of {node.key}, which is ignored as in rcl: "
+            f"{used_source} has {used.value!r:.100} of another type; give all values of a parameter the same type"
+            for node in self._nodes.values()
+            for name, slot in node.by_name().items()
+            for value, source in slot.ignored()
+            for used, used_source in (slot.value_and_source(),)
+        ]
 
 
-def _fail(name: str, node: yaml.Node, text: str) -> NoReturn:
-    mark = node.start_mark
+class _Slot:
+    """Values of one parameter, one for each type, with their sources."""
+
+    def __init__(self, node: _NodeValues) -> None:
+        self._node = node
+        self._source = node.source
+        self._values: dict[ParameterType, tuple[ParameterValue, str]] = {}
+        self._is_empty_list = False
+
+    def set(self, value: ParameterValue) -> None:
+        self._values.pop(value.type, None)
+        self._values[value.type] = value, self._node.source
+
+    def set_empty_list(self) -> None:
+        """Leave the value that the parameter has, as rcl does."""
+        self._is_empty_list = True
+
+    def value_and_source(self) -> tuple[ParameterValue, str]:
+        """Return the value that rcl reads; an empty list if there is no other, NOT_SET for an empty map."""
+        for type_ in _PRECEDENCE:
+            if type_ in self._values:
+                return self._values[type_]
+        return parameter_value([]) if self._is_empty_list else ParameterValue(), self._source
+
+    def ignored(self) -> list[tuple[ParameterValue, str]]:
+        """Return the last value, if it is not the one that rcl reads."""
+        last = list(self._values.values())[-1:]
+        return [] if last == [self.value_and_source()] else last
+
+
+_PRECEDENCE = (
+    ParameterType.BOOL,
+    ParameterType.INTEGER,
+    ParameterType.DOUBLE,
+    ParameterType.STRING,
+    ParameterType.BYTE_ARRAY,
+    ParameterType.BOOL_ARRAY,
+    ParameterType.INTEGER_ARRAY,
+    ParameterType.DOUBLE_ARRAY,
+    ParameterType.STRING_ARRAY,
+)
+"""Order in which rclpy's `_parameter_from_rcl_variant` looks for a value."""
+
+
+class _NodeValues:
+    """Parameters below one node key.
+
+    rcl stores a list of slots. The slot of a group gets the name of the group's first parameter, and the next parameter
+    of the group a new slot. So names in groups may appear twice, and the later slot wins.
+
+    Attributes:
+        key: as it is written.
+        sources: files and arguments with the key, in order.
+        source: the current file or argument.
+    """
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        self.sources: dict[str, None] = {}
+        self.source = ""
+        self._names: list[str] = []
+        self._slots: list[_Slot] = []
+        self._indexes: dict[str, list[int]] = {}
+        """Heaps: the slots of each name."""
+
+    def slot(self, name: str) -> _Slot:
+        """Return the first slot of a name; add one if there is none."""
+        return self._slots[self._index(name)]
+
+    def member_slot(self, group: str, name: str) -> tuple[str, _Slot]:
+        """Rename the first slot of a group, which is added if there is none, to a member of the group; return both."""
+        index = self._index(group)
+        heapq.heappop(self._indexes[group])
+        member = self._names[index] = f"{group}.{name}"
+        heapq.heappush(self._indexes.setdefault(member, []), index)
+        return member, self._slots[index]
+
+    def _index(self, name: str) -> int:
+        indexes = self._indexes.setdefault(name, [])
+        if not indexes:
+            indexes.append(len(self._slots))
+            self._names.append(name)
+            self._slots.append(_Slot(self))
+        return indexes[0]
+
+    def by_name(self) -> dict[str, _Slot]:
+        return dict(zip(self._names, self._slots, strict=True))
+
+
+class _Path:
+    """Names of nested maps, joined and shortened as in namespace.c of rcl_yaml_param_parser.
+
+    `pop` cuts at the last separator, so a name that contains one leaves its beginning.
+    """
+
+    def __init__(self, separator: str) -> None:
+        self._separator = separator
+        self.text = ""
+        self.count = 0
+
+    def push(self, name: str) -> None:
+        if self.count and not self.text.endswith(self._separator):
+            name = self._separator + name
+        self.text, self.count = self.text + name if self.count else name, self.count + 1
+
+    def replace(self, text: str) -> None:
+        """Replace all names by those in `text`; there is one name more."""
+        self.text, self.count = text, self.count + 1
+
+    def pop(self) -> None:
+        if self.count:
+            self.count -= 1
+            if not self.count:
+                self.text = ""
+            elif self._separator in self.text:
+                self.text = self.text.rpartition(self._separator)[0]
+
+
+class _ValueReader:
+    """Reader of a scalar or a list."""
+
+    def __init__(self, file_name: str, slot: _Slot) -> None:
+        self._file_name = file_name
+        self.slot = slot
+        self._list_start: yaml.Event | None = None
+        self._items: list[PythonValue] = []
+        self.has_value = False
+
+    @property
+    def is_in_list(self) -> bool:
+        return self._list_start is not None
+
+    def read(self, event: yaml.Event) -> bool:
+        """Read an event; return True if it ends the value."""
+        if isinstance(event, yaml.ScalarEvent):
+            try:
+                if self._list_start is None:
+                    self.slot.set(_bytes(event) or _scalar(event))
+                else:
+                    self._items.append(_scalar(event).value)
+            except InvalidParameterValueError as error:
+                _fail(self._file_name, event, str(error))
+        elif isinstance(event, yaml.CollectionStartEvent):
+            if self._list_start is not None:
+                _fail(self._file_name, event, "a list must contain scalars only")
+            self._list_start = event
+            self._items = []
+        elif isinstance(event, yaml.SequenceEndEvent):
+            self._end_list()
+        else:
+            return False
+        self.has_value = True
+        return self._list_start is None
+
+    def _end_list(self) -> None:
+        start, self._list_start = self._list_start, None
+        if not self._items:
+            self.slot.set_empty_list()
+            return
+        try:
+            self.slot.set(parameter_value(self._items))
+        except InvalidParameterValueError as error:
+            assert start is not None
+            _fail(self._file_name, start, str(error))
+
+
+class _FileReader:
+    """State of rcl's reader between the events of a file, the ends of documents included.
+
+    It follows `parse_file_events` and `parse_key` of rcl_yaml_param_parser, whose results differ from the structure of
+    the maps for names that contain separators. Lists in lists, maps in lists, and empty maps before other parameters are
+    refused, because rcl misreads them. Source: docs/internals/protocol.md 10.5.
+    """
+
+    def __init__(self, file_name: str, find_node: Callable[[str, str], _NodeValues]) -> None:
+        self._file_name = file_name
+        self._find_node = find_node
+        self._names, self._groups = _Path("/"), _Path(".")
+        self._depth = 0
+        self._section_depth: int | None = None
+        """Depth of the map below ``ros__parameters``, while it is open."""
+        self._is_in_section = False
+        """True while rcl takes keys for parameters; it becomes False already at the end of an empty map."""
+        self._section_key: yaml.ScalarEvent | None = None
+        """Key ``ros__parameters`` whose map has to follow."""
+        self._is_key = True
+        self._is_new_map = False
+        self._map_start: yaml.Event | None = None
+        self._node: _NodeValues | None = None
+        self._parameter = ""
+        self._value: _ValueReader | None = None
+        self._empty_map: yaml.Event | None = None
+
+    def read(self, event: yaml.Event) -> None:
+        if isinstance(event, yaml.NodeEvent):
+            if self._empty_map is not None:
+                self._fail(self._empty_map, "an empty map must be the last entry below the node; remove it")
+            if self._value is not None and self._value.is_in_list:
+                self._value.read(event)
+                return
+            if self._section_key is not None and not isinstance(event, yaml.MappingStartEvent):
+                self._fail(event, f"expected parameter names with values below {self._section_key.value}")
+            if isinstance(event, yaml.MappingStartEvent):
+                self._start_map(event)
+            elif not self._is_key:
+                self._read_value(event)
+            elif isinstance(event, yaml.ScalarEvent):
+                self._read_key(event)
+            else:
+                self._fail(event, "a key must be a string" if self._depth else "expected node names, found a list")
+        elif isinstance(event, yaml.SequenceEndEvent):
+            assert self._value is not None
+            self._is_key = self._value.read(event)
+        elif isinstance(event, yaml.MappingEndEvent):
+            self._end_map(event)
+
+    def _fail(self, event: yaml.Event, text: str) -> NoReturn:
+        _fail(self._file_name, event, text)
+
+    def _start_map(self, event: yaml.Event) -> None:
+        if self._is_key is (self._depth > 0):
+            self._fail(event, "a key must be a string" if self._depth else "expected no text before the node names")
+        self._depth += 1
+        self._is_key = True
+        self._is_new_map = self._section_key is None
+        self._map_start = event
+        if self._section_key is not None:
+            self._section_key, self._section_depth = None, self._depth
+
+    def _end_map(self, event: yaml.Event) -> None:
+        if self._depth == self._section_depth:
+            self._section_depth = self._empty_map = None
+        elif self._is_in_section and self._is_new_map:
+            self._empty_map = self._map_start
+        if not self._is_in_section:
+            if self._depth == self._names.count + 1:
+                self._names.pop()
+        elif self._groups.count:
+            self._groups.pop()
+        else:
+            self._is_in_section = False
+        self._depth -= 1
+
+    def _read_key(self, event: yaml.ScalarEvent) -> None:
+        if not event.value:
+            self._fail(event, "a key must not be empty")
+        self._is_key = False
+        if self._is_in_section:
+            self._read_parameter_name(event)
+        elif event.value.startswith(PARAMETERS_KEY):
+            if not self._names.count:
+                self._fail(event, f"{PARAMETERS_KEY} must be below the name of a node")
+            if reason := node_key_fault(self._names.text):
+                self._fail(event, f"the node key {self._names.text!r:.300} is invalid: {reason}")
+            self._node = self._find_node(self._names.text, self._file_name)
+            self._section_key, self._is_in_section = event, True
+        else:
+            self._names.push(event.value)
+
+    def _read_parameter_name(self, event: yaml.ScalarEvent) -> None:
+        assert self._node is not None
+        if self._is_new_map:
+            self._groups.replace(self._parameter)
+            self._is_new_map = False
+        if self._groups.count:
+            self._parameter, slot = self._node.member_slot(self._groups.text, event.value)
+        else:
+            self._parameter, slot = event.value, self._node.slot(event.value)
+        self._value = _ValueReader(self._file_name, slot)
+
+    def _read_value(self, event: yaml.Event) -> None:
+        if not self._depth:
+            self._fail(event, "expected node names with parameters below them")
+        if not self._is_in_section:
+            self._fail(event, f"expected {PARAMETERS_KEY} below {self._names.text!r:.300}, found a value")
+        assert self._value is not None
+        self._is_key = self._value.read(event)
+
+
+def node_key_fault(key: str) -> str | None:
+    """Return the reason why rcl refuses a node key, None if the key is valid.
+
+    Each part before the last slash must be ``*``, ``**`` or a valid namespace, and the rest ``*``, ``**`` or a valid
+    name of a node.
+    """
+    if key in ("/*", "/**"):
+        return None
+    namespace, slash, name = key.rpartition("/")
+    if slash:
+        absolute = f"{namespace}/" if namespace.startswith("/") or not namespace else f"/{namespace}/"
+        tokens = absolute.split("/")[1:-1]
+        if "" in tokens:
+            return "it has // in it" if key.find("//") >= 0 else "it begins with //"
+        for token in tokens:
+            fault = None if token in ("*", "**") else find_namespace_fault(f"/{token}")
+            if fault is not None:
+                return f"{fault.reason} in the namespace part {token!r:.100}"
+    fault = None if name in ("*", "**") else find_node_name_fault(name)
+    if fault is None:
+        return None
+    return f"{fault.reason} in the name {name!r:.100}" if name else "the name after the last slash is empty"
+
+
+def _fail(name: str, event: yaml.Event, text: str) -> NoReturn:
+    mark = event.start_mark
+    assert mark is not None, "libyaml gives all events marks"
     raise ParameterFileError(f"{name}:{mark.line + 1}:{mark.column + 1}: {text}")
 
 
-def _items(name: str, node: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node]]:
-    for key, value in node.value:
-        if not isinstance(key, yaml.ScalarNode):
-            _fail(name, key, "a key must be a string")
-        yield key.value, value
-
-
-def _nodes(name: str, mapping: yaml.MappingNode, prefix: str) -> Iterator[ParameterOverrides]:
-    for key, node in _items(name, mapping):
-        if key.startswith(PARAMETERS_KEY):
-            if not prefix:
-                _fail(name, node, f"{PARAMETERS_KEY} must be below the name of a node")
-            if not isinstance(node, yaml.MappingNode):
-                _fail(name, node, f"expected parameter names with values below {key}")
-            yield ParameterOverrides(prefix, dict(_parameters(name, node, "")), name)
-        elif isinstance(node, yaml.MappingNode):
-            yield from _nodes(name, node, f"{prefix}/{key.strip('/')}")
-        else:
-            _fail(name, node, f"expected {PARAMETERS_KEY} below {key!r}, found a value")
-
-
-def _parameters(name: str, mapping: yaml.MappingNode, prefix: str) -> Iterator[tuple[str, ParameterValue]]:
-    for key, node in _items(name, mapping):
-        if isinstance(node, yaml.MappingNode):
-            yield from _parameters(name, node, f"{prefix}{key}.")
-        else:
-            yield prefix + key, _value(name, node)
-
-
-def _value(name: str, node: yaml.Node) -> ParameterValue:
-    try:
-        if isinstance(node, yaml.ScalarNode):
-            return _bytes(node) or _scalar(node)
-        if not isinstance(node, yaml.SequenceNode):
-            _fail(name, node, "expected a value or a list, found a map")
-        for item in node.value:
-            if not isinstance(item, yaml.ScalarNode):
-                _fail(name, item, "a list must contain scalars only")
-        return parameter_value([_scalar(item).value for item in node.value])
-    except InvalidParameterValueError as error:
-        _fail(name, node, str(error))
-
-
-def _scalar(node: yaml.ScalarNode) -> ParameterValue:
+def _scalar(node: yaml.ScalarEvent) -> ParameterValue:
+    if not node.value and node.style not in ("'", '"'):
+        return plain_scalar("")
     if node.tag in _TYPE_TAGS and is_selected_since("lyrical"):
         return _tagged_scalar(node.value, _TYPE_TAGS[node.tag])
     if node.tag == STRING or node.style in ("'", '"'):
@@ -216,7 +539,7 @@ def _tagged_scalar(text: str, wanted: ParameterType) -> ParameterValue:
     return value
 
 
-def _bytes(node: yaml.ScalarNode) -> ParameterValue | None:
+def _bytes(node: yaml.ScalarEvent) -> ParameterValue | None:
     """Return the value of a base64 scalar with the tag ``!!binary``, which `dump_parameters` writes, else None."""
     if node.tag != _BINARY:
         return None
@@ -247,12 +570,12 @@ def dump_parameters(fully_qualified_name: str, values: Mapping[str, ParameterVal
 
 
 def _path(name: str, values: Mapping[str, ParameterValue]) -> list[str]:
-    """Split a name at its dots, up to a group whose name is also a parameter's."""
+    """Split a name at its dots, up to a group whose name is also a parameter's, or before an empty part."""
     parts = name.split(".", _MAX_WRITTEN_LEVELS)
     prefix = ""
     for index, part in enumerate(parts[:-1]):
         prefix += part
-        if prefix in values:
+        if prefix in values or not part or not parts[index + 1]:
             return [*parts[:index], ".".join(parts[index:])]
         prefix += "."
     return parts

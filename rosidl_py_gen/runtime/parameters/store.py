@@ -201,10 +201,10 @@ class ParameterStore:
         return True
 
     def declare_overrides(self) -> None:
-        """Declare every override that is not declared yet, with the type of its value."""
+        """Declare every override that is not declared yet, with the type of its value if it has one."""
         for name, value in self.overrides.items():
             if name not in self._values:
-                self.declare(name, value)
+                self.declare(name, value, None if value.is_set else ParameterDescriptor(dynamic_typing=True))
 
     def undeclare(self, name: str) -> None:
         """Remove a parameter without an event; raises `ParameterNotDeclaredError`, `ParameterImmutableError`."""

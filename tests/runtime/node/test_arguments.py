@@ -13,9 +13,9 @@ from rosidl_py_gen.runtime.node.arguments import RosArgumentError, RosArguments,
 from rosidl_py_gen.runtime.parameters.values import parameter_value
 
 FILES = {
-    "a.yaml": "/**: {ros__parameters: {x: 1, y: from file}}",
+    "a.yaml": "/n: {ros__parameters: {y: from file}}\n/**: {ros__parameters: {x: 1}}",
     "b.yaml": "n: {ros__parameters: {x: 2}}",
-    "bad.yaml": "a: [",
+    "bad.yaml": "a: {",
     "utf8.yaml": "/**: {ros__parameters: {x: Ã¼}}",
     "latin1.yaml": "/**: {ros__parameters: {x: ü}}",
 }

@@ -87,6 +87,17 @@ async def test_what_is_dumped_is_loaded_back_with_empty_lists(
     assert set(results.values()) == {OK} and lists == Lists([], [], [], [], [], b"")
 
 
+async def test_all_documents_of_a_file_are_loaded_and_an_empty_map_deletes_nothing(
+    memory: World, tmp_path: Path
+) -> None:
+    node, path = memory.node("n", allow_undeclared_parameters=True), tmp_path / "p.yaml"
+    node.set_parameters({"a": 1, "b": 1, "c": 1})
+    path.write_text("/:\n  n: {ros__parameters: {a: 2}}\n---\nn: {ros__parameters: {b: 3, c: {}}}\n", encoding="utf-8")
+    remote = memory.node("other").create_parameter_client("/n")
+    assert set((await remote.load_yaml(path, timeout_s=5)).values()) == {OK}
+    assert node.get_parameters(["a", "b", "c"]) == [2, 3, 1]
+
+
 READ_ONLY = {"real": math.nan, "tags": (), "whole": 2.0}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 from hypothesis import given, settings
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from support.example_counts import examples
 
 from rosidl_py_gen.runtime.parameters.files import (
+    ParameterTable,
     dump_parameters,
     parse_parameter_file,
     parse_parameter_value,
@@ -246,7 +248,7 @@ def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("5", "f.yaml:1:1: expected node names"),
+        ("- 5", "f.yaml:1:1: expected node names, found a list"),
         ("a: 5", "f.yaml:1:4: expected ros__parameters below 'a', found a value"),
         ("a:\n  ros__parameters: 5", "f.yaml:2:20: expected parameter names"),
         ("ros__parameters: {a: 1}", "must be below the name of a node"),
@@ -255,14 +257,48 @@ def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
         ("a:\n  ros__parameters:\n    x: &q 1\n    y: *q\n", "f.yaml:4:8: anchors and aliases"),
         ("a: *b", "anchors and aliases"),
         ("a: {[1]: 2}", "a key must be a string"),
-        ("a: [", "f.yaml:2:1: did not find"),
-        ("a: b: c", "f.yaml:1:5"),
-        ("--- 1\n--- 2", "f.yaml:2"),
+        ("a: {", "f.yaml:2:1: did not find"),
+        ("a: {b: c: d}", "f.yaml:1:8"),
+        ("--- 1\n--- 2", "f.yaml:2:5: expected node names with parameters below them"),
+        ("--- x\n--- {a: {}}", "f.yaml:2:5: expected no text before the node names"),
+        ("a-b:\n  ros__parameters: {x: 1}", "f.yaml:2:3: the node key 'a-b' is invalid: character '-' is not allowed"),
+        ("/:\n  /show:\n    ros__parameters: {x: 1}", "f.yaml:3:5: the node key '//show' is invalid"),
+        ("a:\n  ros__parameters: {x: {}, y: 1}", "f.yaml:2:24: an empty map must be the last entry"),
+        ("a:\n  ros__parameters: {x: {y: {}, z: 1}}", "f.yaml:2:28: an empty map must be the last entry"),
+        ("a:\n  ros__parameters: {x: [[1]]}", "f.yaml:2:25: a list must contain scalars only"),
+        ("a:\n  ros__parameters: {'': 1}", "f.yaml:2:21: a key must not be empty"),
+        ("a:\n  ros__parameters: [1]", "f.yaml:2:20: expected parameter names"),
     ],
 )
 def test_bad_files_are_refused_with_the_place(text: str, reason: str) -> None:
     with pytest.raises(ParameterFileError, match=reason):
         parse_parameter_file(text, "f.yaml")
+
+
+def test_a_value_that_an_earlier_type_hides_is_reported() -> None:
+    table = ParameterTable()
+    table.read_file("/**: {ros__parameters: {x: 1, y: 1, z: [1]}}", "f.yaml")
+    table.read_argument("/**", "x", "2.5", "-p x:=2.5")
+    table.read_argument("/**", "y", "2", "-p y:=2")
+    table.read_argument("/**", "z", "[]", "-p z:=[]")
+    assert [(entry.source, {n: v.value for n, v in entry.values.items()}) for entry in table.overrides()] == [
+        ("f.yaml", {"x": 1, "z": (1,)}),
+        ("-p x:=2.5", {}),
+        ("-p y:=2", {"y": 2}),
+        ("-p z:=[]", {}),
+    ]
+    assert table.warnings() == [
+        "-p x:=2.5 sets the parameter x = 2.5 of /**, which is ignored as in rcl: f.yaml has 1 of another type; give "
+        "all values of a parameter the same type"
+    ]
+
+
+def test_many_repeated_names_are_read_in_linear_time() -> None:
+    count = 20_000
+    text = "a:\n  ros__parameters:\n" + "    g: {h: 1}\n" * count + "    g.h: {i: 1}\n" * count
+    start = time.process_time()
+    assert set(parse_parameter_file(text)[0].values) == {"g.h.i"}
+    assert time.process_time() - start < 20
 
 
 def test_an_empty_file_has_no_parameters() -> None:

@@ -9,6 +9,7 @@ from support.parameter_store import StoreWorld, p
 
 from rosidl_py_gen.runtime import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.callbacks import RefusedError
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
@@ -216,6 +217,13 @@ def test_an_optional_parameter_may_be_unset_and_stays_declared_with_its_type() -
     assert world.set(p("a")) == OK and world.events[-1] == ParameterEvent()
     assert world.set(p("a", True)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.BOOL'"
     assert world.set(p("a", 2.0)) == OK and world.events[-1] == ParameterEvent(new=(p("a", 2.0),))
+
+
+def test_an_override_without_value_declares_a_parameter_without_value() -> None:
+    store = ParameterStore({"a": ParameterValue(), "b": parameter_value(1)})
+    store.declare_overrides()
+    assert store.values() == {"a": ParameterValue(), "b": parameter_value(1)}
+    assert store.describe("a").dynamic_typing
 
 
 def test_an_empty_list_in_an_override_takes_the_declared_type() -> None:
