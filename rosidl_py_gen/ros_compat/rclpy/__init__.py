@@ -10,7 +10,7 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
 from rclpy.task import Future
-from rclpy.utilities import get_default_context, get_rmw_implementation_identifier, ok, try_shutdown
+from rclpy.utilities import explicit_context, get_default_context, get_rmw_implementation_identifier, ok, try_shutdown
 from rclpy.utilities import shutdown as _shutdown
 
 if TYPE_CHECKING:
@@ -22,10 +22,14 @@ _executor_lock = threading.RLock()
 
 
 class InitContextManager:
-    """Result of `init` since Kilted; used as a context manager, it shuts the context down at the end of the block."""
+    """Result of `init` since Kilted; used as a context manager, it shuts the context down at the end of the block.
 
-    def __init__(self, context: Context, has_handlers: bool) -> None:
+    As `context=` of a node it means the opened context, because programs for Jazzy pass the None of its `init`.
+    """
+
+    def __init__(self, context: Context, explicit_context: Context | None, has_handlers: bool) -> None:
         self.context, self.installed_signal_handlers = context, has_handlers
+        self._rosidl_context = explicit_context
 
     def __enter__(self) -> InitContextManager:
         return self
@@ -54,13 +58,13 @@ def init(
         RuntimeError: the context was opened before, or `domain_id` is negative.
         UnknownROSArgsError: an argument after ``--ros-args`` is unknown.
     """
-    default = get_default_context()
-    context = default if context is None else context
+    default, explicit = get_default_context(), explicit_context(context)
+    context = default if explicit is None else explicit
     if signal_handler_options is None:
         signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
     context.init(args, domain_id=domain_id)
     install_signal_handlers(signal_handler_options)
-    return InitContextManager(context, signal_handler_options != SignalHandlerOptions.NO)
+    return InitContextManager(context, explicit, signal_handler_options != SignalHandlerOptions.NO)
 
 
 def get_global_executor() -> Executor:
@@ -93,8 +97,9 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
     Raises:
         RuntimeError: the context was never opened, or is shut down already.
     """
-    is_default = context is None or context is get_default_context()
-    _shutdown(context=context)
+    explicit = explicit_context(context)
+    is_default = explicit is None or explicit is get_default_context()
+    _shutdown(context=explicit)
     if uninstall_handlers or (uninstall_handlers is None and is_default):
         uninstall_signal_handlers()
 

@@ -19,7 +19,7 @@ from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
 from rclpy.handles import Destroyable
 from rclpy.time import AnyClockType, Time, TimeHandle
-from rclpy.utilities import get_default_context
+from rclpy.utilities import get_default_context, resolve_context
 from rosidl_py_gen import runtime
 
 ClockChange = runtime.ClockChange
@@ -229,7 +229,7 @@ class Clock:
             NotInitializedException: the context is not open.
             ValueError: `until` is of another clock type.
         """
-        context = get_default_context() if context is None else context
+        context = resolve_context(context)
         if not context.ok():
             raise NotInitializedException
         if until.clock_type != self._clock_type:

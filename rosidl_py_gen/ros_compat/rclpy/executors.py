@@ -27,7 +27,7 @@ from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.subscription import Subscription
 from rclpy.task import Future, Task, await_or_execute
 from rclpy.timer import Timer
-from rclpy.utilities import get_default_context, timeout_sec_to_nsec
+from rclpy.utilities import get_default_context, resolve_context, timeout_sec_to_nsec
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import runtime
 
@@ -92,7 +92,7 @@ class Executor:
 
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__()
-        self._context = get_default_context() if context is None else context
+        self._context = resolve_context(context)
         if self._context.handle is None:
             raise NotInitializedException("cannot create executor")
         if not self._context.handle.ok():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import NotInitializedException
 from rclpy.handles import ContextHandle, Destroyable
-from rclpy.utilities import get_default_context
+from rclpy.utilities import get_default_context, resolve_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ class GuardCondition:
         callback_group: CallbackGroup | None,
         context: Context | None = None,
     ) -> None:
-        self._context = get_default_context() if context is None else context
+        self._context = resolve_context(context)
         handle = self._context.handle
         if handle is None:
             raise NotInitializedException("cannot create guard condition")

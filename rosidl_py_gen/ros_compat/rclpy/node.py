@@ -46,8 +46,8 @@ from rclpy.time_source import TimeSource
 from rclpy.timer import Rate, Timer
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_description_service import TypeDescriptionService
-from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
-from rclpy.utilities import get_default_context
+from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type, message_class
+from rclpy.utilities import get_default_context, resolve_context
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
@@ -102,7 +102,7 @@ class Node(NodeParameters):
         automatically_declare_parameters_from_overrides: bool = False,
         enable_logger_service: bool = False,
     ) -> None:
-        self._rosidl_context = self._context = get_default_context() if context is None else context
+        self._rosidl_context = self._context = resolve_context(context)
         self._rosidl_executor: weakref.ref[Executor] | None = None
         context_handle = self._rosidl_context.handle
         if context_handle is None or not context_handle.ok():
@@ -329,7 +329,7 @@ class Node(NodeParameters):
         profile = self._rosidl_to_profile(qos_profile)
         group = callback_group or self.default_callback_group
         callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
-        create = partial(self.handle.entity.create_publisher, msg_type, topic)
+        create = partial(self.handle.entity.create_publisher, message_class(msg_type), topic)
         handle = self._rosidl_create_on_topic(
             Publisher, msg_type, topic, profile, qos_overriding_options, callbacks, create
         )
@@ -397,7 +397,9 @@ class Node(NodeParameters):
         profile = self._rosidl_to_profile(qos_profile)
         group = callback_group or self.default_callback_group
         callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
-        create: Callable[..., Any] = partial(self.handle.entity.create_subscription, msg_type, topic, raw=raw)
+        create: Callable[..., Any] = partial(
+            self.handle.entity.create_subscription, message_class(msg_type), topic, raw=raw
+        )
         handle = self._rosidl_create_on_topic(
             Subscription, msg_type, topic, profile, qos_overriding_options, callbacks, create
         )

@@ -14,7 +14,7 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, NotInitializedException, ROSInterruptException
 from rclpy.handles import ContextHandle, Destroyable
-from rclpy.utilities import get_default_context
+from rclpy.utilities import get_default_context, resolve_context
 
 if TYPE_CHECKING:
     from rclpy.clock import Clock, TimeJump
@@ -127,7 +127,7 @@ class Timer:
         context: Context | None = None,
         autostart: bool = True,
     ) -> None:
-        self._context = get_default_context() if context is None else context
+        self._context = resolve_context(context)
         self._clock = clock
         handle = self._context.handle
         if handle is None:

@@ -31,3 +31,8 @@ def check_is_valid_srv_type(srv_type: Any) -> None:
     check_for_type_support(srv_type)
     if not (hasattr(srv_type, "Request") and hasattr(srv_type, "Response")):
         raise RuntimeError(f"The service type provided is not valid ({srv_type}), this might be a message or action")
+
+
+def message_class(msg_type: Any) -> Any:
+    """Return the class of a message; rclpy accepts a message in the place of its class, which Kilted does not."""
+    return msg_type if isinstance(msg_type, type) else type(msg_type)

@@ -7,11 +7,14 @@ import re
 import sys
 import threading
 from collections.abc import Sequence
-from typing import List, Optional, Set
+from typing import TYPE_CHECKING, List, Optional, Set
 
 from rclpy.constants import S_TO_NS
 from rclpy.context import Context
 from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from rclpy import InitContextManager
 
 _DEPRECATED_REMAPPING = re.compile(r"(\w+:)?[\w/~{}]+:=[\w/~{}]+")
 """``from:=to`` without ``--ros-args``, which is deprecated."""
@@ -33,6 +36,24 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
         return context
 
 
+def explicit_context(context: Context | InitContextManager | None) -> Context | None:
+    """Return the context of an argument; None for the default one.
+
+    The result of ``rclpy.init()`` counts as the default context, because it is None until Jazzy.
+    """
+    if context is None or isinstance(context, Context):
+        return context
+    from rclpy import InitContextManager
+
+    return context._rosidl_context if isinstance(context, InitContextManager) else context
+
+
+def resolve_context(context: Context | InitContextManager | None) -> Context:
+    """Return the context of an argument, by default the default one."""
+    explicit = explicit_context(context)
+    return get_default_context() if explicit is None else explicit
+
+
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
     """Return a command line, by default `sys.argv`, without the arguments from ``--ros-args`` to ``--``."""
     remaining, is_inside = [], False
@@ -48,19 +69,21 @@ def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
 
 def ok(*, context: Context | None = None) -> bool:
     """Return True if the context, by default the default one, is open."""
-    return (get_default_context() if context is None else context).ok()
+    return resolve_context(context).ok()
 
 
 def shutdown(*, context: Context | None = None) -> None:
     """Shut down the context, by default the default one; raise RuntimeError if it is not open."""
-    (get_default_context(shutting_down=True) if context is None else context).shutdown()
+    explicit = explicit_context(context)
+    (get_default_context(shutting_down=True) if explicit is None else explicit).shutdown()
 
 
 def try_shutdown(*, context: Context | None = None) -> None:
     """Shut down the context, by default the default one, if it is open."""
     global g_default_context
-    if context is not None:
-        context.try_shutdown()
+    explicit = explicit_context(context)
+    if explicit is not None:
+        explicit.try_shutdown()
         return
     with g_context_lock:
         if g_default_context is not None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import Waiters, complete_threadsafe, current_loop, set_result_if_pending
 from rosidl_py_gen.runtime.actions.states import (
+    MIN_RESULT_RETENTION_NS,
     TERMINAL_STATUS_OF,
     GoalDecision,
     GoalEvent,
@@ -243,7 +244,10 @@ class ServerGoals:
         self._name = names.action
         self._run = run
         self._policy = policy
-        self.table: GoalTable[bytes] = GoalTable(timeout_to_ns("result_timeout_s", result_timeout_s))
+        timeout_ns = timeout_to_ns("result_timeout_s", result_timeout_s)
+        self.table: GoalTable[bytes] = GoalTable(
+            None if timeout_ns is None else max(timeout_ns, MIN_RESULT_RETENTION_NS)
+        )
         self.active: dict[bytes, ServerGoal[Any]] = {}
         self.returning: dict[bytes, tuple[ServerGoal[Any], GoalEvent]] = {}
         self._running: set[bytes] = set()

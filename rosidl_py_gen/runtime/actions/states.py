@@ -57,6 +57,13 @@ class AlreadyTerminatedError(CancelError):
 ResultT = TypeVar("ResultT")
 
 ZERO_ID = bytes(16)
+MIN_RESULT_RETENTION_NS = 50_000_000
+"""Shortest time for which a server retains a result; a shorter timeout is raised to this value.
+
+A client requests the result after it has received the acceptance, and a goal may have ended by then. rclpy with
+``result_timeout=0`` loses 8 to 60 of 60 results of short goals. A client on the same machine needs 1 to 5 ms, and up to
+30 ms on a busy machine.
+"""
 GOAL_EVENT_INVALID = 2301
 """RCL_RET_ACTION_GOAL_EVENT_INVALID."""
 
@@ -196,8 +203,8 @@ class GoalTable(Generic[ResultT]):
     """Goals of a server, in the order of acceptance.
 
     Args:
-        result_timeout_ns: time from the end of a goal until `expire` removes it; None: never. rcl counts from the
-            acceptance, and removes the result of a long goal before a client can request it.
+        result_timeout_ns: time from the end of a goal until `expire` removes it; None: never. rcl before Kilted counts
+            from the acceptance, and removes the result of a long goal before a client can request it.
     """
 
     def __init__(self, result_timeout_ns: int | None) -> None:

@@ -381,8 +381,8 @@ class _FileReader:
     """State of rcl's reader between the events of a file, the ends of documents included.
 
     It follows `parse_file_events` and `parse_key` of rcl_yaml_param_parser, whose results differ from the structure of
-    the maps for names that contain separators. Lists in lists, maps in lists, and empty maps before other parameters are
-    refused, because rcl misreads them. Source: docs/internals/protocol.md 10.5.
+    the maps for names that contain separators. Lists in lists, maps in lists, and empty maps before other parameters
+    are refused, because rcl misreads them. Source: docs/internals/protocol.md 10.5.
     """
 
     def __init__(self, file_name: str, find_node: Callable[[str, str], _NodeValues]) -> None:

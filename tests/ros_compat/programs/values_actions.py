@@ -155,6 +155,13 @@ c.send_goal_async(5)  # text
 c.send_goal(5)  # text
 c._cancel_goal_async(5)
 ActionServer(n, Fibonacci, "b", 5)
+ActionServer(n, Fibonacci, "b", print, result_timeout=-1)  # text
+ActionServer(n, Fibonacci, "b", print, result_timeout=float("nan"))  # text
+ActionServer(n, Fibonacci, "b", print, result_timeout=float("inf"))  # text
+ActionServer(n, Fibonacci, "b", print, result_timeout=1e30)  # text
+ActionServer(n, Fibonacci, "b", print, result_timeout=None)  # text
+ActionServer(n, Fibonacci, "b", print, result_timeout="1")  # text
+ActionServer(n, Fibonacci, "b", print, result_timeout=-1e-10).destroy()
 ActionClient(n, Fibonacci, "")  # text
 ActionClient(n, Fibonacci, "a b")  # text
 sorted(get_action_names_and_types(n))

@@ -237,6 +237,32 @@ def created_while_spinning():
     th.join()
 
 
+def results_expire_while_nothing_arrives():
+    from rclpy.action import ActionClient, ActionServer
+    from test_msgs.action import Fibonacci
+
+    def execute(goal):
+        goal.succeed()
+        return Fibonacci.Result(sequence=[1])
+
+    other = Node("serving", start_parameter_services=False)
+    server = ActionServer(other, Fibonacci, "fib", execute, result_timeout=0.5)
+    client = ActionClient(node, Fibonacci, "fib")
+    ex = SingleThreadedExecutor()
+    ex.add_node(other)
+    th = threading.Thread(target=ex.spin)
+    th.start()
+    print(client.wait_for_server(10))
+    future = client.send_goal_async(Fibonacci.Goal())
+    rclpy.spin_until_future_complete(node, future, timeout_sec=10)
+    until(lambda: not server._goal_handles)
+    result = future.result().get_result_async()
+    rclpy.spin_until_future_complete(node, result, timeout_sec=10)
+    print(result.result().status)
+    ex.shutdown()
+    th.join()
+
+
 def mismatches_are_logged():
     texts, kept = [], rclpy.logging._root_logger
     rclpy.logging._root_logger = Listener(texts)

@@ -250,6 +250,19 @@ async def test_results_are_kept_for_their_time_and_unknown_goals_are_unknown(wor
     assert (got.status, list(got.result.sequence)) == (0, []) and len(server._goals.table) == 0
 
 
+async def test_results_of_short_goals_arrive_without_a_result_timeout(network: World) -> None:
+    server, client = await pair(network, lambda handle: result(1), result_timeout_s=0)
+    ask = network.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
+    await ask.wait_for_service(5)
+    for _ in range(20):
+        handle = await client.send_goal(goal(1), timeout_s=5)
+        request = Fibonacci.GetResult.Request()
+        request.goal_id.uuid = handle.goal_id
+        response, (status, value) = await asyncio.gather(ask.call(request, timeout_s=5), handle.result(timeout_s=5))
+        assert (response.status, status, list(value.sequence)) == (4, S.SUCCEEDED, [1])
+    await until(lambda: len(server._goals.table) == 0)
+
+
 async def test_results_expire_in_real_time_too(world: World) -> None:
     async def execute(handle: Any) -> Any:
         await until(lambda: is_awaited(handle))

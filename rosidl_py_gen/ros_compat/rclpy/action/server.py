@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import threading
 import traceback
+import weakref
 from collections.abc import Callable
 from enum import Enum
 from functools import partial
@@ -23,6 +25,7 @@ from rclpy.time import Time
 from rclpy.type_support import check_for_type_support
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import EncodeError, runtime
+from rosidl_py_gen.runtime import _rclpy_support as rules
 
 if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
@@ -159,7 +162,11 @@ class ActionServer(ActionWaitable):
         goal_callback: function that takes the goal and returns a `GoalResponse`.
         handle_accepted_callback: function that takes the `ServerGoalHandle` and executes it, now or later.
         cancel_callback: function that takes the `ServerGoalHandle` and returns a `CancelResponse`.
-        result_timeout: seconds for which a result is retained; negative: unlimited.
+        result_timeout: seconds for which a result is retained after the end of its goal, at least 0.05.
+
+    Raises:
+        TypeError: `result_timeout` is not a number.
+        ValueError: `result_timeout` is negative, not finite, or more than 292 years.
     """
 
     def __init__(
@@ -185,10 +192,14 @@ class ActionServer(ActionWaitable):
         self.register_cancel_callback(cancel_callback)
         self.register_execute_callback(execute_callback)
         super().__init__(node, action_type, action_name, callback_group, "action_server")
-        self._rosidl_result_timeout_ns = int(result_timeout * 10**9)
+        self._rosidl_result_timeout_ns = _to_timeout_ns(result_timeout)
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
         self._result_futures: dict[bytes, Future[Any]] = {}
         self._rosidl_end_times_ns: dict[bytes, int] = {}
+        """Times from which results are retained, in order: the end of the goal, or of its execute callback."""
+        self._rosidl_executing: set[bytes] = set()
+        """Goals whose execute callbacks have not returned the result."""
+        self._rosidl_has_expiry_timer = False
         impl = action_type.Impl
         with self._rosidl_endpoints.closing_on_error() as endpoints:
             create = endpoints.create
@@ -236,6 +247,15 @@ class ActionServer(ActionWaitable):
         return True
 
     async def _execute_goal(self, execute_callback: Callable[[Any], Any], goal_handle: ServerGoalHandle) -> None:
+        key = bytes(goal_handle.goal_id.uuid)
+        self._rosidl_executing.add(key)
+        try:
+            await self._rosidl_execute_goal(execute_callback, goal_handle)
+        finally:
+            self._rosidl_executing.discard(key)
+            self.notify_goal_done()
+
+    async def _rosidl_execute_goal(self, execute_callback: Callable[[Any], Any], goal_handle: ServerGoalHandle) -> None:
         try:
             result = await await_or_execute(execute_callback, goal_handle)
         except Exception as error:
@@ -322,10 +342,25 @@ class ActionServer(ActionWaitable):
 
     def _rosidl_find_expired_goals(self) -> list[bytes]:
         """Return the goals whose results have been retained long enough."""
-        if self._rosidl_result_timeout_ns < 0:
+        if not self._rosidl_end_times_ns:
             return []
         last_ns = self._node.get_clock().now().nanoseconds - self._rosidl_result_timeout_ns
-        return [key for key, end_ns in list(self._rosidl_end_times_ns.items()) if end_ns <= last_ns]
+        return [key for key, _ in itertools.takewhile(lambda end: end[1] <= last_ns, self._rosidl_end_times())]
+
+    def _rosidl_end_times(self) -> list[tuple[bytes, int]]:
+        return list(self._rosidl_end_times_ns.items())
+
+    def _rosidl_schedule_expiry(self) -> None:
+        """Wake up the executors when the next result expires. Thread: any."""
+        ends = self._rosidl_end_times()
+        if self._rosidl_has_expiry_timer or not ends:
+            return
+        delay_ns = ends[0][1] + self._rosidl_result_timeout_ns - self._node.get_clock().now().nanoseconds
+        loop = self._rosidl_endpoints.context.loop_runner.loop
+        wake = partial(_wake_for_expiry, weakref.ref(self))
+        with contextlib.suppress(RuntimeError):  # the context is closed
+            loop.call_soon_threadsafe(loop.call_later, max(delay_ns / 10**9, 0.0) + 0.001, wake)
+            self._rosidl_has_expiry_timer = True
 
     def _rosidl_remove_goal(self, key: bytes) -> None:
         goal = self._goal_handles.pop(key, None)
@@ -335,11 +370,12 @@ class ActionServer(ActionWaitable):
             self.remove_future(self._result_futures.pop(key))
 
     def notify_goal_done(self) -> None:
-        """Start the result timeout of goals that have ended."""
+        """Start the result timeout of goals that have ended, unless their execute callbacks still run."""
         now_ns = self._node.get_clock().now().nanoseconds
         for key, goal in list(self._goal_handles.items()):
-            if not goal.is_active:
+            if not goal.is_active and key not in self._rosidl_executing:
                 self._rosidl_end_times_ns.setdefault(key, now_ns)
+        self._rosidl_schedule_expiry()
         self._rosidl_endpoints.context.notify()
 
     def notify_execute(
@@ -372,6 +408,7 @@ class ActionServer(ActionWaitable):
         for key in taken_data["expired"]:
             if key in self._goal_handles:
                 self._rosidl_remove_goal(key)
+        self._rosidl_schedule_expiry()
 
     def get_num_entities(self) -> NumberOfEntities:
         return NumberOfEntities(num_timers=1, num_services=3)
@@ -401,3 +438,23 @@ class ActionServer(ActionWaitable):
         for future in list(self._result_futures.values()):
             self.remove_future(future)
         super().destroy()
+
+
+def _to_timeout_ns(result_timeout: float) -> int:
+    """Return a result timeout in nanoseconds; raise TypeError and ValueError as rclpy."""
+    if not isinstance(result_timeout, (int, float)):
+        raise TypeError(f"result_timeout must be a number of seconds, got {result_timeout!r:.100}")
+    if not -1e-9 < result_timeout < 2**63 / 10**9:  # rclpy ignores fractions of a nanosecond; false for nan
+        raise ValueError(
+            f"Failed to create action server: timer period must be non-negative: result_timeout is {result_timeout}; "
+            f"expected 0 to {2**63 // 10**9} seconds"
+        )
+    return max(int(result_timeout * 10**9), rules.MIN_RESULT_RETENTION_NS)
+
+
+def _wake_for_expiry(reference: weakref.ref[ActionServer]) -> None:
+    """Make executors check for expired results. Thread: loop."""
+    server = reference()
+    if server is not None:
+        server._rosidl_has_expiry_timer = False
+        server._rosidl_endpoints.context.notify()

@@ -165,12 +165,12 @@ class RcutilsLogger:
         """Return True if a severity is logged; raise ValueError for an unknown number."""
         return runtime.get_logger(self.name).isEnabledFor(LoggingSeverity(severity))
 
-    def log(self, message: str, severity: int, **kwargs: Any) -> bool:
-        """Log at a severity; raise TypeError unless the message is a str."""
+    def log(self, message: str, severity: int, name: str | None = None, **kwargs: Any) -> bool:
+        """Log at a severity, by default with the name of the logger; raise TypeError unless the message is a str."""
         if not self.is_enabled_for(severity):
             return False
         severity = LoggingSeverity(severity)
-        name = kwargs.pop("name", self.name)
+        name = self.name if name is None else name
         filters = get_filters_from_kwargs(**kwargs)
         frame, depth = _find_caller(sys._getframe())
         if not self._passes_filters(CallerId(frame), name, severity, filters, kwargs):
