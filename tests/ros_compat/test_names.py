@@ -80,7 +80,11 @@ MORE = {
         "rclpy.time.AnyClockType",
     ),
     "a value of the middleware without a name in rclpy": ("rclpy.qos.RMW_QOS_DEADLINE_BEST_AVAILABLE",),
-    "defined in `rclpy.executors` in rclpy": ("rclpy.task.await_or_execute",),
+    "conversions of arguments": (
+        "rclpy.type_support.message_class",
+        "rclpy.utilities.explicit_context",
+        "rclpy.utilities.resolve_context",
+    ),
     "fields with a default, which rclpy sets in constructors": (
         "rclpy.clock.JumpThreshold.on_clock_change",
         *(

@@ -38,6 +38,8 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
         srv_name: name as it was passed.
     """
 
+    _rosidl_take_method = "_take_client"
+
     def __init__(
         self,
         context: Context,

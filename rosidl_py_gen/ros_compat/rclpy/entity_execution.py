@@ -94,8 +94,9 @@ def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Corout
     continuation: Coroutine[Any, Any, None] | None = None
     try:
         call: Callable[[], Any] | None
+        take = executor._rosidl_replaced_take(entity)
         try:
-            call = entity._rosidl_take(executor)
+            call = entity._rosidl_take(executor) if take is None else take(entity)
         except (InvalidHandle, runtime.ClosedError):  # another thread destroyed the entity
             call = None
         finally:
@@ -108,7 +109,7 @@ def execute_entity(executor: Executor, entity: Any, is_shutdown: bool) -> Corout
         if (
             result is not None
             and inspect.isawaitable(result)  # as in rclpy, a coroutine that a plain callback returns is not awaited
-            and (isinstance(entity, Service) or inspect.iscoroutinefunction(call))
+            and (take is not None or isinstance(entity, Service) or inspect.iscoroutinefunction(call))
         ):
             continuation = _await_and_end_execution(executor, entity, result)
         return continuation

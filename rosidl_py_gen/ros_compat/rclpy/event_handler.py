@@ -15,7 +15,6 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.handles import Destroyable
 from rclpy.logging import get_logger
 from rclpy.qos import qos_policy_name_from_kind
-from rclpy.task import await_or_execute
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import runtime
 
@@ -111,7 +110,9 @@ class EventHandler(Waitable):
 
     async def execute(self, taken_data: Any) -> None:
         if taken_data:
-            await await_or_execute(self.callback, taken_data)
+            import rclpy.executors  # it imports this module
+
+            await rclpy.executors.await_or_execute(self.callback, taken_data)
 
     def get_num_entities(self) -> NumberOfEntities:
         return NumberOfEntities(num_events=1)

@@ -39,6 +39,8 @@ class GuardConditionHandle(Destroyable):
 class GuardCondition:
     """Entity whose callback runs once after one or several calls of `trigger`."""
 
+    _rosidl_take_method = "_take_guard_condition"
+
     def __init__(
         self,
         callback: Callable[[], Any] | None,

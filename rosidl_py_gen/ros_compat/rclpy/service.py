@@ -32,6 +32,8 @@ class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
         callback: function, plain or async, that takes the request and an empty response, and returns the response.
     """
 
+    _rosidl_take_method = "_take_service"
+
     def __init__(
         self,
         service_impl: Handle[runtime.ServiceServer[Any, Any]],
@@ -53,9 +55,12 @@ class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
         with self.handle.in_use(require_ok=False):
             header.respond(response)
 
-    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+    def _rosidl_take_request(self) -> runtime.ServiceRequest[Any, Any] | None:
         with self._rosidl_handle as handle:
-            request = handle.entity.take()
+            return handle.entity.take()
+
+    def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        request = self._rosidl_take_request()
         if request is None:
             return None
 

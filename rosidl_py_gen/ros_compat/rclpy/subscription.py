@@ -33,6 +33,8 @@ class Subscription(TopicEntity["runtime.Subscription[Any]"]):
         event_handlers: waitables for its events.
     """
 
+    _rosidl_take_method = "_take_subscription"
+
     class CallbackType(Enum):
         """Arguments of the callback."""
 
@@ -83,9 +85,14 @@ class Subscription(TopicEntity["runtime.Subscription[Any]"]):
         )
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
+        arguments = self._rosidl_take_arguments()
+        return None if arguments is None else partial(self._callback, *arguments)
+
+    def _rosidl_take_arguments(self) -> tuple[Any, ...] | None:
+        """Return the arguments of the callback for the next message."""
         if self._callback_type is self.CallbackType.MessageOnly:
             message = self._rosidl_handle.take_from(_take_message)
-            return None if message is None else partial(self._callback, message)
+            return None if message is None else (message,)
         message_and_info = self._rosidl_handle.take_from(_take_message_with_info)
         if message_and_info is None:
             return None
@@ -96,4 +103,4 @@ class Subscription(TopicEntity["runtime.Subscription[Any]"]):
             "publication_sequence_number": info.publication_sequence_number,
             "reception_sequence_number": None,
         }
-        return partial(self._callback, message, info_dict)
+        return message, info_dict

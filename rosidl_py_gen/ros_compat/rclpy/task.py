@@ -240,10 +240,3 @@ class Task(Future[T]):
 
 def _no_executor() -> None:
     """Take the place of a dead weak reference."""
-
-
-async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
-    """Call a function, and await the result if the function is async."""
-    if inspect.iscoroutinefunction(callback):
-        return await callback(*args)
-    return callback(*args)

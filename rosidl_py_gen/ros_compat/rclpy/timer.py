@@ -117,6 +117,8 @@ def _weak_callback(method: Callable[..., None]) -> Callable[..., None]:
 class Timer:
     """Timer, created by `Node.create_timer`. Times are nanoseconds of its clock."""
 
+    _rosidl_take_method = "_take_timer"
+
     def __init__(
         self,
         callback: Callable[[], Any] | None,

@@ -94,6 +94,8 @@ class Waitable:
     _rosidl_queue: Collection[Any] | None = None
     """Queue without which `is_ready` is not called: while it is empty, the waitable is never ready."""
 
+    _rosidl_take_method = "_take_waitable"
+
     def __init__(self, callback_group: CallbackGroup) -> None:
         self.callback_group = callback_group
         self.callback_group.add_entity(self)

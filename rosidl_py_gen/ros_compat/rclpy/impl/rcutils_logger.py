@@ -165,11 +165,12 @@ class RcutilsLogger:
         """Return True if a severity is logged; raise ValueError for an unknown number."""
         return runtime.get_logger(self.name).isEnabledFor(LoggingSeverity(severity))
 
-    def log(self, message: str, severity: int, name: str | None = None, **kwargs: Any) -> bool:
+    def log(self, message: str, severity: int, **kwargs: Any) -> bool:
         """Log at a severity, by default with the name of the logger; raise TypeError unless the message is a str."""
         if not self.is_enabled_for(severity):
             return False
         severity = LoggingSeverity(severity)
+        name = kwargs.pop("name", None)
         name = self.name if name is None else name
         filters = get_filters_from_kwargs(**kwargs)
         frame, depth = _find_caller(sys._getframe())
