@@ -226,15 +226,25 @@ class EndpointEventPoller:
             self._loop_binding.call_soon(self._compare_endpoints)  # without a loop, the next one compares
 
     def _poll_matched_peers(self) -> None:
-        previous_total, previous_count = self._totals["matched"], len(self._peers)
-        peers = set(self._matched())
+        """Report the endpoints that have left, then those that are new, then those that were new and have left again.
+
+        Each is a status of its own, as Fast DDS reports them; one status for all would have the change 0 after an
+        endpoint was replaced.
+        """
+        total, count = self._totals["matched"], len(self._peers)
         # The transport's count includes endpoints that were matched and have left since the previous poll.
-        counts = self._endpoint.event_counts("matched")
-        total = previous_total + len(peers - self._peers) if counts is None else max(counts[0], previous_total)
-        if peers != self._peers or total != previous_total:
-            self._totals["matched"], self._peers = total, peers
-            status = MatchedStatus(total, total - previous_total, len(peers), len(peers) - previous_count)
-            self._report("matched", status)
+        while True:
+            counts = self._endpoint.event_counts("matched")
+            peers = set(self._matched())
+            if self._endpoint.event_counts("matched") == counts:  # no endpoint was matched between the calls
+                break
+        added = len(peers - self._peers) if counts is None else max(counts[0] - total, 0)
+        removed = len(self._peers - peers)
+        self._totals["matched"], self._peers = total + added, peers
+        for total_change, change in ((0, -removed), (added, added), (0, len(peers) - (count - removed + added))):
+            if change:
+                total, count = total + total_change, count + change
+                self._report("matched", MatchedStatus(total, total_change, count, change))
 
     def _compare_endpoints(self) -> None:
         graph = self._discovery.graph

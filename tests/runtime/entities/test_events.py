@@ -143,25 +143,39 @@ def test_kinds_have_the_numbers_of_rmw() -> None:
     assert (Kind.INVALID, Kind.RELIABILITY, Kind.AVOID_ROS_NAMESPACE_CONVENTIONS) == (1, 16, 512)
 
 
-async def test_dds_knows_of_those_that_came_and_went_between_two_looks(dds: World) -> None:
+async def test_endpoints_that_were_replaced_or_have_left_between_two_polls_are_reported(dds: World) -> None:
     alice, bob = dds.pair()
-    heard: list[MatchedStatus] = []
-    told: list[MatchedStatus] = []
+    received: list[MatchedStatus] = []
+    sent: list[MatchedStatus] = []
     subscription = bob.create_subscription(
-        String, "t", event_callbacks=SubscriptionEventCallbacks(matched=heard.append)
+        String, "t", event_callbacks=SubscriptionEventCallbacks(matched=received.append)
     )
-    publisher = alice.create_publisher(String, "t", event_callbacks=PublisherEventCallbacks(matched=told.append))
-    await until(lambda: bool(heard and told))
+    publisher = alice.create_publisher(String, "t", event_callbacks=PublisherEventCallbacks(matched=sent.append))
+    await until(lambda: bool(received and sent))
     reader: Any = subscription._reader
+
+    def wait_without_polling(total: int, count: int) -> None:
+        while reader.event_counts("matched")[0] < total or len(reader.matched_writers()) != count:
+            time.sleep(0.001)
+
     other = alice.create_publisher(String, "t")
-    while reader.event_counts("matched")[0] < 2:  # without giving the loop a chance to look
-        time.sleep(0.001)
+    wait_without_polling(2, 2)
     other.close()
-    while len(reader.matched_writers()) > 1:
-        time.sleep(0.001)
-    await until(lambda: len(heard) == 2)
-    assert heard == [MatchedStatus(1, 1, 1, 1), MatchedStatus(2, 1, 1, 0)]
-    assert told == [MatchedStatus(1, 1, 1, 1)] and publisher.subscription_count == 1
+    wait_without_polling(2, 1)
+    await until(lambda: len(received) == 3)
+    assert received == [MatchedStatus(1, 1, 1, 1), MatchedStatus(2, 1, 2, 1), MatchedStatus(2, 0, 1, -1)]
+    assert sent == [MatchedStatus(1, 1, 1, 1)] and publisher.subscription_count == 1
+    publisher.close()
+    wait_without_polling(2, 0)
+    others = [alice.create_publisher(String, "t") for _ in range(2)]
+    wait_without_polling(4, 2)
+    await until(lambda: len(received) == 5)
+    assert received[3:] == [MatchedStatus(2, 0, 0, -1), MatchedStatus(4, 2, 2, 2)]
+    for one in others:
+        one.close()
+    wait_without_polling(4, 0)
+    await until(lambda: len(received) == 6)
+    assert received[5] == MatchedStatus(4, 0, 0, -2)
 
 
 async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(dds: World) -> None:
