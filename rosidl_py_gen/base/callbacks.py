@@ -24,16 +24,18 @@ T = TypeVar("T")
 class Registration:
     """A registered object, such as a callback; `close` or the end of a ``with`` block removes it."""
 
-    __slots__ = ("_remove",)
+    __slots__ = ("_pending_removal",)
 
     def __init__(self, remove: Callable[[], object]) -> None:
-        self._remove: Callable[[], object] | None = remove
+        self._pending_removal = [remove]
 
     def close(self) -> None:
         """Remove the object; may be called twice."""
-        remove, self._remove = self._remove, None
-        if remove is not None:
-            remove()
+        try:
+            remove = self._pending_removal.pop()  # one of several threads gets the function
+        except IndexError:
+            return
+        remove()
 
     def __enter__(self) -> Self:
         return self
@@ -58,10 +60,10 @@ class RegistrationSet(Generic[T]):
         return len(self._items)
 
     def __iter__(self) -> Iterator[T]:
-        items = tuple(self._items.items())
+        items = list(self._items.items())  # not `tuple`, which fails without the GIL if another thread adds an item
         return self._all(items) if len(items) > 1 else iter([item for _, item in items])
 
-    def _all(self, items: tuple[tuple[object, T], ...]) -> Iterator[T]:
+    def _all(self, items: list[tuple[object, T]]) -> Iterator[T]:
         for key, item in items:
             if key in self._items:
                 yield item

@@ -2,12 +2,17 @@
 
 ``from rosidl_py_gen.base import lazy_numpy as np`` replaces ``import numpy as np``. As long as no module has imported
 numpy, no object is an array or a number of numpy; tests with `isinstance` and ``type(x) is`` do not import it then.
+
+Thread: any. Two threads may both import numpy: the second one waits for the first in the import.
 """
 
 from __future__ import annotations
 
 import gc
 import sys
+
+HAS_GIL = getattr(sys, "_is_gil_enabled", lambda: True)()
+"""False in a free-threaded Python that had not enabled the GIL when this module was imported."""
 
 
 class _NoInstances:
@@ -25,5 +30,8 @@ def __getattr__(name: str) -> object:
         if is_collecting:
             gc.enable()
     globals().update((key, value) for key, value in vars(numpy).items() if not key.startswith("__"))
-    globals().pop("__getattr__", None)  # the interpreter reads attributes of a module without it faster
+    if HAS_GIL:
+        # The interpreter reads attributes of a module without `__getattr__` faster. Without the GIL another thread may
+        # have missed a name before the update, and looks for `__getattr__` next.
+        globals().pop("__getattr__", None)
     return getattr(numpy, name)

@@ -48,7 +48,11 @@ class Waiters:
 
     def __bool__(self) -> bool:
         """Return True if a task waits."""
-        return any(not future.done() for future in tuple(self._futures))
+        while True:
+            try:
+                return any(not future.done() for future in self._futures)
+            except RuntimeError:  # another thread has changed the queue during the iteration
+                continue
 
     async def wait(self, predicate: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until a predicate, which is checked at once and after each `wake`, is true; False after the timeout.

@@ -28,7 +28,7 @@ BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
 
 
 class _Dtypes(dict[str, "np.dtype[Any]"]):
-    """Dictionary that is filled when numpy is first needed."""
+    """Dictionary that is filled when numpy is first needed. Thread: any; all threads store the same singletons."""
 
     def __missing__(self, code: str) -> np.dtype[Any]:
         found = {one.code: np.dtype(one.numpy) for one in PRIMITIVES.values()}

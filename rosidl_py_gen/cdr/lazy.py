@@ -2,6 +2,8 @@
 
 The names are those of a mapping, in generated packages, or of the package's stub file, which type checkers read as
 well: `from MODULE import NAME as NAME`, one on each line.
+
+Thread: any. The import system makes threads wait for a module that another one imports, so all get the same object.
 """
 
 from __future__ import annotations

@@ -51,7 +51,11 @@ class Field(NamedTuple):
 
 
 class TypeInfo:
-    """ROS type of a generated class; the field table is expanded when it is first used."""
+    """ROS type of a generated class; the field table is expanded when it is first used.
+
+    Thread: any. Threads that expand the table at the same time make equal tuples, and a tuple is stored when it is
+    complete.
+    """
 
     __slots__ = ("_fields", "_spec", "defaults", "hash", "name")
 

@@ -42,6 +42,8 @@ class StructuredCodec:
         phase: position modulo `largest` at which elements have the layout of `dtype`.
         exact: elements at `phase` have the layout of `dtype`.
         plain: exact, and `dtype` has no padding.
+
+    Thread: any. Only `_spans` changes after the constructor; threads that compute the same spans store equal lists.
     """
 
     def __init__(self, cls: type[Message]) -> None:

@@ -46,7 +46,11 @@ class CopySpan(NamedTuple):
 
 
 def cached_per_class(function: Callable[P, R]) -> Callable[P, R]:
-    """Cache results by class; type checkers assume that message classes are unhashable, as messages are."""
+    """Cache results by class; type checkers assume that message classes are unhashable, as messages are.
+
+    Thread: any. Threads that need a result at the same time may each compute it. Results are equal and do not change,
+    so no lock is needed, and each thread may use its own.
+    """
     return cast("Callable[P, R]", lru_cache(1 << 15)(function))
 
 

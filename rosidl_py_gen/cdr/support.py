@@ -92,7 +92,8 @@ else:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         dtypes = {key: DTYPES[code] for key, code in _DTYPE_CODES.items()}
         globals().update(dtypes, frombuffer=np.frombuffer, ndarray=np.ndarray)
-        globals().pop("__getattr__", None)  # the interpreter reads attributes of a module without it faster
+        if np.HAS_GIL:  # as in `lazy_numpy`, and for the same reasons
+            globals().pop("__getattr__", None)
         return globals()[name]
 
     # Stores into slots after this are faster than a call of the dataclass's __init__ (figures in CONTRIBUTING.md).

@@ -2,6 +2,11 @@
 
 There is one class per type in a process: a loaded class of the same RIHS01 hash is used again. Only packages that this
 tool generated are imported, because an import runs code, and names may be from files and networks.
+
+Thread: any. `_lock` is held while classes are searched, compiled and registered, so all threads get the same class, and
+none gets an incomplete one. A thread that imports a module of the import hook takes `_lock` inside the import. So
+importable classes are imported before `_lock` is taken (`_import_classes`): an import under the lock could wait for the
+other thread, which waits for the lock.
 """
 
 from __future__ import annotations
@@ -44,6 +49,7 @@ _MEMORY = "rosidl_py_gen_memory"
 _MAX_LEAVES = 10_000
 """Maximum leaves of a definition for which code is generated; each takes up to 4 kB."""
 _lock = threading.RLock()
+"""Guards all caches of this module."""
 _loaded: dict[str, list[type]] = {}
 """Loaded classes by full name, one for each different definition."""
 _by_name: dict[tuple[str, tuple[str, ...], DistributionChoice], type] = {}
@@ -100,8 +106,12 @@ def compile_definition(name: str, text: str) -> type[Any]:
         InvalidNameError: a name is invalid.
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
+    top = split_ros_name(name, "msg")
     with _lock:
-        return _class(registry_of_text(name, text), split_ros_name(name, "msg"), _same_definition_and_defaults)
+        registry = registry_of_text(name, text)
+    _import_classes(registry, top)
+    with _lock:
+        return _class(registry, top, _same_definition_and_defaults)
 
 
 def registry_of_text(name: str, text: str) -> InterfaceRegistry:
@@ -186,7 +196,7 @@ def find_class(name: str, fits: HashPredicate, *, path: SearchFolders = ()) -> t
         fits: returns True for the RIHS01 hashes of the requested type and of all types that it refers to, by name.
         path: searched first, as by `get_message`; raises `DefinitionError` if it cannot be read.
     """
-    split_ros_name(name)
+    _import_class(split_ros_name(name))
     with _lock:
         for cls in _loaded.get(name, ()):
             if fits(hashes_of(cls)):
@@ -275,6 +285,7 @@ def class_of_registry(registry: InterfaceRegistry, name: RosName, *, path: Searc
         text, wanted = str(part), registry.type_hash(str(part))
         return find_class(text, lambda hashes: hashes[text] == wanted, path=path)
 
+    _import_classes(registry, name)
     with _lock:
         return _class(registry, name, find)
 
@@ -289,6 +300,8 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
     name = split_ros_name(text, kind)
     full_name = str(name)
     choice = selected(distro)
+    if (full_name, entries, choice) not in _by_name:
+        _import_class(name)
     with _lock:
         cls: type | None = _by_name.get((full_name, entries, choice))
         if cls is None:
@@ -300,6 +313,17 @@ def _get(text: str, kind: str, base: type[T], path: SearchFolders, distro: str |
         found = next(words for one, words in kinds.items() if issubclass(cls, one))
         raise TypeNotFoundError(f"{full_name} is {found}, not {kinds[base]}")
     return cls
+
+
+def _import_class(name: RosName) -> None:
+    """Import the generated class of the user's packages, if there is one. Lock: _lock should not be held."""
+    find_installed_class(name, "")
+
+
+def _import_classes(registry: InterfaceRegistry, name: RosName) -> None:
+    """Import the modules of a checked type and of all types that it refers to. Lock: _lock should not be held."""
+    for used in registry.closure(str(name)):
+        _import_class(split_ros_name(used))
 
 
 def _installed_class(name: RosName, path: tuple[str, ...], choice: DistributionChoice) -> type | None:

@@ -52,7 +52,9 @@ class Installer:
         Raises:
             OutputError: the index cannot be reached or has other files; the text has the output of the program.
         """
-        tags = () if self.name == "uv" else [f"--platform={one}" for one in platform.split(".")]
+        # The abi is named, because pip of a free-threaded Python takes only wheels for free-threaded ones by default.
+        abi = f"cp{python.replace('.', '')}"
+        tags = () if self.name == "uv" else (f"--abi={abi}", *(f"--platform={one}" for one in platform.split(".")))
         self._run(
             "install",
             *self._unpack,

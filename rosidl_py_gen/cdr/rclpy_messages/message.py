@@ -89,7 +89,7 @@ def _rclpy_value(base: str, value: Any) -> Any:
 
 
 class _LazyClassAttribute:
-    """Class attribute that is computed when it is first used."""
+    """Class attribute that is computed when it is first used. Thread: any; threads may compute equal values."""
 
     def __init__(self, name: str, make: Any) -> None:
         self.name = name

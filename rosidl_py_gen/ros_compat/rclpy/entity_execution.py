@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -52,7 +53,8 @@ def find_ready_entities(
         kinds = {"guards"} if entities["guards"] else set()
         # Popped one at a time, because other threads add kinds; entities that stay ready add theirs again.
         while marked_kinds:
-            kinds.add(marked_kinds.pop())
+            with suppress(KeyError):  # another thread was faster
+                kinds.add(marked_kinds.pop())
         for kind in _KINDS if len(kinds) > 1 else kinds:
             if kind in kinds:
                 for entity in tuple(entities[kind]):

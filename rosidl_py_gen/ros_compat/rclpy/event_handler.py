@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
@@ -105,8 +106,9 @@ class EventHandler(Waitable):
         return self._rosidl_event.is_ready()
 
     def take_data(self) -> Any:
-        with self._rosidl_event:
-            return self._rosidl_event.items.popleft() if self._rosidl_event.items else None
+        with self._rosidl_event, suppress(IndexError):
+            return self._rosidl_event.items.popleft()
+        return None
 
     async def execute(self, taken_data: Any) -> None:
         if taken_data:

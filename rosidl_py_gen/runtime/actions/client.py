@@ -453,7 +453,7 @@ class ActionClient(ActionEntity, Generic[ActionT_co]):
             goal._feedback._push(self._type.feedback.to_value(message.feedback))
 
     def _on_status(self, data: bytes) -> None:
-        for goal_id, goal in self._goals.items():
+        for goal_id, goal in list(self._goals.items()):  # another thread may send a goal
             status = find_status(data, goal_id)
             if status is not None:
                 goal._on_status(status)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 from rosidl_py_gen.base.blocking import blocking
 from rosidl_py_gen.base.waiters import complete_threadsafe, set_result_if_pending
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.entities.flow_control import PendingRequest, RequestFlowControl, RequestTimedOutError
+from rosidl_py_gen.runtime.entities.flow_control import PendingRequest, RequestTimedOutError
 from rosidl_py_gen.runtime.entities.service_common import (
     CallTimeoutError,
     IncompatibleServiceError,
@@ -63,8 +63,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         self._timeouts: TimeoutTable | None = None
         self._has_direct_callbacks = False
         """True if replies go to functions that may be the user's, not only to futures."""
-        window = RequestFlowControl(name, batch_interval_s)
-        self._window = scope.request_windows.setdefault(self._spec.topic_keys[0], window)
+        self._window = scope.request_windows.get(self._spec.topic_keys[0], name, batch_interval_s)
         self._transport_client.set_sink(self._on_replies)
         self._loss_registration = scope.discovery.on_change.add(self._on_discovery)
         reader, writer = self._transport_client.endpoints

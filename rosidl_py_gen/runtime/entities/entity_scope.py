@@ -13,6 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from rosidl_py_gen.base.callbacks import RegistrationSet, require_signature
+from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
@@ -25,10 +26,10 @@ from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.values import ClockType, Deadline, WaitTimeoutError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Coroutine, MutableMapping
+    from collections.abc import Callable, Collection, Coroutine
 
     from rosidl_py_gen.base.callbacks import Registration
-    from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
+    from rosidl_py_gen.runtime.entities.flow_control import RequestWindows
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.graph.type_hashes import TypeCheck
     from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReason
@@ -56,6 +57,7 @@ class Entity:
     def __init__(self, scope: EntityScope) -> None:
         self._scope = scope
         self._closed = False
+        self._close_latch = Latch()
 
     def close(self) -> None:
         """Release everything; may be called twice."""
@@ -75,7 +77,7 @@ class Entity:
 
     def _begin_close(self, *guids: bytes) -> bool:
         """Unregister the entity and withdraw its endpoints; return False if it was closed before."""
-        if self._closed:
+        if not self._close_latch.set():
             return False
         self._closed = True
         self._scope.unregister(self, *guids)
@@ -222,7 +224,7 @@ class EntityScope:
         participant: Participant,
         loop_binding: LoopBinding,
         discovery: Discovery,
-        request_windows: MutableMapping[TopicKey, RequestFlowControl],
+        request_windows: RequestWindows,
         clocks: ClockFunctions,
         number: int,
         fully_qualified_name: str,
@@ -240,6 +242,8 @@ class EntityScope:
         self.logger = node_logger(fully_qualified_name)
         self.failures = CallbackFailures(loop_binding, on_error)
         self.closed = False
+        self.close_latch = Latch()
+        """Set by the one caller of `close`."""
         self.owned: dict[int, Closeable] = {}
         """Everything to close with this scope, oldest first; emptied by `close`."""
         self.with_callbacks: dict[int, object] = {}
@@ -254,6 +258,7 @@ class EntityScope:
         """Create a nested scope with its own entities and tasks, which may close before the node does."""
         child = copy.copy(self)
         child.owned, child.tasks, child._node = {}, set(), self._node or self
+        child.close_latch = Latch()
         return child
 
     def make_clock(self, clock_type: ClockType = ClockType.ROS_TIME) -> Clock:
@@ -301,7 +306,12 @@ class EntityScope:
             raise ClosedError(f"{owner} is closed")
 
     def close(self) -> None:
-        """Cancel all tasks but the calling one, close all entities, newest first, and withdraw the node."""
+        """Cancel all tasks but the calling one, close all entities, newest first, and withdraw the node.
+
+        May be called twice.
+        """
+        if self.closed or not self.close_latch.set():
+            return
         # The graph message is sent once, when the node is removed, not for each endpoint. An entity that another thread
         # creates at the same time closes itself in `register`.
         self.closed = True

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import threading
+import weakref
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.loop.timeout_table import TimeoutTable
+    from rosidl_py_gen.runtime.transport.api import TopicKey
 
 ResponseT = TypeVar("ResponseT")
 
@@ -37,6 +40,13 @@ STALL_TIMEOUT_S = 10.0
 """Time without a response until one request beyond the server's queue depth is sent, as earlier ones may be lost."""
 
 _request_keys = itertools.count(1)
+_request_key_lock = threading.RLock()
+"""Without the GIL, `next` of CPython 3.13 may return a number twice."""
+
+
+def _next_request_key() -> int:
+    with _request_key_lock:
+        return next(_request_keys)
 
 
 class RequestTimedOutError(RosidlError):
@@ -59,7 +69,7 @@ class PendingRequest(Generic[ResponseT]):
     on_reply: Callable[[ResponseT, bytes | None], object]
     on_error: Callable[[Exception], object]
     timeout_s: float | None = None
-    key: int = field(default_factory=_request_keys.__next__)
+    key: int = field(default_factory=_next_request_key)
     sequence_number: int = 0
     flow_number: int = 0
     timeouts: TimeoutTable | None = None
@@ -157,3 +167,19 @@ class RequestFlowControl:
                 self.stall_timeout_s *= 2
                 del self._in_flight[next(iter(self._in_flight))]
         self._send()
+
+
+class RequestWindows:
+    """Flow control of the services of a context: one object for each service while it has clients. Thread: any."""
+
+    def __init__(self) -> None:
+        self._windows: weakref.WeakValueDictionary[TopicKey, RequestFlowControl] = weakref.WeakValueDictionary()
+        self._lock = threading.RLock()
+
+    def get(self, requests: TopicKey, name: str, batch_interval_s: float | None) -> RequestFlowControl:
+        """Return the window of the service with that topic of requests; the first client determines its interval."""
+        with self._lock:
+            window = self._windows.get(requests)
+            if window is None:
+                window = self._windows[requests] = RequestFlowControl(name, batch_interval_s)
+            return window

@@ -73,7 +73,8 @@ class ServiceEventPublisher:
 
     def publish(self, client_gid: bytes, sequence_number: int, message: Payload, *, is_sent: bool) -> None:
         """Publish that the client or server has sent or received a message."""
-        if self._scope.closed or self._publisher is None:
+        publisher = self._publisher  # another thread may close it
+        if self._scope.closed or publisher is None:
             return  # a response that is sent while the node closes must not fail
         is_request = is_sent is self._is_client
         if is_request:
@@ -93,7 +94,7 @@ class ServiceEventPublisher:
                     event.response = [self._cls.Response._decode(message)]
         except DecodeError:
             return  # the client or server itself counts and logs it
-        self._publisher.publish(event)
+        publisher.publish(event)
 
     def close(self) -> None:
         """Close the publisher."""

@@ -10,6 +10,7 @@ drops are logged, unless its depth is 1, which means that only the newest messag
 
 from __future__ import annotations
 
+import threading
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar, cast
@@ -94,6 +95,7 @@ class Subscription(PollableEntity, Generic[T]):
         """``pkg/msg/Name``."""
         self.undecodable: int = 0
         """Number of samples that could not be decoded."""
+        self._count_lock = threading.RLock()
         self._decode: Callable[[Payload], T] = message_type.decode
         self._callback = checked
         self._concurrency = concurrency
@@ -129,7 +131,7 @@ class Subscription(PollableEntity, Generic[T]):
         )
         self._accepted_writers = self._type_hash_filter.accepted_writers
         scope.set_type_hash_check(mode, self._reader.guid, self._type_hash_filter.converts)
-        depth = self._items.maxlen or 0
+        depth = self._reader.queue.depth
         self._warning_length = depth if depth > 1 else -1
         """Length of a full queue, at which dropped messages are checked for; -1 if no warning is due any more."""
         self._events = watch_events(
@@ -239,11 +241,15 @@ class Subscription(PollableEntity, Generic[T]):
                 raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s", self._why_silent())
         raise ClosedError(f"{self._described()} of node {self._scope.node_name} is closed")
 
-    def _take(self, *, newest: bool = False) -> tuple[T, Sample] | None:
-        """Return the oldest or newest message that can be decoded, or None; several threads may take at once."""
-        while self._items and not self._closed:
+    def _take(self, newest_of: list[Sample] | None = None) -> tuple[T, Sample] | None:
+        """Return the oldest message that can be decoded, or None; several threads may take at once.
+
+        With `newest_of`, return the newest one of a list, whose last samples are removed.
+        """
+        items = self._items if newest_of is None else newest_of
+        while items and not self._closed:
             try:
-                sample = self._items.pop() if newest else self._items.popleft()
+                sample = self._items.popleft() if newest_of is None else newest_of.pop()
             except IndexError:  # another thread was faster
                 return None
             data: Payload | None = sample[0]
@@ -264,10 +270,13 @@ class Subscription(PollableEntity, Generic[T]):
         """
         self._require_takeable()
         self._reader.fetch()
-        taken = self._take(newest=True)
+        waiting = []
+        for _ in range(len(self._items)):  # not `clear`, which would also drop a message that arrives in the meantime
+            with suppress(IndexError):  # another thread was faster
+                waiting.append(self._items.popleft())
+        taken = self._take(newest_of=waiting)
         if taken is not None:
             self._latest = taken[0]
-            self._items.clear()
         return self._latest
 
     def _arrival(self, timeout_s: float | None = None) -> Awaitable[bool]:
@@ -363,7 +372,8 @@ class Subscription(PollableEntity, Generic[T]):
         self._call_back()
 
     def _count_undecodable(self, error: DecodeError) -> None:
-        self.undecodable += 1
+        with self._count_lock:  # several threads may take
+            self.undecodable += 1
         if self._throttle.allows():
             self._scope.logger.warning(
                 f"dropped a sample on {self.topic} that is not a {self.message_type} "

@@ -12,6 +12,7 @@ known to be of Humble; otherwise the one of the reader, unless only that of anot
 
 from __future__ import annotations
 
+import threading
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -163,6 +164,10 @@ class TypeHashFilter(Generic[W]):
         self.incompatible_dropped = 0
         self.converted = 0
         self._unknown_samples = 0
+        self._count_lock = threading.RLock()
+        """Guards the numbers, because several threads may take. The other members need no lock: each change is one
+        operation, and a thread that misses an entry finds the same decision again.
+        """
 
     def disable(self) -> None:
         """Deliver everything unchanged, because the transport knows the definition of each sample."""
@@ -180,14 +185,15 @@ class TypeHashFilter(Generic[W]):
             if endpoint is None:  # the writer has left, or is not discovered yet
                 known = self._by_guid.get(guid or b"") or self._writer_of_key(writer)
                 if known is None:
-                    self._unknown_samples += 1
+                    with self._count_lock:
+                        self._unknown_samples += 1
                     return self._payload_of_left(data) if self._is_late else data
                 endpoint, converter = known
                 if converter is None:
-                    self.incompatible_dropped += 1
+                    self._count_dropped()
                     return None
             elif not self.is_compatible(endpoint):
-                self.incompatible_dropped += 1
+                self._count_dropped()
                 if self._is_late:
                     found = endpoint.type_hash or endpoint.service_hash
                     text = f"are dropped: its definition is {found}; here it is {self._type_hash}"
@@ -228,10 +234,15 @@ class TypeHashFilter(Generic[W]):
     def _writer_of_key(self, writer: W) -> tuple[DiscoveredEndpoint, SampleConverter | None] | None:
         """Return a writer with the definition of a sample's key, on a transport whose keys contain the hash."""
         type_hash = self._hash_of(writer)
-        return next((known for known in self._by_guid.values() if known[0].type_hash == type_hash), None)
+        return next((known for known in list(self._by_guid.values()) if known[0].type_hash == type_hash), None)
+
+    def _count_dropped(self) -> None:
+        with self._count_lock:
+            self.incompatible_dropped += 1
 
     def _convert(self, converter: SampleConverter, data: Payload) -> Payload:
-        self.converted += 1
+        with self._count_lock:
+            self.converted += 1
         return converter(data)
 
     def _endpoint(self, guid: bytes | None) -> DiscoveredEndpoint | None:
@@ -390,5 +401,5 @@ class ServiceConverters(PeerConverters[ServiceConversion]):
         return ServiceConversion(partial(self._receive, received), sent.encode)
 
     def _receive(self, converter: SampleConverter, data: Payload) -> bytes:
-        self.converted += 1
+        self.converted += 1  # on the loop only
         return converter(data)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import threading
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -73,8 +74,8 @@ class Discovery:
 
     def add_node(self, name: str, namespace: str) -> int:
         """Announce a node and return its number."""
-        number = next(self._node_numbers)
         with self._lock:
+            number = next(self._node_numbers)
             self._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
             self.publish()
         return number
@@ -222,7 +223,11 @@ class Discovery:
         self._loop_binding.call_soon(start_grace_period)
 
     def _call_deferred(self, *, final: bool = True) -> None:
-        for function, endpoints in [self._deferred.pop(0) for _ in range(len(self._deferred))]:  # threads may append
+        pending = []
+        for _ in range(len(self._deferred)):  # other threads may append, and call the functions, too
+            with suppress(IndexError):
+                pending.append(self._deferred.pop(0))
+        for function, endpoints in pending:
             if final or all(map(self.graph.has_named_node, endpoints)):
                 function()
             else:

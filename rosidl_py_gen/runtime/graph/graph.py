@@ -164,13 +164,17 @@ class Graph(EndpointIndex):
             case EntityLost():
                 self.remove(event.guid)
                 self._participants.pop(event.guid, None)
-        self.version += 1
+        self._count_change()
         return new_endpoint
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
         """Replace the nodes of a participant."""
         self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
-        self.version += 1
+        self._count_change()
+
+    def _count_change(self) -> None:
+        with self._change_lock:
+            self.version += 1
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
         """Return namespace and name of an endpoint's node, or one of rmw's two placeholders."""

@@ -275,6 +275,8 @@ class RosoutRouter(logging.Handler):
     def __init__(self) -> None:
         super().__init__()
         self._publishers: dict[str, list[Publish]] = {}
+        self._change_lock = threading.RLock()
+        """Guards changes of `_publishers`; a record reads it without a lock."""
         self._busy = threading.local()
 
     def register(self, logger_name: str, publish: Publish) -> Registration:
@@ -282,13 +284,16 @@ class RosoutRouter(logging.Handler):
 
         Of several nodes of one name only the oldest publishes.
         """
-        self._publishers.setdefault(logger_name, []).append(publish)
+        with self._change_lock:
+            self._publishers[logger_name] = [*self._publishers.get(logger_name, ()), publish]
 
         def remove() -> None:
-            publishers = self._publishers[logger_name]
-            publishers.remove(publish)
-            if not publishers:
-                del self._publishers[logger_name]
+            with self._change_lock:
+                remaining = [one for one in self._publishers[logger_name] if one is not publish]
+                if remaining:
+                    self._publishers[logger_name] = remaining
+                else:
+                    del self._publishers[logger_name]
 
         return Registration(remove)
 

@@ -12,16 +12,16 @@ import signal
 import sys
 import threading
 import warnings
-import weakref
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.distributions import command_distribution
 from rosidl_py_gen.base.interrupts import CommandInterrupts, command_interrupts
+from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.entities.entity_scope import EntityScope
-from rosidl_py_gen.runtime.entities.flow_control import RequestFlowControl
+from rosidl_py_gen.runtime.entities.flow_control import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
@@ -32,7 +32,6 @@ from rosidl_py_gen.runtime.names.validation import validate_enclave
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, find_security, middleware, read_environment
 from rosidl_py_gen.runtime.parameters.initial_values import InitialValues
-from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
     import asyncio
@@ -102,7 +101,7 @@ class ContextCore:
         except BaseException:  # permissions may deny the topic of the graph
             self.participant.close()
             raise
-        self.request_windows = weakref.WeakValueDictionary[TopicKey, RequestFlowControl]()
+        self.request_windows = RequestWindows()
         self.closed = ""
         """Reason for `ClosedError`; empty while the context is open."""
         self.is_default = False
@@ -110,6 +109,9 @@ class ContextCore:
         self._had_loop = threading.Event()
         self.loop_binding.on_bind(self._had_loop.set)
         self._nodes: dict[int, Node] = {}
+        self.reservations = 0
+        """Nodes that are being created without a context of their own. Lock: Context._default_lock must be held."""
+        self._close_latch = Latch()
         if loop_runner is not None:
             try:
                 loop_runner.call(lambda: self.loop_binding.attach(loop_runner.loop))
@@ -125,7 +127,7 @@ class ContextCore:
 
     def take_never_ran_error(self, scope: EntityScope) -> CallbacksNeverRanError | None:
         """Return an error if no event loop has served the callbacks of a node; the next call returns None."""
-        entities = scope.with_callbacks.values()
+        entities = list(scope.with_callbacks.values())
         if self._had_loop.is_set() or all(getattr(entity, "is_canceled", False) for entity in entities):
             return None
         scope.with_callbacks.clear()
@@ -137,7 +139,7 @@ class ContextCore:
     @property
     def scopes(self) -> list[EntityScope]:
         """Scopes of the open nodes."""
-        return [node._scope for node in self._nodes.values()]
+        return [node._scope for node in list(self._nodes.values())]
 
     def open_scope(self, names: NodeNames, on_error: OnError | None = None) -> EntityScope:
         """Announce a node and create its scope; raises `ClosedError`."""
@@ -155,23 +157,32 @@ class ContextCore:
             on_error,
         )
 
-    def adopt(self, node: Node) -> None:
-        """Own a node until it closes."""
-        self._nodes[node._scope.number] = node
+    def adopt(self, node: Node, *, is_reserved: bool) -> None:
+        """Own a node until it closes, and end its reservation."""
+        with Context._default_lock:
+            self._nodes[node._scope.number] = node
+            self.reservations -= is_reserved
 
     def release(self, node: Node) -> None:
         """Remove a closed node; the default context closes with its last node."""
         self._nodes.pop(node._scope.number, None)
         self.close_if_unused()
 
-    def close_if_unused(self) -> None:
-        """Close the default context if it has no node, because the last one has closed or the first one failed."""
-        if not self._nodes and self.is_default:
-            self.close()
+    def close_if_unused(self, *, is_reserved: bool = False) -> None:
+        """Close the default context if it has no node, because the last one has closed or the first one failed.
+
+        `is_reserved` ends the reservation of a node that failed.
+        """
+        with Context._default_lock:
+            self.reservations -= is_reserved
+            if self._nodes or self.reservations or not self.is_default:
+                return
+            Context._forget_default(self)  # before it closes, so that no other thread gets it
+        self.close()
 
     def close(self) -> None:
         """Close all nodes and leave the domain; may be called twice."""
-        if self.closed:
+        if self.closed or not self._close_latch.set():
             return
         self.closed = "this context is closed"
         open_contexts.discard(self)
@@ -185,7 +196,7 @@ class ContextCore:
 
     def close_at_exit(self) -> None:
         """Close the context at the end of the process, with a warning for each node that is still open."""
-        for node in self._nodes.values():
+        for node in list(self._nodes.values()):
             warnings.warn(f"node {node._scope.node_name} was never closed", ResourceWarning, stacklevel=1)
         self.close()
 
@@ -320,6 +331,20 @@ class Context:
                 cls._default = cls()
                 cls._default._core.is_default = True
             return cls._default
+
+    @classmethod
+    def _reserve_default(cls) -> Context:
+        """Return the default context, which stays open until the reservation ends; see `ContextCore.adopt`."""
+        with cls._default_lock:
+            context = cls.default()
+            context._core.reservations += 1
+            return context
+
+    @classmethod
+    def _forget_default(cls, core: ContextCore) -> None:
+        """Make the next node without a context open another one. Lock: _default_lock must be held."""
+        if cls._default is not None and cls._default._core is core:
+            cls._default = None
 
     @classmethod
     def close_default(cls) -> None:

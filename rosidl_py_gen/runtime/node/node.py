@@ -9,6 +9,7 @@ import asyncio
 import logging
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
+from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.cdr import Message
@@ -121,7 +122,8 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         normalize_namespace(namespace)
         mode = checked_mode(type_hash_check)
         own_arguments = parse_node_arguments(cli_args)
-        self.context = Context.default() if context is None else context
+        # A reservation retains the default context, which another thread may close with its last node.
+        self.context = Context._reserve_default() if context is None else context
         core = self.context._core
         try:
             rules = (*own_arguments.remap_rules, *(core.ros_arguments.remap_rules if use_global_arguments else ()))
@@ -129,13 +131,14 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self._scope = core.open_scope(self._names, on_error)
             self._scope.type_hash_check = mode
         except BaseException:
-            core.close_if_unused()
+            core.close_if_unused(is_reserved=context is None)
             raise
         self._creation_loop_id = id(current_loop())
         self._guards: list[FailureGuard] = []
+        self._close_latch = Latch()
         self.clock: Clock = self._scope.make_clock()
         """ROS time; system time until simulated time is switched on."""
-        core.adopt(self)
+        core.adopt(self, is_reserved=context is None)
         for sentence in own_arguments.warnings:
             self.logger.warning(sentence)
         try:
@@ -364,7 +367,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
 
     def close(self) -> None:
         """Close all entities, wake up their waiters, and withdraw the node; may be called twice."""
-        if self._scope.closed:
+        if self._scope.closed or not self._close_latch.set():
             return
         if (error := self.context._core.take_never_ran_error(self._scope)) is not None:
             self.logger.warning(str(error))
@@ -405,7 +408,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
     @property
     def entities(self) -> list[Entity]:
         """Open publishers, subscriptions, clients, servers, timers and actions, oldest first; also the node's own."""
-        return [one for one in self._scope.owned.values() if isinstance(one, Entity)]
+        return [one for one in list(self._scope.owned.values()) if isinstance(one, Entity)]
 
     if not TYPE_CHECKING:  # type checkers report unknown attributes themselves
 

@@ -10,8 +10,11 @@ thread, also while the loop still waits; a sink pops what it needs from the queu
 
 from __future__ import annotations
 
+import sys
+import threading
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeAlias
@@ -161,22 +164,29 @@ def pad_to_4_bytes(data: Payload) -> bytes:
 class ReceiveQueue:
     """Received samples that were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL retains all.
 
-    Appending and popping are single operations of a deque, so one thread may append while another one pops.
+    Thread: any. Appending and popping are single operations of a deque. The deque has no `maxlen`: another thread may
+    pop between a check of its length and an append that drops, and `dropped` would count a sample that was received.
     """
 
-    __slots__ = ("dropped", "items")
+    __slots__ = ("_count_lock", "depth", "dropped", "items")
 
     def __init__(self, qos: QoSProfile) -> None:
-        depth = None if qos.history is History.KEEP_ALL else max(1, qos.depth)
-        self.items: deque[Sample] = deque(maxlen=depth)
+        self.depth = sys.maxsize if qos.history is History.KEEP_ALL else max(1, qos.depth)
+        self.items: deque[Sample] = deque()
         self.dropped = 0
+        self._count_lock = threading.RLock()
 
     def push(self, sample: Sample) -> None:
         """Add the newest sample."""
-        items = self.items
-        if len(items) == items.maxlen:
+        self.items.append(sample)
+        if len(self.items) > self.depth:
+            self.drop_oldest()
+
+    def drop_oldest(self) -> None:
+        """Drop and count a sample, unless other threads have emptied the queue."""
+        with suppress(IndexError), self._count_lock:
+            self.items.popleft()
             self.dropped += 1
-        items.append(sample)
 
 
 class TransportError(RosidlError):

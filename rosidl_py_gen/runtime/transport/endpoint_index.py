@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+import threading
 from collections.abc import Callable, Hashable, Iterable
 from typing import Generic, TypeVar
 
@@ -13,28 +13,36 @@ ResultT = TypeVar("ResultT")
 
 
 class EndpointIndex:
-    """Discovered endpoints; may be read while another thread changes them."""
+    """Discovered endpoints.
+
+    Thread: any. Reading takes no lock and copies at once what it reads; changes exclude each other.
+    """
 
     def __init__(self) -> None:
         self.version = 0
         """Grows with each change, after it: other threads cache what they have read by the version."""
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
-        self._by_topic_key: defaultdict[TopicKey, dict[bytes, DiscoveredEndpoint]] = defaultdict(dict)
+        self._by_topic_key: dict[TopicKey, dict[bytes, DiscoveredEndpoint]] = {}
+        """Plain dicts, because only those are copied in one operation without the GIL."""
+        self._change_lock = threading.RLock()
 
     def add(self, endpoint: DiscoveredEndpoint) -> None:
         """Add an endpoint, or replace its data."""
-        self.endpoints[endpoint.guid] = self._by_topic_key[endpoint.topic_key][endpoint.guid] = endpoint
-        self.version += 1
+        with self._change_lock:
+            self.endpoints[endpoint.guid] = endpoint
+            self._by_topic_key.setdefault(endpoint.topic_key, {})[endpoint.guid] = endpoint
+            self.version += 1
 
     def remove(self, guid: bytes) -> None:
         """Remove an endpoint, if it is known."""
-        endpoint = self.endpoints.pop(guid, None)
-        if endpoint is not None:
-            others = self._by_topic_key[endpoint.topic_key]
-            others.pop(guid, None)
-            if not others:  # else the name of each topic that ever existed would be retained
-                del self._by_topic_key[endpoint.topic_key]
-            self.version += 1
+        with self._change_lock:
+            endpoint = self.endpoints.pop(guid, None)
+            if endpoint is not None:
+                others = self._by_topic_key.get(endpoint.topic_key, {})
+                others.pop(guid, None)
+                if not others:  # else the name of each topic that ever existed would be retained
+                    self._by_topic_key.pop(endpoint.topic_key, None)
+                self.version += 1
 
     def endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
         """Return the writers or readers of a topic."""
@@ -55,7 +63,8 @@ class ServicePeers(EndpointIndex):
 
     def known(self, guids: Iterable[bytes]) -> list[DiscoveredEndpoint]:
         """Return the endpoints with these GUIDs, without those that are not discovered."""
-        return [self.endpoints[guid] for guid in guids if guid in self.endpoints]
+        found = map(self.endpoints.get, guids)  # one operation for each: another thread may remove an endpoint
+        return [endpoint for endpoint in found if endpoint is not None]
 
 
 class MatchCache(Generic[ResultT]):
@@ -67,20 +76,20 @@ class MatchCache(Generic[ResultT]):
     def __init__(self, endpoints: EndpointIndex, check: Callable[[Hashable], ResultT]) -> None:
         self._endpoints = endpoints
         self._check = check
-        self._positive: dict[Hashable, ResultT] = {}
-        self._version = -1
+        self._cached: tuple[int, dict[Hashable, ResultT]] = -1, {}
+        """Version, and positive results of that version: a thread that is late stores into the dict of its version."""
 
     def get(self, key: Hashable = None) -> ResultT:
         """Return the cached result for `key`, or check."""
-        version = self._endpoints.version
-        if version != self._version:
-            self._positive.clear()
-            self._version = version
-        result = self._positive.get(key)
+        version, (cached_version, positive) = self._endpoints.version, self._cached
+        if version != cached_version:
+            positive = {}
+            self._cached = version, positive
+        result = positive.get(key)
         if result is None:
             result = self._check(key)
-            if result and version == self._version:  # else another thread has seen a newer version
-                self._positive[key] = result
+            if result:
+                positive[key] = result
         return result
 
 

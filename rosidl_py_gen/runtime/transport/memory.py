@@ -43,6 +43,7 @@ from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 _VENDOR = b"\x01\x10"
 """Vendor id of Cyclone DDS: other code must not apply the rules for other vendors to these endpoints."""
 _TRANSPORT_NUMBERS = itertools.count(1)
+_transport_lock = threading.Lock()
 
 
 class MemoryTransport:
@@ -60,7 +61,8 @@ class MemoryTransport:
         self.clocks = clocks or SYSTEM_CLOCKS
         self._lock = threading.RLock()
         self._counter = itertools.count(1)
-        self._number = next(_TRANSPORT_NUMBERS)
+        with _transport_lock:
+            self._number = next(_TRANSPORT_NUMBERS)
         self._domains: dict[int, list[MemoryParticipant]] = {}
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> MemoryParticipant:
@@ -100,6 +102,8 @@ class MemoryParticipant:
         self.mark_ready, self.set_wakeup = self._ready_sinks.put, self._ready_sinks.set_wakeup
         self.take_ready_sinks, self.fileno = self._ready_sinks.take, self._ready_sinks.fileno
         self._events: list[DiscoveryEvent] = []
+        self._report_lock = threading.RLock()
+        """Held until the sink has applied the events: without a running loop, several threads report."""
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
 
     def create_writer(self, spec: EndpointSpec) -> MemoryWriter:
@@ -141,7 +145,8 @@ class MemoryParticipant:
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:
             raise ClosedError("this participant is closed")
-        return self.prefix + next(self.counter).to_bytes(3, "big") + kind
+        with self.lock:  # without the GIL, `next` of CPython 3.13 may return a number twice
+            return self.prefix + next(self.counter).to_bytes(3, "big") + kind
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         with self.lock:
@@ -168,11 +173,13 @@ class MemoryParticipant:
                     peer.report(NodesAnnounced(self.guid, self.nodes))
 
     def report_discovery(self) -> None:
-        with self.lock:
-            events, self._events = self._events, []
-        if events and self._discovery_sink is not None:
-            self.service_peers.apply(events)
-            self._discovery_sink(events)
+        with self._report_lock:
+            with self.lock:
+                events, self._events = self._events, []
+            sink = self._discovery_sink  # another thread may close the participant
+            if events and sink is not None:
+                self.service_peers.apply(events)
+                sink(events)
 
     def _report_to_all(self, event: DiscoveryEvent) -> None:
         for peer in self.peers:
@@ -211,9 +218,10 @@ class _MemoryEndpoint:
 
     def close(self) -> None:
         """Delete the endpoint. May be called twice."""
-        if not self.closed:
-            self.closed = True
-            self.owner.unregister(self.guid)
+        with self.owner.lock:
+            if not self.closed:
+                self.closed = True
+                self.owner.unregister(self.guid)
 
 
 class MemoryWriter(_MemoryEndpoint):

@@ -178,7 +178,7 @@ def node_name_of(graph: Graph, endpoint: DiscoveredEndpoint) -> str:
         return fully_qualified_node_name(name, namespace)
     names = {
         other.topic_key.name.removesuffix(_SERVICE_SUFFIX)
-        for other in graph.endpoints.values()
+        for other in list(graph.endpoints.values())
         if other.participant_guid == endpoint.participant_guid
         and other.is_writer
         and other.topic_key.kind == "reply"

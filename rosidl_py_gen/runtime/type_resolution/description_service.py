@@ -215,7 +215,7 @@ def _find_class(scope: EntityScope, wanted_hash: str) -> type[Any] | None:
                 return _load_class(service_name, wanted_hash)
             if (HASHES.get(service_name), HASHES.get(name)) == (wanted_hash, endpoint_hash):
                 return _load_class(service_name, wanted_hash)
-    actions: Iterator[Any] = (getattr(owned, "action_class", None) for owned in scope.owned.values())
+    actions: Iterator[Any] = (getattr(owned, "action_class", None) for owned in list(scope.owned.values()))
     return next((cls for cls in actions if cls is not None and type_hash(cls) == wanted_hash), None)
 
 

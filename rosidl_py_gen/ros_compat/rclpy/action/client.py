@@ -6,6 +6,7 @@ import threading
 import time
 import uuid
 import weakref
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from action_msgs.msg import GoalStatus
@@ -156,7 +157,8 @@ class ActionClient(ActionWaitable):
         if "callback" in taken_data:
             await await_or_execute(taken_data["callback"], taken_data["feedback"])
         while self._rosidl_ended_goal_ids:  # not earlier, as feedback that arrived with the result has to be delivered
-            self._feedback_callbacks.pop(self._rosidl_ended_goal_ids.pop(), None)
+            with suppress(IndexError):  # another thread was faster
+                self._feedback_callbacks.pop(self._rosidl_ended_goal_ids.pop(), None)
         if "status" in taken_data:
             self._rosidl_store_states(taken_data["status"].status_list)
 

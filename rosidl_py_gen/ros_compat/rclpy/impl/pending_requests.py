@@ -73,7 +73,10 @@ class PendingRequests:
         """Return the future and the subject of a request, None if it was discarded, and its response."""
         if not self.responses:
             return None
-        sequence_number, response_future = self.responses.popleft()
+        try:
+            sequence_number, response_future = self.responses.popleft()
+        except IndexError:  # another thread was faster
+            return None
         with self.lock:
             future = self.futures.get(sequence_number)
             return future, None if future is None else self._details[sequence_number][1], response_future

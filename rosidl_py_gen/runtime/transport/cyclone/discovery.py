@@ -97,7 +97,10 @@ class BuiltinTopicReaders:
         self.entities = tuple(self._readers.values())
         fast_dds.on_participants_pending(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
+        self.report_lock = threading.RLock()
+        """Held from reading events until the sink has applied them: without a running loop, several threads report."""
         self._lock = threading.RLock()
+        """Guards the builtin readers; not held while the sink runs, which may call functions of the user."""
         self._is_stopped = False
         self.guids: dict[int, bytes] = {}
         """Known GUIDs by local handle; `endpoint_guid` finds others."""
@@ -142,12 +145,13 @@ class BuiltinTopicReaders:
 
     def report(self) -> None:
         """Pass all new events to the sink."""
-        with self._lock:
-            events = [] if self._is_stopped else list(self._read_events())
-        for warning in self._new_warnings():
-            get_root_logger().warning(warning)
-        if events and self.sink is not None:
-            self.sink(events)
+        with self.report_lock:
+            with self._lock:
+                events = [] if self._is_stopped else list(self._read_events())
+            for warning in self._new_warnings():
+                get_root_logger().warning(warning)
+            if events and self.sink is not None:
+                self.sink(events)
 
     def _read_events(self) -> Iterator[DiscoveryEvent]:
         for topic, reader in self._readers.items():

@@ -19,6 +19,7 @@ import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.cdr.layout import NETWORK_ALIGN
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import get_logger
@@ -110,6 +111,7 @@ class _CycloneEndpoint:
         self.type = type
         self._key = (owner.domain_id, topic)
         self.guid = owner.api.guid_of(entity)
+        self._close_latch = Latch()
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return self._api.counts(self.entity, *self._statuses[event])
@@ -201,10 +203,11 @@ class CycloneWriter(_CycloneEndpoint):
         self._api.check(self._api.assert_liveliness(self.entity), "assert liveliness")
 
     def close(self) -> None:
+        if not self._close_latch.set():
+            return
         entity, self.entity = self.entity, 0
-        if entity:
-            self._api.delete(entity)
-            self._owner.release_topic(self.topic, self.type)
+        self._api.delete(entity)
+        self._owner.release_topic(self.topic, self.type)
 
 
 class TakeBuffers:
@@ -268,7 +271,7 @@ class CycloneReader(_CycloneEndpoint):
         return has_samples
 
     def _take_all(self, buffers: TakeBuffers) -> bool:
-        items, has_samples = self.queue.items, False
+        queue, items, has_samples = self.queue, self.queue.items, False
         size_of, unref, payload_offset = self._size_of, self._unref, self._payload_offset
         hooks, samples = self._fast_dds_hooks, buffers.samples
         count = _BATCH
@@ -294,9 +297,9 @@ class CycloneReader(_CycloneEndpoint):
                     unref(sample)
                 else:
                     data = self._view(sample, sample + payload_offset, size)
-                if len(items) == items.maxlen:  # inlined `ReceiveQueue.push`
-                    self.queue.dropped += 1
-                items.append((data, source_ns, writer, now, None))
+                items.append((data, source_ns, writer, now, None))  # inlined `ReceiveQueue.push`
+                if len(items) > queue.depth:
+                    queue.drop_oldest()
                 has_samples = True
         return has_samples
 
@@ -328,9 +331,9 @@ class CycloneReader(_CycloneEndpoint):
         """Do nothing: definitions do not keep endpoints apart."""
 
     def close(self) -> None:
-        entity, self.sink = self.entity, None
-        if not entity:
+        if not self._close_latch.set():
             return
+        entity, self.sink = self.entity, None
         with _local_lock:
             remaining = tuple(reader for reader in local_readers[self._key] if reader is not self)
             if remaining:

@@ -254,7 +254,8 @@ class CycloneParticipant:
 
     def next_gid(self) -> bytes:
         """Return the 16 bytes that rmw_get_gid_for_client returns."""
-        return self.guid[:GUID_PREFIX_BYTES] + next(self._entity_numbers).to_bytes(4, "big")
+        with self._lock:  # without the GIL, `next` of CPython 3.13 may return a number twice
+            return self.guid[:GUID_PREFIX_BYTES] + next(self._entity_numbers).to_bytes(4, "big")
 
     def create_client(self, service: ServiceSpec) -> DdsClient:
         return DdsClient(self, service)
@@ -315,7 +316,8 @@ class CycloneParticipant:
                     _api.delete(self._topics.pop(oldest)[0])
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro)
+        lock = self.discovery.report_lock
+        self._discovery_info = discovery_info = DiscoveryInfoTopic(self, sink, self._ros_distro, lock)
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self._schedule_sample_request(events)

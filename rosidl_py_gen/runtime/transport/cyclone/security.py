@@ -296,7 +296,11 @@ class SecurityLog:
 
     def new_records(self) -> list[str]:
         """Return texts to log, each once."""
-        return [self._records.popleft() for _ in range(len(self._records))]  # threads of Cyclone may append
+        records = []
+        for _ in range(len(self._records)):  # threads of Cyclone may append, and other participants read
+            with suppress(IndexError):
+                records.append(self._records.popleft())
+        return records
 
     def _on_line(self, _: object, pointer: Any) -> None:
         """Called by Cyclone with a lock of its log held; must not raise, block or log."""

@@ -10,6 +10,7 @@ Source: docs/internals/protocol.md 6.2.
 from __future__ import annotations
 
 import asyncio
+import threading
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -179,9 +180,14 @@ class DiscoveryInfoTopic:
     """
 
     def __init__(
-        self, participant: Participant, sink: Callable[[list[DiscoveryEvent]], None], ros_distro: str = ""
+        self,
+        participant: Participant,
+        sink: Callable[[list[DiscoveryEvent]], None],
+        ros_distro: str = "",
+        report_lock: threading.RLock | None = None,
     ) -> None:
-        """`ros_distro` is that of `DomainSettings`."""
+        """`ros_distro` is that of `DomainSettings`; `report_lock` is held while discovery events are applied."""
+        self._report_lock = threading.RLock() if report_lock is None else report_lock
         self._participant = participant
         self._sink = sink
         self._ros_distro = ros_distro
@@ -217,7 +223,7 @@ class DiscoveryInfoTopic:
     def _is_humble_wanted(self) -> bool:
         if self._ros_distro:
             return self._ros_distro == _HUMBLE
-        layouts = self._layouts.values()
+        layouts = list(self._layouts.values())  # the loop may change them
         return True in layouts or False not in layouts
 
     def _write(self) -> None:
@@ -309,6 +315,10 @@ class DiscoveryInfoTopic:
             asyncio.get_running_loop().call_later(_RETRY_DELAYS_S[attempt], self._recreate_reader, attempt + 1)
 
     def _on_messages(self) -> None:
+        with self._report_lock:
+            self._apply_messages()
+
+    def _apply_messages(self) -> None:
         items = self._reader.queue.items
         events: list[DiscoveryEvent] = []
         while items:

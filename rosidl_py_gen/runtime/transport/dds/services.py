@@ -149,7 +149,10 @@ class DdsClient(_EndpointPair):
     def take(self) -> Reply | None:
         items = self._reader.queue.items
         while items:
-            data, _, handle, _, _ = items.popleft()
+            try:
+                data, _, handle, _, _ = items.popleft()
+            except IndexError:  # another thread was faster
+                break
             server = self._reader.writer_guid(handle)
             try:
                 reply = self._correlation.reply(data, server)
@@ -218,7 +221,10 @@ class DdsServer(_EndpointPair):
         items = self._reader.queue.items
         if not items:
             return None
-        data, source_ns, handle, received_ns, _ = items.popleft()
+        try:
+            data, source_ns, handle, received_ns, _ = items.popleft()
+        except IndexError:  # another thread was faster
+            return None
         writer = self._reader.writer_guid(handle)
         if writer is not None and uses_sample_identity(writer) and extract_identity(data) is None:
             reason = self._participant.services_unavailable_reason or ""

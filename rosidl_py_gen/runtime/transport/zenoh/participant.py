@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -85,6 +86,8 @@ class ZenohParticipant:
         self.set_wakeup, self.fileno = self.ready_sinks.set_wakeup, self.ready_sinks.fileno
         self.take_ready_sinks = self.ready_sinks.take
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
+        self._report_lock = threading.RLock()
+        """Held until the sink has applied the events: without a running loop, several threads report."""
         self.graph = TokenGraph(self._zid, enclave)
         self._liveliness = session.liveliness()
         self._listener = self._liveliness.declare_subscriber(
@@ -177,13 +180,14 @@ class ZenohParticipant:
         sink = self._discovery_sink  # another thread may close the participant
         if sink is None:
             return
-        events = self.graph.events()
-        lost = {event.guid for event in events if isinstance(event, EntityLost)}
-        for endpoint in list(self._local_endpoints.values()) if lost else ():
-            if isinstance(endpoint, ZenohServer):
-                endpoint.drop_requests(lost)
-        if events:
-            sink(events)
+        with self._report_lock:
+            events = self.graph.events()
+            lost = {event.guid for event in events if isinstance(event, EntityLost)}
+            for endpoint in list(self._local_endpoints.values()) if lost else ():
+                if isinstance(endpoint, ZenohServer):
+                    endpoint.drop_requests(lost)
+            if events:
+                sink(events)
 
     def detach_after_fork(self) -> None:
         self._closed = True

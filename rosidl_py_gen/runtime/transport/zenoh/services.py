@@ -85,7 +85,10 @@ class _ZenohServiceEndpoint(ZenohReader):
         items = self.queue.items
         if not items:
             return None
-        received: Any = items.popleft()
+        try:
+            received: Any = items.popleft()
+        except IndexError:  # another thread was faster
+            return None
         data = received[1]
         if data.__class__ is _OfPeer:
             try:
