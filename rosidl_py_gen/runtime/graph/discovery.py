@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.base.callbacks import RegistrationSet
 from rosidl_py_gen.base.occurrences import MAX_FIRST, is_logged
 from rosidl_py_gen.base.waiters import Waiters
+from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.graph.graph import Graph, Mismatch
 from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, type_hashes_differ
 from rosidl_py_gen.runtime.graph.unmatched import UnmatchedReasons
@@ -127,7 +128,11 @@ class Discovery:
         """Announce all own nodes now."""
         with self._lock:
             self._announcement_is_scheduled = False
-            self._participant.announce(self._nodes)
+            try:
+                self._participant.announce(self._nodes)
+            except ClosedError:
+                if not self._closed:  # another thread closes the context, which peers notice without this announcement
+                    raise
             self.graph.set_nodes(self._participant.guid, self._nodes.values())
         self._changed()
 

@@ -131,7 +131,7 @@ class Domain:
         self.is_closing = False
         """No participant uses the domain; it is deleted when no thread writes."""
         self.writing: list[int] = []
-        """Threads that create or write a sample, and so use types and memory of the domain."""
+        """Threads that create or write a sample, or delete an endpoint, and so use types and memory of the domain."""
         self._end_lock = threading.Lock()
         self._has_ended = False
         self.types = Sertypes(api, fast_dds.prepare)

@@ -116,6 +116,19 @@ class _CycloneEndpoint:
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return self._api.counts(self.entity, *self._statuses[event])
 
+    def _delete(self, entity: int) -> None:
+        """Delete the endpoint, unless another thread has deleted the participant; the domain waits for this."""
+        domain, thread_id = self._owner.domain, _get_thread_id()
+        domain.writing.append(thread_id)
+        try:
+            if not domain.is_closing:
+                self._api.delete(entity)
+                self._owner.release_topic(self.topic, self.type)
+        finally:
+            domain.writing.remove(thread_id)
+            if domain.is_closing:
+                domain.end_if_unused()
+
 
 class CycloneWriter(_CycloneEndpoint):
     """Writer of the DDS transport."""
@@ -206,8 +219,7 @@ class CycloneWriter(_CycloneEndpoint):
         if not self._close_latch.set():
             return
         entity, self.entity = self.entity, 0
-        self._api.delete(entity)
-        self._owner.release_topic(self.topic, self.type)
+        self._delete(entity)
 
 
 class TakeBuffers:
@@ -343,5 +355,4 @@ class CycloneReader(_CycloneEndpoint):
         self._owner.readers.pop(entity, None)
         with self._owner.buffers.lock:
             self.entity = 0
-        self._api.delete(entity)
-        self._owner.release_topic(self.topic, self.type)
+        self._delete(entity)
