@@ -13,8 +13,9 @@ PACKAGE = """<package format="3"><name>threads_msgs</name><version>1.0.0</versio
 <maintainer email="a@b.c">m</maintainer><license>x</license><member_of_group>rosidl_interface_packages</member_of_group>
 </package>"""
 DEFINITIONS = {
+    "Stamp.msg": "int32 sec\nuint32 nanosec\n",
     "Inner.msg": "uint8 number\nfloat64[2] values\n",
-    "Middle.msg": "std_msgs/Header header\nInner[] inner\nstring name\n",
+    "Middle.msg": "Stamp stamp\nInner[] inner\nstring name\n",
     "Outer.msg": "Middle middle\nInner single\nuint16[] numbers\n",
 }
 PROGRAM = """

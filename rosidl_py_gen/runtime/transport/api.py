@@ -11,10 +11,8 @@ thread, also while the loop still waits; a sink pops what it needs from the queu
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections import deque
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeAlias
@@ -164,17 +162,17 @@ def pad_to_4_bytes(data: Payload) -> bytes:
 class ReceiveQueue:
     """Received samples that were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL retains all.
 
-    Thread: any. Appending and popping are single operations of a deque. The deque has no `maxlen`: another thread may
-    pop between a check of its length and an append that drops, and `dropped` would count a sample that was received.
+    Thread: any may pop; a lock of the transport serializes `push`, which counts. Appending and popping are single
+    operations of a deque. The deque has no `maxlen`: another thread may pop between a check of its length and an append
+    that drops, and `dropped` would count a sample that was received.
     """
 
-    __slots__ = ("_count_lock", "depth", "dropped", "items")
+    __slots__ = ("depth", "dropped", "items")
 
     def __init__(self, qos: QoSProfile) -> None:
         self.depth = sys.maxsize if qos.history is History.KEEP_ALL else max(1, qos.depth)
         self.items: deque[Sample] = deque()
         self.dropped = 0
-        self._count_lock = threading.RLock()
 
     def push(self, sample: Sample) -> None:
         """Add the newest sample."""
@@ -184,9 +182,11 @@ class ReceiveQueue:
 
     def drop_oldest(self) -> None:
         """Drop and count a sample, unless other threads have emptied the queue."""
-        with suppress(IndexError), self._count_lock:
+        try:  # `suppress` takes as long as all the rest
             self.items.popleft()
-            self.dropped += 1
+        except IndexError:
+            return
+        self.dropped += 1
 
 
 class TransportError(RosidlError):

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import threading
 import time
 from dataclasses import replace
 from functools import partial
@@ -218,6 +219,8 @@ class ZenohReader(_ZenohEndpoint):
     ) -> None:
         super().__init__(owner, infos)
         self.queue = ReceiveQueue(self.info.qos)
+        self._push_lock = threading.RLock()
+        """Held while a sample is added: several threads of Zenoh may receive samples of different writers."""
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
         self._gaps: SequenceGaps | None = None
@@ -285,7 +288,8 @@ class ZenohReader(_ZenohEndpoint):
 
     def receive(self, item: Any) -> None:
         """Add a sample, request or reply to the queue."""
-        self.queue.push(item)
+        with self._push_lock:
+            self.queue.push(item)
         sink = self._sink  # another thread may remove it
         if sink is not None:
             self._owner.ready_sinks.put(sink)
