@@ -1,7 +1,7 @@
 """The interface files of a source package.
 
-If its CMakeLists.txt calls `rosidl_generate_interfaces` with literal names and globs, these are its files, as in a
-build; conditions are not evaluated, so every branch counts. Otherwise all interface files below its folder are used.
+If the list that its CMakeLists.txt gives to `rosidl_generate_interfaces` can be determined without a build, the files
+of the list are used. Otherwise all interface files below its folder are used, so that no file is lost.
 """
 
 from __future__ import annotations
@@ -45,28 +45,33 @@ class CMakeInterfaceList:
             self._text = read_text(folder, "CMakeLists.txt")
             self._add_listed()
         except UnreadableError as error:
+            # A wrong entry of a list that is not used is no problem.
+            self.problems.clear()
             self._add_all(error)
         self.files = self._select_files()
 
     def _add_listed(self) -> None:
         script = CMakeScript(self._folder, self._text)
-        calls = [words[1:] for name, words in script.calls if name == GENERATE]
+        calls = [words for name, words in script.calls if name == GENERATE]
         # A call with SKIP_INSTALL is for the package's tests.
         own = [words for words in calls if all(word.text != "SKIP_INSTALL" for word in words)]
-        unknown: list[int] = []
-        for words in own or calls:
-            keyword = ""
-            for word in words:
-                if word.text.isupper():
-                    keyword = word.text if word.text in ("DEPENDENCIES", "LIBRARY_NAME") else ""
-                elif keyword:
-                    keyword = "" if keyword == "LIBRARY_NAME" else keyword
-                elif word.text == UNKNOWN:
-                    unknown.append(word.offset)
-                else:
-                    self._add(word, script.creates_files)
-        if unknown or not (self._paths or self.problems):
-            raise UnreadableError(f"{GENERATE}() has no list of literal names and globs", *unknown[:1])
+        listed = [(words[0].certain, _files_of_call(words)) for words in own or calls if words]
+        texts = [{word.text for word in files} for _, files in listed]
+        in_all = set.intersection(*texts) if texts else set()
+        doubts: list[tuple[int, str]] = []
+        for is_certain, files in listed:
+            for word in files:
+                if word.text == UNKNOWN:
+                    doubts.append((word.offset, f"{GENERATE}() has no list of literal names and globs"))
+                    continue
+                # If a build skips one of several calls, their lists have to agree.
+                if not word.certain or not (is_certain or word.text in in_all):
+                    doubts.append((word.offset, f"{GENERATE}() has a list that depends on the build"))
+                self._add(word, script.creates_files)
+        if doubts:
+            raise UnreadableError(doubts[0][1], doubts[0][0])
+        if not (self._paths or self.problems):
+            raise UnreadableError(f"{GENERATE}() has no list of literal names and globs")
 
     def _add(self, word: CMakeArgument, may_be_created: bool) -> None:
         base, colon, relative = word.text.rpartition(":")  # an absolute base folder may precede
@@ -122,3 +127,17 @@ class CMakeInterfaceList:
             line, start = self._text.count("\n", 0, offset) + 1, self._text.rfind("\n", 0, max(0, offset)) + 1
             source = SourceText(display_path(self._folder / "CMakeLists.txt"), self._text, "txt")
             problems.append(Location(source, line * (offset >= 0), offset - start + 1).diagnostic(text))
+
+
+def _files_of_call(words: list[CMakeArgument]) -> list[CMakeArgument]:
+    """Return the files among the arguments of a call, of which the first is the target."""
+    files: list[CMakeArgument] = []
+    keyword = ""
+    for word in words[1:]:
+        if word.text.isupper():
+            keyword = word.text if word.text in ("DEPENDENCIES", "LIBRARY_NAME") else ""
+        elif keyword:
+            keyword = "" if keyword == "LIBRARY_NAME" else keyword
+        else:
+            files.append(word)
+    return files

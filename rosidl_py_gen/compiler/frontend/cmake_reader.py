@@ -1,7 +1,9 @@
-"""Reader of CMakeLists.txt: arguments of its calls, if they consist of literal names and globs.
+"""Reader of CMakeLists.txt: arguments of its calls, as far as they can be determined without a build.
 
-No command is run, and no condition is evaluated: `set`, `list(APPEND)` and `file(GLOB)` all add to a list. A variable
-that any other command or file may change is unknown from there on.
+No command is run. Variables are followed through `set`, `unset`, `list`, `file(GLOB)`, `if` and `foreach`. If a
+condition depends on the build, each branch is read, and a variable whose value depends on the branch has the elements
+of all branches, none of them certain. A variable that any other command, function or file may change is unknown from
+there on. Facts: docs/internals/protocol.md 14.2.
 """
 
 from __future__ import annotations
@@ -9,15 +11,17 @@ from __future__ import annotations
 import posixpath
 import re
 import sys
+from collections import ChainMap
 from contextlib import suppress
 from fnmatch import fnmatchcase
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
+from rosidl_py_gen.compiler.frontend.cmake_conditions import ConditionWord, evaluate_condition
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
 GENERATE = "rosidl_generate_interfaces"
@@ -29,11 +33,14 @@ _TOKEN = re.compile(
     r'|(?:[^\s()#"\\]+|\\.)+|\s+|.',
     re.DOTALL,
 )
-_REFERENCE = re.compile(r"\$\{([\w./+-]+)\}")
+_REFERENCE = re.compile(r"\$(?:(?=ENV\{)|\{)(ENV\{[\w./+-]+|[\w./+-]+)\}")
+_UNREADABLE = re.compile(r"\\[;ntr]|\$\w*[{<]")
 _BLOCKS = ("if", "foreach", "while", "function", "macro", "block")
+_MAX_DEPTH = 60
+"""Maximum depth of blocks in blocks, which bounds the recursion of the reader."""
 _HARMLESS = re.compile(  # prefixes of commands that change no list
-    "message|set |unset|find_|return|if|else|end|target_|ament_|link_|rosidl_|rclcpp_|catkin_|include_|set_[pt]"
-    "|add_(lib|exec|comp|def|dep|custom|test|link)|list (sort|reverse|remove_d)"
+    "message|find_package|return|if|else|end|target_|ament_|link_|rosidl_|rclcpp_|catkin_|include_|set_[pt]"
+    "|add_(lib|exec|comp|def|dep|custom|test|link)|cmake_(min|pol)"
 )
 _RECORDED = re.compile(
     f"{GENERATE}|install|(ament_auto_)?add_(executable|library)|add_launch_test|ament_add_pytest_test|ament_auto_package"
@@ -47,95 +54,371 @@ _INSTALL_FOLDERS = {
     "CMAKE_INSTALL_DATAROOTDIR": "share",
     "PYTHON_INSTALL_DIR": f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages",
 }
-"""Variables of CMake, GNUInstallDirs and ament_cmake_python with folders of a prefix; `set` may add other values."""
+"""Variables of CMake, GNUInstallDirs and ament_cmake_python with folders of a prefix."""
 _FOLDERS = "CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR"
-_GLOB_WORDS = ("RELATIVE", "LIST_DIRECTORIES", "CONFIGURE_DEPENDS", "FOLLOW_SYMLINKS")
+_PREDEFINED = {**_INSTALL_FOLDERS, **dict.fromkeys(_FOLDERS, "."), "ENV{ROS_VERSION": "2"}
+_NOT_CHANGED_ELSEWHERE = {*_PREDEFINED, "PROJECT_NAME"}
+"""Variables that a function or another file is taken to read only."""
+_DEFINITION = re.compile(r"\b(?:function|macro)\s*\(\s*([\w-]+)", re.IGNORECASE)
+_COMPOSED = re.compile(r'[^\s()"#;]*\$\{[^\s()"#;]*')
+_GLOB_OPTIONS = {"RELATIVE": 2, "LIST_DIRECTORIES": 2, "CONFIGURE_DEPENDS": 1, "FOLLOW_SYMLINKS": 1}
+"""Options of `file(GLOB)` and the number of their words."""
 _MAX_STARS = 4
 _MAX_PATH = 4096
 _ACCESS_COST = 500
 """Cost of one access to a file or folder in characters: it is at least one system call."""
+_COMMAND_COST = 10
+"""Cost of one command in characters."""
 _MAX_BUDGET = 2_000_000
 """Maximum characters of values and file names to process for one CMakeLists.txt, so that its reader takes bounded time.
 """
 
 
 class CMakeArgument(NamedTuple):
-    """An argument or an element of a list, with its offset in the file; `certain`: every build has it."""
+    """An argument or an element of a list.
+
+    Attributes:
+        text: text, or UNKNOWN.
+        offset: offset in the file.
+        certain: True if every build has the element there.
+        quote: `"` for a quoted argument, `[` for a bracket argument, or empty.
+    """
 
     text: str
     offset: int = 0
     certain: bool = True
+    quote: str = ""
 
 
-def parse_commands(text: str) -> Iterator[tuple[str, list[CMakeArgument]]]:
-    """Yield name and arguments of each command."""
-    name, depth, words = "", 0, list[CMakeArgument]()
+class CMakeCommand(NamedTuple):
+    """A command: its name in small letters, its arguments, and the offsets of its first and after its last character.
+
+    Parentheses inside are arguments.
+    """
+
+    name: str
+    words: list[CMakeArgument]
+    start: int
+    end: int
+
+
+_Value = list[CMakeArgument] | None  # elements of a variable; None: unknown
+
+
+def parse_commands(text: str) -> Iterator[CMakeCommand]:
+    """Yield the commands of a file."""
+    name, start, depth, words = "", 0, 0, list[CMakeArgument]()
     for found in _TOKEN.finditer(text):
         token = found[0]
-        if token == "(":
-            words, depth = (words, depth + 1) if depth else ([], 1)
-        elif token == ")" and depth:
-            depth -= 1
-            if not depth:
-                yield name, words
+        if token == "(" and not depth:
+            words, depth = [], 1
+        elif token == ")" and depth == 1:
+            depth = 0
+            yield CMakeCommand(name, words, start, found.end())
         elif token[0] == "#" or token.isspace():
             continue
         elif depth:
-            inner = found["raw"] if found["quoted"] is None else found["quoted"]
-            words.append(CMakeArgument(token if inner is None else inner, found.start()))
+            depth += (token == "(") - (token == ")")
+            inner, quote = token, ""
+            if found["raw"] is not None:
+                inner, quote = found["raw"].removeprefix("\n"), "["
+            elif found["quoted"] is not None:
+                inner, quote = found["quoted"], '"'
+            words.append(CMakeArgument(inner, found.start(), quote=quote))
         else:
-            name = token.lower()
+            name, start = token.lower(), found.start()
 
 
 class CMakeScript:
     """A CMakeLists.txt with its `calls` of commands that define interfaces, installed files, targets and tests.
 
-    A call is a name and arguments. A call of `add_subdirectory` is listed if that folder has install rules.
+    A call is a name and arguments. Calls in branches that a build may skip are listed, too. A call of
+    `rosidl_generate_interfaces` has a target that is not certain there, or if its name is unknown. A call of
+    `add_subdirectory` is listed if that folder has install rules.
     """
 
     def __init__(self, folder: Path, text: str) -> None:
         """Read a script; raises `UnreadableError` if it lists more than a package can have."""
         self._folder = folder
+        self._text = text
         self._files: list[list[str]] = []
         self._budget = _MAX_BUDGET
-        self._depth = 0  # depth of blocks
-        self._is_lost = False  # any variable may have been set
+        self._undecided = 0  # depth of blocks that a build may skip
+        self._is_in_function = False
+        self._is_ended = False  # the build does not come here
+        self._may_be_ended = False  # a block that a build may skip ends the file
         self.creates_files = False  # the build may add files to the package folder
-        self._fixed = dict.fromkeys(_FOLDERS, ".")
-        self._values: dict[str, dict[str, CMakeArgument] | None] = {
-            name: {text: CMakeArgument(text)} for name, text in _INSTALL_FOLDERS.items()
-        }
+        # Later maps have the values before a block whose condition is undecided.
+        self._values = ChainMap[str, _Value]({name: [CMakeArgument(value)] for name, value in _PREDEFINED.items()})
+        self._cached: set[str] = set()  # variables that have a value in the cache of CMake, too
+        self._functions: dict[str, str] = {}  # functions and macros, and the text that may change variables
         self.calls: list[tuple[str, list[CMakeArgument]]] = []
-        for name, words in parse_commands(text):
-            self._depth = max(0, self._depth + (name in _BLOCKS) - (name[:3] == "end" and name[3:] in _BLOCKS))
-            self._read(name, words, words[0].text.upper() if words else "")
+        self._commands = list(parse_commands(text))
+        self._sections = _find_blocks(self._commands)
+        self._run(0, len(self._commands))
+
+    # --- Blocks -------------------------------------------------------------------------------------------------------
+
+    def _run(self, start: int, stop: int) -> None:
+        while start < stop and not self._is_ended:
+            command = self._commands[start]
+            self._spend(_COMMAND_COST)
+            marks = self._sections.get(start)
+            if marks is None:
+                self._read(command.name, command.words, command.words[0].text.upper() if command.words else "")
+                start += 1
+            else:
+                self._run_block(command, marks)
+                start = marks[-1] + 1
+
+    def _run_block(self, command: CMakeCommand, marks: list[int]) -> None:
+        text = self._text[command.start : self._commands[marks[-1] - 1].end]
+        if command.name == "if":
+            self._run_if(marks)
+        elif command.name == "foreach":
+            self._run_foreach(command, marks, text)
+        elif command.name in ("function", "macro"):
+            # Calls inside count once, with the values of now.
+            before, self._is_in_function = self._is_in_function, True
+            changed, _ = self._branch(marks[0] + 1, marks[-1])
+            self._is_in_function = before
+            if command.words:
+                # The body may change what an included file or another function names.
+                self._functions[self._only(command.words[0]).lower()] = " ".join((text, *changed))
+        else:
+            self._run_maybe(marks, text)
+
+    def _run_if(self, marks: list[int]) -> None:
+        possible: list[tuple[int, int]] = []
+        is_exhaustive = False
+        for mark, following in pairwise(marks):
+            name, words, *_ = self._commands[mark]
+            value = True if name == "else" else evaluate_condition(self._condition_words(words), self._scalar)
+            if value is not False:
+                possible.append((mark + 1, following))
+            if value:
+                is_exhaustive = True
+                break
+        if is_exhaustive and len(possible) == 1:
+            self._run(*possible[0])
+            return
+        outcomes = [changed for changed, is_ended in (self._branch(*section) for section in possible) if not is_ended]
+        self._is_ended = bool(possible) and is_exhaustive and not outcomes
+        self._join(outcomes if is_exhaustive else [*outcomes, {}])
+
+    def _run_foreach(self, command: CMakeCommand, marks: list[int], text: str) -> None:
+        name = self._only(command.words[0]) if command.words else UNKNOWN
+        items = self._loop_items(command.words[1:])
+        jumps = {command.name for command in self._commands[marks[0] : marks[-1]]} & {"break", "continue"}
+        if jumps or UNKNOWN in name or any(item.text == UNKNOWN or not item.certain for item in items):
+            self._run_maybe(marks, text)
+            return
+        had_value = name in self._values
+        before = self._values.get(name)
+        for item in items:
+            self._values[name] = [item] if item.text else []
+            self._run(marks[0] + 1, marks[-1])
+        self._values[name] = before if had_value else None
+
+    def _loop_items(self, words: list[CMakeArgument]) -> list[CMakeArgument]:
+        unknown = [CMakeArgument(UNKNOWN)]
+        keyword = words[0].text if words and not words[0].quote else ""
+        if keyword != "IN":
+            return unknown if keyword == "RANGE" else [item for word in words for item in self._items(word)]
+        items: list[CMakeArgument] = []
+        for word in words[1:]:
+            if not word.quote and word.text in ("LISTS", "ITEMS", "ZIP_LISTS"):
+                keyword = word.text
+            elif keyword == "LISTS":
+                items += self._value(self._only(word))
+            else:
+                items += self._items(word) if keyword == "ITEMS" else unknown
+        return items
+
+    def _items(self, word: CMakeArgument) -> list[CMakeArgument]:
+        """Return the arguments that a word becomes: a quoted word is one argument."""
+        items = self._expand(word)
+        if word.quote and len(items) > 1:
+            text = ";".join(item.text for item in items)
+            is_known = all(item.certain for item in items) and UNKNOWN not in text
+            return [CMakeArgument(text if is_known else UNKNOWN, word.offset)]
+        return items
+
+    def _run_maybe(self, marks: list[int], text: str) -> None:
+        """List the calls of a block that may run any number of times, and make unknown what the block may change."""
+        self._forget(text)
+        changed, _ = self._branch(marks[0] + 1, marks[-1])
+        self._set_unknown(changed)
+
+    def _branch(self, start: int, stop: int) -> tuple[dict[str, _Value], bool]:
+        """Run a section that a build may skip; returns the variables that it changes, and True if the build ends."""
+        before = self._values
+        self._values = before.new_child()
+        self._undecided += 1
+        self._run(start, stop)
+        self._undecided -= 1
+        changed, self._values = dict(self._values.maps[0]), before
+        is_ended, self._is_ended = self._is_ended, False
+        return changed, is_ended
+
+    def _join(self, outcomes: list[dict[str, _Value]]) -> None:
+        """Set the variables that differ after the branches of a condition; their elements are not certain."""
+        for name in dict.fromkeys(name for outcome in outcomes for name in outcome):
+            is_set_before, before = name in self._values, self._values.get(name)
+            values = [outcome.get(name, before) for outcome in outcomes]
+            is_always_set = all(is_set_before or name in outcome for outcome in outcomes)
+            known = [value for value in values if value is not None]
+            self._spend(sum(len(value) for value in known) + len(name))
+            texts = [[(one.text, one.certain) for one in value] for value in known]
+            if is_always_set and len(known) == len(values) and all(text == texts[0] for text in texts):
+                self._values[name] = known[0]
+                continue
+            union = {one.text: one._replace(certain=False) for value in known for one in value}
+            # A variable of another package may be unknown where no branch sets it.
+            is_known = union and (len(known) == len(values) or not is_always_set)
+            self._values[name] = list(union.values()) if is_known else None
+
+    # --- Commands -----------------------------------------------------------------------------------------------------
 
     def _read(self, name: str, words: list[CMakeArgument], first: str) -> None:
-        if _RECORDED.fullmatch(name):
-            self.calls.append((name, self._expand(*words)))
-        if name in (GENERATE, "install"):
-            self._spend(_ACCESS_COST // 5 * len(self.calls[-1][1]))
+        if name in self._functions:
+            self._forget(self._functions[name], *(word.text for word in self._expand(*words)))
+        elif _RECORDED.fullmatch(name):
+            self._record(name, words)
+        elif name == "return":
+            self._is_ended = True
+            self._may_be_ended |= self._undecided > 0
+        elif name == "message":
+            self._is_ended |= first == "FATAL_ERROR" and self._undecided > 0
         elif name == "project" and words:
-            self._fixed |= {"PROJECT_NAME": words[0].text, f"{words[0].text}_SOURCE_DIR": "."}
-        elif name == "set" and words and (words[-1].text != "PARENT_SCOPE" or self._depth):  # the file has no parent
-            values = takewhile(lambda word: word.text not in ("CACHE", "PARENT_SCOPE"), words[1:])
-            self._add(words[0], self._expand(*values))
-        elif name == "list" and len(words) > 1 and first in ("APPEND", "PREPEND", "INSERT"):
-            self._add(words[1], self._expand(*words[3 if first == "INSERT" else 2 :]))
+            project = self._only(words[0])
+            self._values["PROJECT_NAME"] = [words[0]._replace(text=project)]
+            self._values[f"{project}_SOURCE_DIR"] = [CMakeArgument(".")]
+        elif name == "find_package" and words:
+            package = self._only(words[0])
+            is_here = package.startswith(("ament_", "rosidl_")) or any(word.text == "REQUIRED" for word in words)
+            state = "0" if package == "catkin" else "1" if is_here else UNKNOWN
+            self._values[f"{package}_FOUND"] = [CMakeArgument(state, words[0].offset)]
+        elif name in ("set", "unset") and words:
+            self._set(words[0], words[1:])
+        elif name == "list" and len(words) > 1:
+            self._change_list(first, words)
         elif name == "file" and len(words) > 1 and first in ("GLOB", "GLOB_RECURSE"):
-            self._add(words[1], self._glob(words[2:], is_deep=first == "GLOB_RECURSE"))
+            self._assign(words[1], self._glob(words[2:], is_deep=first == "GLOB_RECURSE"))
         elif name in ("include", "add_subdirectory") and words:
             self._include(words[0], is_include=name == "include")
-        elif not _HARMLESS.match(f"{name} {first.lower()}"):
+        elif not _HARMLESS.match(name):
             self.creates_files |= name in ("file", "configure_file")
-            self._values |= dict.fromkeys(word.text for word in self._expand(*words))
+            self._set_unknown(word.text for word in self._expand(*words))
 
-    def _add(self, target: CMakeArgument, words: list[CMakeArgument]) -> None:
-        name = self._only(target)
-        self._is_lost |= name == UNKNOWN
-        if (values := self._values.setdefault(name, {})) is not None:
-            for word in words:
-                values.setdefault(word.text, word._replace(certain=word.certain and not self._depth))
+    def _record(self, name: str, words: list[CMakeArgument]) -> None:
+        arguments = self._expand(*words)
+        if name in (GENERATE, "install"):
+            self._spend(_ACCESS_COST // 5 * len(arguments))
+        if name == GENERATE and words:
+            targets = self._expand(words[0])
+            is_certain = len(targets) == 1 and targets[0].certain and not (self._undecided or self._may_be_ended)
+            arguments = [CMakeArgument(GENERATE, words[0].offset, is_certain), *self._expand(*words[1:])]
+            if len(targets) != 1 or self._is_in_function:
+                arguments.append(CMakeArgument(UNKNOWN, words[0].offset))
+        self.calls.append((name, arguments))
+
+    def _set(self, target: CMakeArgument, words: list[CMakeArgument]) -> None:
+        if words and words[-1].text == "PARENT_SCOPE":
+            return  # the file has no parent, and a call of a function makes its variables unknown
+        values = self._expand(*takewhile(lambda word: word.text != "CACHE", words))
+        name = _key(self._only(target))
+        if any(word.text == "CACHE" for word in words):
+            # The cache may have another value, and the variable as well.
+            self._cached.add(name)
+            values = [one._replace(certain=False) for one in (*(self._values.get(name) or ()), *values)]
+        self._assign(target, values if values or name not in self._cached else None)
+
+    def _change_list(self, verb: str, words: list[CMakeArgument]) -> None:
+        name = self._only(words[1])
+        if UNKNOWN in name:
+            self._forget_all()
+            return
+        values, given = self._own(name), self._expand(*words[2:])
+        if values is None:
+            self._set_unknown(one.text for one in given)
+            return
+        if verb == "APPEND":
+            values += given
+            return
+        self._spend(len(values))
+        is_exact = all(one.certain and one.text != UNKNOWN for one in (*values, *given))
+        if verb == "PREPEND":
+            values[:0] = given
+        elif verb == "INSERT" and is_exact and given and given[0].text.isdecimal():
+            at = int(given[0].text[:9])
+            values[at:at] = given[1:]
+        elif verb == "REMOVE_ITEM" and is_exact:
+            removed = {one.text for one in given}
+            values[:] = [one for one in values if one.text not in removed]
+        elif verb == "REMOVE_DUPLICATES" and is_exact:
+            values[:] = {one.text: one for one in values}.values()
+        elif verb == "SORT" and is_exact and not given:
+            values.sort(key=lambda one: one.text.encode(errors="replace"))
+        elif verb == "REVERSE" and is_exact:
+            values.reverse()
+        elif verb == "TRANSFORM" and is_exact and len(given) == 2 and given[0].text in ("PREPEND", "APPEND"):
+            before, after = (given[1].text, "") if given[0].text == "PREPEND" else ("", given[1].text)
+            self._spend(sum(len(one.text) + len(given[1].text) for one in values))
+            values[:] = [one._replace(text=before + one.text + after) for one in values]
+        else:
+            self._set_unknown([name, *(one.text for one in given)])
+
+    def _assign(self, target: CMakeArgument, value: _Value) -> None:
+        name = _key(self._only(target))
+        if UNKNOWN in name:
+            self._forget_all()
+        else:
+            self._values[name] = value
+
+    def _own(self, name: str) -> _Value:
+        """Return the list of a variable, which the caller may change; a variable that nothing sets becomes empty."""
+        own = self._values.maps[0]
+        if name not in own:
+            before = self._values.get(name, [])
+            self._spend(len(before or ()))
+            own[name] = None if before is None else list(before)
+        return own[name]
+
+    def _set_unknown(self, names: Iterable[str]) -> None:
+        self._values |= dict.fromkeys(_key(name) for name in names if name not in _NOT_CHANGED_ELSEWHERE)
+
+    def _forget_all(self) -> None:
+        self._spend(sum(map(len, self._values.maps)))
+        self._set_unknown(list(self._values))
+
+    def _forget(self, text: str, *names: str) -> None:
+        """Make the variables unknown that commands of a text may change if their arguments are `names`.
+
+        They are the words of the text, the values of these words, and what its composed words match.
+        """
+        forgotten: dict[str, None] = dict.fromkeys(names)
+        texts = [text]
+        for changing in texts:  # grows inside the loop
+            self._spend(_ACCESS_COST + len(changing))
+            for composed in _COMPOSED.findall(changing):
+                parts = _REFERENCE.split(composed)[::2]
+                if parts == ["", ""]:
+                    continue
+                if len(parts) > 3 or any("$" in part for part in parts):
+                    self._forget_all()
+                    continue
+                self._spend(sum(map(len, self._values.maps)))
+                pattern = re.compile(".*".join(map(re.escape, parts)), re.DOTALL)
+                forgotten |= dict.fromkeys(name for name in self._values if pattern.fullmatch(name))
+            for word in set(re.findall(r"[\w./+-]+", changing)):
+                forgotten[word] = None
+                value = self._values.get(word) if word not in _NOT_CHANGED_ELSEWHERE else None
+                forgotten |= dict.fromkeys(one.text for one in value or ())
+                called = self._functions.get(word.lower(), "")
+                if called and called not in texts:
+                    texts.append(called)
+        self._set_unknown(forgotten)
 
     def _include(self, target: CMakeArgument, *, is_include: bool) -> None:
         """Make the variables unknown that another file of the package may set."""
@@ -149,57 +432,120 @@ class CMakeScript:
         if not is_include and "install" in text.lower():
             self.calls.append(("add_subdirectory", [target]))
         if path is None:  # a file of another package, unless this script sets the name
-            self._is_lost |= not self._values.keys().isdisjoint(_REFERENCE.findall(target.text))
+            if not self._values.keys().isdisjoint({*_REFERENCE.findall(target.text)} - _NOT_CHANGED_ELSEWHERE):
+                self._forget_all()
         elif is_include or "PARENT_SCOPE" in text or "CACHE" in text:
-            self._is_lost |= re.search(r"\binclude\s*\([^)]*[./$]", text, re.IGNORECASE) is not None
-            self._values |= dict.fromkeys(re.findall(r"[\w./+-]+", text))
+            if re.search(r"\binclude\s*\([^)]*[./$]", text, re.IGNORECASE):
+                self._forget_all()
+            self._functions |= dict.fromkeys((name.lower() for name in _DEFINITION.findall(text)), text)
+            self._forget(text)
+
+    # --- Values -------------------------------------------------------------------------------------------------------
 
     def _only(self, word: CMakeArgument) -> str:
         values = self._expand(word)
-        return values[0].text if len(values) == 1 else UNKNOWN
+        return values[0].text if len(values) == 1 and values[0].certain else UNKNOWN
 
-    def _expand(self, *words: CMakeArgument) -> list[CMakeArgument]:
-        found: list[CMakeArgument] = []
+    def _scalar(self, name: str) -> str | None:
+        """Return the value of a variable as one text; None if it is not certain or nothing sets it."""
+        value = self._values.get(_key(name))
+        if value is None or not all(one.certain and one.text != UNKNOWN for one in value):
+            return None
+        self._spend(sum(len(one.text) for one in value))
+        return ";".join(one.text for one in value)
+
+    def _condition_words(self, words: list[CMakeArgument]) -> list[ConditionWord]:
+        found: list[ConditionWord] = []
         for word in words:
-            parts = _REFERENCE.split(word.text)
-            values = [self._value(name) for name in parts[1::2]]
-            self._spend(len(word.text) + sum(len(text) for one in values for text in one))
-            if parts[::2] == ["", ""]:
-                found += [part if part.text != UNKNOWN else word._replace(text=UNKNOWN) for part in values[0].values()]
+            values = self._expand(word)
+            texts = [one.text if one.certain and one.text != UNKNOWN else None for one in values]
+            if word.quote:
+                text = None if None in texts else ";".join(filter(None, texts))
+                found.append(ConditionWord(text, is_quoted=True))
             else:
-                parts[1::2] = ["".join(one) if len(one) < 2 else UNKNOWN for one in values]
-                text = re.sub(r"\\(\n|(.))", r"\2", "".join(parts), flags=re.DOTALL)
-                is_known = UNKNOWN not in text and not re.search(r"\$\w*[{<]", text)
-                found += [
-                    CMakeArgument(part, word.offset) for part in (text if is_known else UNKNOWN).split(";") if part
-                ]
+                found += map(ConditionWord, texts)
         return found
 
-    def _value(self, name: str) -> dict[str, CMakeArgument]:
-        found = None if self._is_lost or name in self._fixed else self._values.get(name)
-        text = self._fixed.get(name, UNKNOWN)
-        return {text: CMakeArgument(text)} if found is None else found
+    def _expand(self, *words: CMakeArgument) -> list[CMakeArgument]:
+        """Return words with their references replaced; a list becomes its elements, also between quotation marks."""
+        found: list[CMakeArgument] = []
+        for word in words:
+            parts = [word.text] if word.quote == "[" else _REFERENCE.split(word.text)
+            values = [self._value(name) for name in parts[1::2]]
+            self._spend(len(word.text) + sum(len(one.text) + 1 for value in values for one in value))
+            if parts[::2] == ["", ""]:
+                found += [one if one.text != UNKNOWN else word._replace(text=UNKNOWN) for one in values[0]]
+                continue
+            is_known = word.quote == "[" or not any(map(_UNREADABLE.search, parts[::2]))
+            # One element that is not certain is a guess that callers can refuse; of several, each is as likely.
+            is_known &= all(len(value) == 1 or all(one.certain for one in value) for value in values)
+            is_certain = word.certain and all(one.certain for value in values for one in value)
+            if word.quote != "[":
+                parts[::2] = [re.sub(r"\\(\n|(.))", r"\2", part, flags=re.DOTALL) for part in parts[::2]]
+            parts[1::2] = [";".join(one.text for one in value) for value in values]
+            text = "".join(parts)
+            texts = text.split(";") if is_known and UNKNOWN not in text else [UNKNOWN]
+            found += [CMakeArgument(one, word.offset, is_certain) for one in texts if one]
+        return found
 
-    def _glob(self, words: list[CMakeArgument], *, is_deep: bool) -> list[CMakeArgument]:
-        """Return the matching files by their paths below the package folder, whatever RELATIVE says."""
+    def _value(self, name: str) -> list[CMakeArgument]:
+        found = self._values.get(name)
+        return [CMakeArgument(UNKNOWN)] if found is None else found
+
+    def _glob(self, words: list[CMakeArgument], *, is_deep: bool) -> _Value:
+        """Return the matching files by their paths, as texts that begin with the package folder or below RELATIVE."""
         self._files = self._files or [path.split("/") for path in files_below(self._folder)]
         found: list[CMakeArgument] = []
-        for pattern in self._expand(*(word for word in words if word.text not in _GLOB_WORDS)):
-            path = "." if pattern.text == "." else inside(pattern.text)  # it follows RELATIVE
-            if path is None or self.creates_files or path.count("*") > _MAX_STARS:
-                return [CMakeArgument(UNKNOWN, pattern.offset)]
+        base = None
+        while words and words[0].text in _GLOB_OPTIONS:
+            if words[0].text == "RELATIVE" and len(words) > 1:
+                base = posixpath.normpath(self._only(words[1]))
+            words = words[_GLOB_OPTIONS[words[0].text] :]
+        if base is not None and (UNKNOWN in base or base.startswith(("/", ".."))):
+            return None
+        for pattern in self._expand(*words):
+            path = inside(pattern.text)
+            is_readable = path is not None and path.count("*") <= _MAX_STARS and "[^" not in path
+            if path is None or self.creates_files or not is_readable or not pattern.certain:
+                return None
             self._spend(_ACCESS_COST + _ACCESS_COST // 10 * len(self._files))
             wanted = path.split("/")
             for names in self._files:
                 tested = names[: len(wanted) - 1] + names[-1:] if is_deep and len(names) > len(wanted) else names
                 if len(tested) == len(wanted) and all(map(fnmatchcase, tested, wanted)):
-                    found.append(CMakeArgument("/".join(names), pattern.offset))
+                    file = "/".join(names)
+                    text = f"./{file}" if base is None else posixpath.relpath(file, base)
+                    found.append(CMakeArgument(text, pattern.offset))
         return found
 
     def _spend(self, work: int) -> None:
         self._budget -= work + 1
         if self._budget < 0:
             raise UnreadableError("it lists more than a package can have")
+
+
+def _key(name: str) -> str:
+    """Return the key of a variable, or of a variable of the environment, which is written with braces."""
+    return name[:-1] if name.startswith("ENV{") else name
+
+
+def _find_blocks(commands: list[CMakeCommand]) -> dict[int, list[int]]:
+    """Return the commands that begin and end the sections of a block, by the command that begins the block."""
+    found: dict[int, list[int]] = {}
+    is_open: list[list[int]] = []
+    for at, (name, *_) in enumerate(commands):
+        if name in _BLOCKS:
+            found[at] = [at]
+            is_open.append(found[at])
+            if len(is_open) > _MAX_DEPTH:
+                raise UnreadableError(f"it has more than {_MAX_DEPTH} blocks inside one another")
+        elif is_open and name in ("elseif", "else") and commands[is_open[-1][0]].name == "if":
+            is_open[-1].append(at)
+        elif is_open and name == f"end{commands[is_open[-1][0]].name}":
+            is_open.pop().append(at)
+    for marks in is_open:
+        marks.append(len(commands))
+    return found
 
 
 def inside(path: str) -> str | None:

@@ -3,13 +3,10 @@
 # ruff: noqa: E501 - in tables one case is one line
 from __future__ import annotations
 
-import os
-import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+from support.cmake_script import listed_by_cmake, needs_cmake
 from support.interface_packages import problems_of, run, write
 
 from rosidl_py_gen.compiler.frontend.search_path import Package, scan_search_path
@@ -77,6 +74,69 @@ CERTAIN = {
     "sub-folders": ("rosidl_generate_interfaces(a_msgs msg/ros2/A.msg msg/ros2/D.msg)", {"msg/ros2/A.msg", "msg/ros2/D.msg"}),
     "idl": ("rosidl_generate_interfaces(a_msgs msg/Given.idl)", {"msg/Given.idl"}),
     "PARENT_SCOPE at the top": (f"set(files msg/A.msg)\nset(files msg/B.msg PARENT_SCOPE)\n{CALL}", {A}),
+    "a list that is replaced": (f"set(files msg/Missing.msg)\nset(files msg/A.msg)\n{CALL}", {A}),
+    "a list that is replaced by a glob": (f"set(files msg/A.msg)\nfile(GLOB files RELATIVE ${{CMAKE_SOURCE_DIR}} srv/*)\n{CALL}", {ASK}),
+    "unset": (f"set(files msg/A.msg)\nunset(files)\nlist(APPEND files msg/B.msg)\n{CALL}", {B}),
+    "set to nothing": (f"set(files msg/A.msg)\nset(files)\nlist(APPEND files msg/B.msg)\n{CALL}", {B}),
+    "set to an empty text": (f'set(files "")\nset(files ${{files}} msg/B.msg "")\n{CALL}', {B}),
+    "a file less": (f"set(files msg/A.msg msg/B.msg msg/C.msg)\nlist(REMOVE_ITEM files msg/B.msg srv/Ask.srv)\n{CALL}", {A, C}),
+    "a globbed file less": (
+        f'file(GLOB files "${{CMAKE_CURRENT_SOURCE_DIR}}/msg/[ABC].msg")\nlist(REMOVE_ITEM files ${{CMAKE_CURRENT_SOURCE_DIR}}/msg/B.msg)\n{CALL}',
+        {A, C},
+    ),
+    "a prefix for each": (f"set(files A.msg B.msg)\nlist(TRANSFORM files PREPEND msg/)\n{CALL}", {A, B}),
+    "a suffix for each": (f"set(files msg/A msg/B)\nlist(TRANSFORM files APPEND .msg)\n{CALL}", {A, B}),
+    "names relative to their folder": (
+        f"file(GLOB names RELATIVE ${{CMAKE_CURRENT_SOURCE_DIR}}/msg msg/[AB].msg)\nforeach(one ${{names}})\nlist(APPEND files msg/${{one}})\nendforeach()\n{CALL}",
+        {A, B},
+    ),
+    "a loop": (
+        'set(names A.msg B.msg)\nset(more "")\nforeach(one ${names})\nlist(APPEND more "msg/${one}")\nendforeach()\nset(names ${more})\n'
+        "rosidl_generate_interfaces(a_msgs ${names})",
+        {A, B},
+    ),
+    "a loop over lists and items": (
+        f"set(x A B)\nset(y)\nforeach(one IN LISTS x y ITEMS C)\nset(files ${{files}} msg/${{one}}.msg)\nendforeach()\n{CALL}".replace("set(x", "set(files)\nset(x"),
+        {A, B, C},
+    ),
+    "loops in loops": (
+        f"foreach(kind msg)\nforeach(one A B)\nlist(APPEND files ${{kind}}/${{one}}.${{kind}})\nendforeach()\nendforeach()\n{CALL}",
+        {A, B},
+    ),
+    "a loop variable that had a value": (f"set(one msg/C.msg)\nforeach(one msg/A.msg)\nendforeach()\nset(files ${{one}})\n{CALL}", {C}),
+    "a loop over one text": (f'set(x "a;b")\nforeach(one "${{x}}")\nlist(APPEND files msg/A.msg)\nendforeach()\n{CALL}', {A}),
+    "the version of ROS in a variable": (
+        "find_package(ros_environment REQUIRED)\nset(ROS_VERSION $ENV{ROS_VERSION})\nset(files A.msg)\nif(${ROS_VERSION} EQUAL 1)\n"
+        "add_message_files(FILES ${files})\nelseif(${ROS_VERSION} EQUAL 2)\nset(more)\nforeach(one ${files})\nlist(APPEND more msg/${one})\n"
+        "endforeach()\nrosidl_generate_interfaces(a_msgs ${more})\nendif()",
+        {A},
+    ),
+    "the version of ROS as a text": (
+        f'if("$ENV{{ROS_VERSION}}" STREQUAL "1")\nset(files msg/ros1/A.msg)\nelse()\nset(files msg/ros2/A.msg)\nendif()\n{CALL}',
+        {"msg/ros2/A.msg"},
+    ),
+    "the version of ROS by name": (
+        f"set(ROS_VERSION $ENV{{ROS_VERSION}})\nset(files msg/A.msg)\nif(ROS_VERSION LESS 2 OR NOT DEFINED ENV{{ROS_VERSION}})\nlist(APPEND files msg/B.msg)\nendif()\n{CALL}",
+        {A},
+    ),
+    "the version of ROS in parentheses": (
+        f'if(DEFINED ENV{{ROS_VERSION}} AND (($ENV{{ROS_VERSION}} VERSION_GREATER "1.9") AND NOT ($ENV{{ROS_VERSION}} MATCHES "^1")))\nset(files msg/A.msg)\nelse()\nset(files msg/B.msg)\nendif()\n{CALL}',
+        {A},
+    ),
+    "catkin": (f"find_package(catkin QUIET)\nif(catkin_FOUND)\nset(files msg/A.msg)\nelse()\nset(files msg/B.msg)\nendif()\n{CALL}", {B}),
+    "ament": (f"find_package(ament_cmake QUIET)\nset(files msg/A.msg)\nif(ament_cmake_FOUND)\nset(files msg/B.msg)\nendif()\n{CALL}", {B}),
+    "an early end for ROS 1": (f"set(files msg/A.msg)\nif($ENV{{ROS_VERSION}} EQUAL 1)\nset(files msg/B.msg)\n{CALL}\nreturn()\nendif()\n{CALL}", {A}),
+    "an early end for ROS 2": (f"set(files msg/A.msg)\nif($ENV{{ROS_VERSION}} EQUAL 2)\n{CALL}\nreturn()\nendif()\nset(files msg/B.msg)\n{CALL}", {A}),
+    "an error that a build does not reach": (f"set(files msg/A.msg)\nif(UNDECIDED_HERE)\nset(files msg/B.msg)\nmessage(FATAL_ERROR no)\nendif()\n{CALL}", {A}),
+    "switches of the file": (f"set(WITH_B ON)\nset(WITH_C OFF)\nif(WITH_B)\nlist(APPEND files msg/B.msg)\nendif()\nif(WITH_C)\nlist(APPEND files msg/C.msg)\nendif()\n{CALL}", {B}),
+    "the same in both branches": (f"if(UNDECIDED_HERE)\nset(files msg/A.msg)\nelse()\nset(files msg/A.msg)\nendif()\n{CALL}", {A}),
+    "overwritten after a condition": (f"if(UNDECIDED_HERE)\nset(files msg/B.msg)\nendif()\nset(files msg/A.msg)\n{CALL}", {A}),
+    "one of two calls with one list": (
+        f"set(files msg/A.msg)\nif(UNDECIDED_HERE)\n{CALL}\nelse()\n{CALL[:-1]} LIBRARY_NAME other)\nendif()",
+        {A},
+    ),
+    "a function without lists": (f"function(log text)\nmessage(STATUS ${{text}})\nendfunction()\nset(files msg/A.msg)\nlog(now)\n{CALL}", {A}),
+    "brackets are taken as they are": (f"set(x msg/B.msg)\nset(files msg/A.msg [[${{x}}/..]])\nlist(REMOVE_ITEM files [[${{x}}/..]])\n{CALL}", {A}),
 }  # fmt: skip
 MORE = {"more.cmake": "set(files msg/B.msg)\n"}
 
@@ -88,46 +148,12 @@ def test_the_list_decides(tmp_path: Path, case: str) -> None:
     assert (taken(found), notes(found)) == (wanted, [])
 
 
-STUBS = r"""
-cmake_policy(VERSION 3.20)
-macro(project name)
-  set(PROJECT_NAME ${name})
-  set(PROJECT_SOURCE_DIR ${CMAKE_CURRENT_SOURCE_DIR})
-endmacro()
-macro(find_package name)
-  if(NOT ${name} STREQUAL catkin)
-    set(${name}_FOUND TRUE)
-  endif()
-endmacro()
-macro(rosidl_generate_interfaces target)
-  cmake_parse_arguments(_ARG "ADD_LINTER_TESTS;SKIP_INSTALL" "LIBRARY_NAME" "DEPENDENCIES" ${ARGN})
-  foreach(_file ${_ARG_UNPARSED_ARGUMENTS})
-    message("LISTED ${_file}")
-  endforeach()
-endmacro()
-"""
-
-
-@pytest.mark.skipif(
-    shutil.which("cmake") is None and os.environ.get("ROSIDL_TEST_REQUIRE_PEERS") != "1", reason="needs CMake"
-)
+@needs_cmake
 @pytest.mark.parametrize("case", CERTAIN)
 def test_cmake_agrees(tmp_path: Path, case: str) -> None:
     cmake, wanted = CERTAIN[case]
-    # A script is in another folder than what it reads, and has no configuring to repeat.
-    cmake = cmake.replace("CURRENT_LIST_DIR", "CURRENT_SOURCE_DIR").replace(" CONFIGURE_DEPENDS", "")
     folder = package(tmp_path, cmake, MORE).folder
-    write(tmp_path, {"script.cmake": f"{STUBS}project(a_msgs)\n{cmake}\n"})
-    done = subprocess.run(
-        ["cmake", "-P", str(tmp_path / "script.cmake")],
-        cwd=folder,
-        env={**os.environ, "ROS_VERSION": "2"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    listed = re.findall("^LISTED (.*)$", done.stderr, re.MULTILINE)
-    assert {name.replace(f"{folder}/", "").replace(":", "/") for name in listed} == wanted
+    assert listed_by_cmake(folder, tmp_path / "script.cmake", cmake) == wanted
 
 
 IN_FOLDERS = {*FOUR, "srv/Ask.srv", "action/Do.action", "msg/Given.idl"}
@@ -249,9 +275,20 @@ ADDED = {
     "a variable that a function is given": (
         "function(add_b x)\nlist(APPEND ${x} msg/B.msg)\nset(${x} ${${x}} PARENT_SCOPE)\nendfunction()\nadd_b(files)"
     ),
+    "a file that a loop includes": "while(x)\ninclude(add.cmake)\nendwhile()",
+    "a file that a macro includes": "macro(more)\ninclude(add.cmake)\nendmacro()\nmore()",
+    "a macro of another file, called later": "include(macro.cmake)\nset(files msg/A.msg)\nadd_more()",
+    "a macro that composes the name": ("macro(more x y)\nlist(APPEND ${x}${y} msg/B.msg)\nendmacro()\nmore(fi les)"),
+    "a macro that another one calls": (
+        "macro(one)\nlist(APPEND files msg/B.msg)\nendmacro()\nmacro(two)\none()\nendmacro()\ntwo()"
+    ),
+    "a variable with the name that a macro changes": (
+        "set(n files)\nmacro(more)\nlist(APPEND ${n} msg/B.msg)\nendmacro()\nmore()"
+    ),
     "a command that is given its name in a variable": "set(n files)\ncollect(${n} msg/B.msg)",
 }
 ADDING = {
+    "macro.cmake": "macro(add_more)\nlist(APPEND files msg/B.msg)\nendmacro()\n",
     "add.cmake": "list(APPEND files msg/B.msg)\n",
     "lists/CMakeLists.txt": "list(APPEND files msg/B.msg)\nset(files ${files} PARENT_SCOPE)\n",
 }
@@ -273,6 +310,13 @@ def test_other_files_that_do_not_name_a_list_leave_it_as_it_is(tmp_path: Path) -
 
 
 NO_LIST = [f"CMakeLists.txt: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"]
+DEPENDS = "rosidl_generate_interfaces() has a list that depends on the build"
+
+
+def depends_at(line: int, column: int) -> list[str]:
+    return [f"CMakeLists.txt:{line}:{column}: {DEPENDS}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"]
+
+
 NO_LIST_AT_4 = [f"CMakeLists.txt:4:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"]
 # Lists that depend on the build: CMakeLists.txt after project(a_msgs), the files, and the notes.
 UNCERTAIN = {
@@ -309,12 +353,11 @@ UNCERTAIN = {
         ALL,
         NO_LIST_AT_4,
     ),
-    "a file less": (f"set(files msg/A.msg msg/B.msg)\nlist(REMOVE_ITEM files msg/B.msg)\n{CALL}", ALL, NO_LIST_AT_4),
     "not CMake at all": ('rosidl_generate_interfaces(a_msgs "msg/A.msg)', ALL, NO_LIST),
     "a condition that cannot be decided": (
-        f"set(files msg/A.msg)\nif(WIN32)\nlist(APPEND files msg/B.msg msg/C.msg msg/Missing.msg)\nendif()\n{CALL}",
-        {A, B, C},
-        [],
+        f"set(files msg/A.msg)\nif(WIN32)\nlist(APPEND files msg/B.msg msg/C.msg msg/Missing.msg msg/notes.txt)\nendif()\n{CALL}",
+        ALL,
+        depends_at(2, 11),
     ),
     "a condition around the only call": (
         'if(ROS_EDITION STREQUAL "ROS1")\nelse()\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendif()',
@@ -329,18 +372,56 @@ UNCERTAIN = {
     "the call in a file beside it": ("include(rosidl_generate_interfaces.cmake)", ALL, NO_LIST),
     "both ways of a condition": (
         f"if(BUILD_BIG)\nset(files msg/A.msg msg/B.msg)\nelse()\nset(files msg/A.msg msg/C.msg)\nendif()\n{CALL}",
-        {A, B, C},
-        [],
+        ALL,
+        depends_at(5, 11),
     ),
     "one of two files of one name": (
         f"if(ROS_1)\nset(files msg/ros1/A.msg)\nelse()\nset(files msg/ros2/A.msg)\nendif()\n{CALL}",
-        {"msg/ros2/A.msg"},
-        ['CMakeLists.txt:3:11: "msg/ros1/A.msg" is skipped: "msg/ros2/A.msg" defines the same interface'],
+        ALL - {A} | {"msg/ros2/A.msg"},
+        [
+            f"CMakeLists.txt:3:11: {DEPENDS}; {EVERYTHING}",
+            'CMakeLists.txt:3:11: "msg/ros1/A.msg" and 1 more are skipped: "msg/ros2/A.msg" defines the same interface',
+        ],
     ),
     "more where they are replaced in a block": (
         f"set(files msg/A.msg msg/B.msg)\nif(X)\nset(files ${{files}} msg/C.msg)\nendif()\n{CALL}",
-        {A, B, C},
-        [],
+        ALL,
+        depends_at(2, 11),
+    ),
+    "a file less in a block": (
+        f"set(files msg/A.msg msg/B.msg)\nif(X)\nlist(REMOVE_ITEM files msg/B.msg)\nendif()\n{CALL}",
+        ALL,
+        depends_at(2, 11),
+    ),
+    "a file in a block of the call": (
+        "set(more)\nif(X)\nset(more msg/Missing.msg)\nendif()\nrosidl_generate_interfaces(a_msgs msg/A.msg ${more})",
+        ALL,
+        depends_at(4, 10),
+    ),
+    "a loop that may end early": (
+        f"foreach(one A B)\nlist(APPEND files msg/${{one}}.msg)\nif(X)\nbreak()\nendif()\nendforeach()\n{CALL}",
+        ALL,
+        [f"CMakeLists.txt:8:44: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
+    ),
+    "a second call in a block": (
+        "rosidl_generate_interfaces(a_msgs msg/A.msg)\nif(X)\nrosidl_generate_interfaces(b msg/B.msg)\nendif()",
+        ALL,
+        depends_at(4, 30),
+    ),
+    "a value of the cache": (
+        f"set(files msg/A.msg CACHE STRING files)\n{CALL}",
+        ALL,
+        depends_at(2, 11),
+    ),
+    "a switch of the user": (
+        f"option(BIG text OFF)\nset(files msg/A.msg)\nif(BIG)\nset(files msg/B.msg)\nendif()\n{CALL}",
+        ALL,
+        depends_at(5, 11),
+    ),
+    "an unknown name and a wrong one": (
+        "rosidl_generate_interfaces(a_msgs msg/Missing.msg msg/notes.txt ${other_msgs_FILES})",
+        ALL,
+        [f"CMakeLists.txt:2:65: {TOO_MUCH}; {EVERYTHING}", f"CMakeLists.txt: {TWICE}"],
     ),
     "two calls": ("rosidl_generate_interfaces(a msg/A.msg)\nrosidl_generate_interfaces(b msg/B.msg)", {A, B}, []),
     "a call for the package's own tests": (
@@ -366,10 +447,49 @@ UNCERTAIN = {
 
 
 @pytest.mark.parametrize("case", UNCERTAIN)
-def test_what_may_be_built_is_used_and_reported(tmp_path: Path, case: str) -> None:
-    cmake, wanted, told = UNCERTAIN[case]
+def test_an_uncertain_list_means_all_files_and_a_note_without_problems(tmp_path: Path, case: str) -> None:
+    cmake, wanted, expected_notes = UNCERTAIN[case]
     found = package(tmp_path, f"project(a_msgs)\n{cmake}\n")
-    assert (taken(found), notes(found)) == (wanted, told)
+    assert (taken(found), notes(found)) == (wanted, expected_notes)
+    assert found.listing is not None and found.listing.problems == []
+
+
+# Names of carla_msgs, whose lists for ROS 1 and 2 are made in one file.
+CARLA = """cmake_minimum_required(VERSION 2.8.3)
+project(a_msgs)
+find_package(ros_environment REQUIRED)
+set(ROS_VERSION $ENV{ROS_VERSION})
+set(MSG_FILES A.msg B.msg)
+set(SERVICE_FILES Ask.srv)
+if(${ROS_VERSION} EQUAL 1)
+  find_package(catkin REQUIRED COMPONENTS message_generation std_msgs)
+  add_message_files(DIRECTORY msg FILES ${MSG_FILES})
+  catkin_package(CATKIN_DEPENDS message_runtime std_msgs)
+elseif(${ROS_VERSION} EQUAL 2)
+  if(NOT CMAKE_CXX_STANDARD)
+    set(CMAKE_CXX_STANDARD 14)
+  endif()
+  find_package(ament_cmake REQUIRED)
+  set(TEMP_LIST "")
+  foreach(MSG_FILE ${MSG_FILES})
+    list(APPEND TEMP_LIST "msg/${MSG_FILE}")
+  endforeach()
+  set(MSG_FILES ${TEMP_LIST})
+  set(TEMP_LIST "")
+  foreach(SERVICE_FILE ${SERVICE_FILES})
+    list(APPEND TEMP_LIST "srv/${SERVICE_FILE}")
+  endforeach()
+  set(SERVICE_FILES ${TEMP_LIST})
+  rosidl_generate_interfaces(${PROJECT_NAME} ${MSG_FILES} ${SERVICE_FILES} DEPENDENCIES std_msgs ADD_LINTER_TESTS)
+  ament_package()
+endif()
+"""
+
+
+def test_the_lists_of_carla_msgs_are_those_of_its_branch_for_ros_2(tmp_path: Path) -> None:
+    found = package(tmp_path / "in", CARLA)
+    assert (taken(found), notes(found)) == ({A, B, ASK}, [])
+    assert problems_of(tmp_path / "in") == []
 
 
 def test_a_listed_file_belongs_to_the_kind_its_suffix_says(tmp_path: Path) -> None:
