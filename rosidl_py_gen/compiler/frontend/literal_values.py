@@ -28,7 +28,11 @@ _IDL_WIDE_ESCAPE = re.compile(_IDL_ESCAPE.pattern + r"|\\u[0-9a-fA-F]{1,4}")
 
 
 class LiteralProblem(ValueError):
-    """The text is not a value of the type."""
+    """The text is not a value of the type; `is_at_end` is True if a list ends where an element is expected."""
+
+    def __init__(self, text: str, is_at_end: bool = False) -> None:
+        super().__init__(text)
+        self.is_at_end = is_at_end
 
 
 def parse_default(kind: FieldType, text: str) -> Default:
@@ -54,8 +58,18 @@ def parse_default(kind: FieldType, text: str) -> Default:
 
 def parse_scalar(kind: FieldType, text: str) -> Scalar:
     """Return the value of a constant, a scalar field or an array element; raises `LiteralProblem`."""
+    value = file_scalar(kind, text)
+    # The bound counts characters of the file, with escapes.
+    return _through_idl(_check_bound(kind, value)) if isinstance(value, str) else value
+
+
+def file_scalar(kind: FieldType, text: str) -> Scalar:
+    """Return the value of a constant or default as the file has it, before IDL; raises `LiteralProblem`.
+
+    Bounds of strings are not checked.
+    """
     if kind.is_string:
-        return _through_idl(_check_bound(kind, _unquote(text)))  # the bound counts characters of the file, with escapes
+        return _unquote(text)
     match PRIMITIVES[kind.base].python:
         case "bool":
             return _boolean(text)
@@ -118,7 +132,7 @@ def _unquote(text: str) -> str:
 
 def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
     # rosidl reads each element like a scalar, so it also removes blanks and quotes inside the quotes.
-    values = [_check_bound(kind, _unquote(value.strip())) for value in _split_strings(text)]
+    values = [_check_bound(kind, _unquote(value.strip())) for value in split_strings(text)]
     # rosidl passes the Python repr of the whole tuple through the IDL stage; slices take less memory.
     results: list[str] = []
     for start in range(0, len(values), _MAX_ELEMENTS_AT_ONCE):
@@ -130,14 +144,16 @@ def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
     return tuple(results)
 
 
-def _split_strings(text: str) -> list[str]:
+def split_strings(text: str) -> list[str]:
+    """Return the elements of a list of strings without its brackets; raises `LiteralProblem`."""
     values: list[str] = []
     position = 0
     while position < len(text):
         while position < len(text) and text[position] == " ":
             position += 1
         if position == len(text) or text[position] == ",":
-            raise LiteralProblem(f"expected a string at character {position + 1} of the list, found nothing")
+            reason = f"expected a string at character {position + 1} of the list, found nothing"
+            raise LiteralProblem(reason, is_at_end=position == len(text))
         if text[position] in "\"'":
             value, position = _quoted(text, position)
         else:
