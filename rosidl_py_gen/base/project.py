@@ -10,10 +10,11 @@ import sys
 from contextlib import contextmanager
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.generated_classes import is_generated
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.toml_text import parse_toml
 from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 
 if TYPE_CHECKING:
@@ -93,13 +94,9 @@ def _table(file: Path) -> object:
         return None
     if len(raw) > _MAX_BYTES:
         raise _wrong(file, f"is longer than {_MAX_BYTES} bytes")
-    if sys.version_info >= (3, 11):
-        import tomllib
-    else:
-        import tomli as tomllib
     try:
-        data: dict[str, Any] = tomllib.loads(raw.decode())
-    except (ValueError, RecursionError) as error:
+        data = parse_toml(raw.decode())
+    except ValueError as error:
         raise _wrong(file, f"is not valid TOML: {error}") from error
     tool = data.get("tool")
     return tool.get(_TABLE) if isinstance(tool, dict) else None

@@ -13,6 +13,8 @@ from rosidl_py_gen.errors import ExtraMissingError
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
+RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
+"""Environment variable with the prefix that ``rosidl-py run`` has added to AMENT_PREFIX_PATH."""
 ENTRY_POINTS = "rosidl_py_gen.interfaces"
 """Group of the entry points of installed packages with definitions; their names are those of the ROS packages."""
 _PACKAGE = Path(__file__).resolve().parents[1]

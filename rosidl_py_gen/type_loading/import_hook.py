@@ -42,7 +42,7 @@ RCLPY_COMPAT_DIR = Path(__file__).parents[1] / "ros_compat"
 
 
 class ImportHookWarning(UserWarning):
-    """Two packages have one name, and one of them is not used."""
+    """Two packages have one name, and one of them is not used; or the share folder of a package is a guess."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,11 @@ class FoundPackage:
         """Share folder: `folder`, or a folder of links if setup.py or CMakeLists.txt install files elsewhere."""
         from rosidl_py_gen.type_loading.share_folder import share_folder
 
-        return share_folder(self.name, self.folder)
+        return share_folder(self.name, self.folder, problem=_warn_of_share)
+
+
+def _warn_of_share(text: str) -> None:
+    warnings.warn(ImportHookWarning(text), stacklevel=3)
 
 
 _lock = threading.Lock()

@@ -15,7 +15,7 @@ import posixpath
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,10 +23,13 @@ from itertools import pairwise, takewhile
 from pathlib import Path
 
 from rosidl_py_gen.base.names import RosName
+from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
+from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.type_loading.disk_cache import cache_home
-from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
+from rosidl_py_gen.type_loading.setup_reader.setup_files import SetupFilesError, read_setup_files
 
 _LIST_END = re.compile(
     "DESTINATION|((FILE|DIRECTORY|USE_SOURCE)_)?PERMISSIONS|CONFIGURATIONS|COMPONENT|RENAME|OPTIONAL|TYPE|PATTERN|REGEX"
@@ -72,13 +75,10 @@ class Install:
                 yield self.rename or posixpath.basename(place), place
 
 
-def cmake_installs(folder: Path, script: CMakeScript | None = None) -> list[Install]:
-    """Return what the CMakeLists.txt of a package installs; its regular expressions are taken to match all files.
-
-    Raises `UnreadableError`.
-    """
+def cmake_installs(folder: Path, script: CMakeScript) -> list[Install]:
+    """Return what the CMakeLists.txt of a package installs; its regular expressions are taken to match all files."""
     found = []
-    for name, words in (script or CMakeScript(folder, read_text(folder, "CMakeLists.txt"))).calls:
+    for name, words in script.calls:
         texts = [word.text for word in words]
         if name != "install" or texts[:1] not in (["FILES"], ["PROGRAMS"], ["DIRECTORY"]):
             continue
@@ -93,30 +93,47 @@ def cmake_installs(folder: Path, script: CMakeScript | None = None) -> list[Inst
     return found
 
 
-def setup_installs(folder: Path, given: Mapping[str, object]) -> list[Install]:
-    """Return what the data files of a call of `setup` install; what cannot be determined is UNKNOWN."""
-    rows = given.get("data_files", [])
+def setup_installs(folder: Path, rows: object) -> list[Install]:
+    """Return what the data files of a Python package install; what cannot be determined is UNKNOWN."""
+    tops = [os.path.join(os.path.abspath(folder), ""), os.path.join(os.path.realpath(folder), "")]
+
+    def source(path: object) -> str:
+        if not isinstance(path, str):
+            return UNKNOWN
+        return next((path[len(top) :] for top in tops if path.startswith(top)), path)
+
     found = []
-    for row in rows if isinstance(rows, list) else [None]:
+    for row in rows if isinstance(rows, list) else [] if rows is None else [None]:
         match row:
             case [str(place), list(paths)]:
-                known = tuple(path if isinstance(path, str) else UNKNOWN for path in paths)
-                found.append(Install(folder, "FILES", known, posixpath.normpath(re.sub(r"[\\/]+", "/", place))))
+                place = posixpath.normpath(re.sub(r"[\\/]+", "/", place))
+                found.append(Install(folder, "FILES", tuple(map(source, paths)), place))
+            case str(path):  # a file at the top of the prefix
+                found.append(Install(folder, "FILES", (source(path),), "."))
             case _:
                 found.append(Install(folder, "FILES", (UNKNOWN,), UNKNOWN))
     return found
 
 
-def share_folder(name: str, folder: Path, interfaces: Mapping[RosName, Path] | None = None) -> Path:
+def share_folder(
+    name: str,
+    folder: Path,
+    interfaces: Mapping[RosName, Path] | None = None,
+    problem: Callable[[str], None] = lambda text: None,
+) -> Path:
     """Return the share folder of a source package: `folder` itself, or one of links.
 
-    `interfaces` are its interface files, if some are in other folders.
+    Args:
+        name: of the package.
+        folder: of the package.
+        interfaces: its interface files, if some are in other folders.
+        problem: called with a text if setup.py computes paths that are not known.
     """
     tree: _Tree = {entry: folder / entry for entry in _names(folder)}
     is_same = interfaces is None
     for kind in {interface.kind for interface in interfaces or ()}:
         tree[kind] = {path.name: path for interface, path in (interfaces or {}).items() if interface.kind == kind}
-    for place, source in _installed(name, folder):
+    for place, source in _installed(name, folder, problem):
         is_same &= _insert(tree, [part for part in place.split("/") if part not in ("", ".")], source)
     if is_same:
         return folder
@@ -149,19 +166,42 @@ def _names(folder: Path) -> list[str]:
     return []
 
 
-def _installed(name: str, folder: Path) -> Iterator[tuple[str, Path]]:
+def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Iterator[tuple[str, Path]]:
     """Yield the place below ``share/<name>`` and the source of each installed file or folder."""
     share = f"share/{name}"
     installs: list[Install] = []
+    budget = PackageBudget()
+    uncertain = ""
     with suppress(UnreadableError):
-        installs += cmake_installs(folder)
-    with suppress(UnreadableError, SetupSyntaxError):
-        for given in setup_calls(read_text(folder, "setup.py"), folder):
-            installs += setup_installs(folder, given)
+        installs += cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
+    try:
+        setup = read_setup_files(folder, budget)
+        installs += setup_installs(folder, setup.values.get("data_files"))
+        uncertain = setup.uncertain.get("data_files", "")
+    except SetupFilesError as error:
+        uncertain = str(error)
+    prefix = os.environ.get(RUN_PREFIX)
+    if uncertain and prefix and os.path.isdir(os.path.join(prefix, share)):
+        yield from _linked(Path(prefix, share))
+    elif uncertain:
+        problem(
+            f"{name}: data_files of {display_path(folder / 'setup.py')} are not known without running it: {uncertain}; "
+            "the share folder has all files of the package at their places in the sources"
+        )
     for one in installs:
         if (one.destination + "/").startswith(f"{share}/"):
             for below, path in one.files():
                 yield posixpath.join(one.destination[len(share) :].lstrip("/"), below), folder / path
+
+
+def _linked(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the path and the target of each link below a folder."""
+    count = 0
+    for place, _, files in os.walk(folder):
+        for name in files:
+            path = os.path.join(place, name)
+            if os.path.islink(path) and (count := count + 1) < _MAX_ENTRIES:
+                yield os.path.relpath(path, folder), Path(os.readlink(path))
 
 
 def _insert(tree: _Tree, parts: list[str], source: Path) -> bool:

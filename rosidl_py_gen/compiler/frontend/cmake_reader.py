@@ -18,6 +18,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.compiler.frontend.cmake_conditions import ConditionWord, evaluate_condition
+from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, read_text
 
 if TYPE_CHECKING:
@@ -65,13 +66,6 @@ _GLOB_OPTIONS = {"RELATIVE": 2, "LIST_DIRECTORIES": 2, "CONFIGURE_DEPENDS": 1, "
 """Options of `file(GLOB)` and the number of their words."""
 _MAX_STARS = 4
 _MAX_PATH = 4096
-_ACCESS_COST = 500
-"""Cost of one access to a file or folder in characters: it is at least one system call."""
-_COMMAND_COST = 10
-"""Cost of one command in characters."""
-_MAX_BUDGET = 2_000_000
-"""Maximum characters of values and file names to process for one CMakeLists.txt, so that its reader takes bounded time.
-"""
 
 
 class CMakeArgument(NamedTuple):
@@ -137,12 +131,15 @@ class CMakeScript:
     `add_subdirectory` is listed if that folder has install rules.
     """
 
-    def __init__(self, folder: Path, text: str) -> None:
-        """Read a script; raises `UnreadableError` if it lists more than a package can have."""
+    def __init__(self, folder: Path, text: str, budget: PackageBudget | None = None) -> None:
+        """Read a script; raises `UnreadableError` if it lists more than a package can have.
+
+        `budget` is shared with the readers of other files of the package.
+        """
         self._folder = folder
         self._text = text
         self._files: list[list[str]] = []
-        self._budget = _MAX_BUDGET
+        self._budget = budget or PackageBudget()
         self._undecided = 0  # depth of blocks that a build may skip
         self._is_in_function = False
         self._is_ended = False  # the build does not come here
@@ -162,7 +159,7 @@ class CMakeScript:
     def _run(self, start: int, stop: int) -> None:
         while start < stop and not self._is_ended:
             command = self._commands[start]
-            self._spend(_COMMAND_COST)
+            self._budget.step()
             marks = self._sections.get(start)
             if marks is None:
                 self._read(command.name, command.words, command.words[0].text.upper() if command.words else "")
@@ -268,7 +265,7 @@ class CMakeScript:
             values = [outcome.get(name, before) for outcome in outcomes]
             is_always_set = all(is_set_before or name in outcome for outcome in outcomes)
             known = [value for value in values if value is not None]
-            self._spend(sum(len(value) for value in known) + len(name))
+            self._budget.spend(sum(len(value) for value in known) + len(name))
             texts = [[(one.text, one.certain) for one in value] for value in known]
             if is_always_set and len(known) == len(values) and all(text == texts[0] for text in texts):
                 self._values[name] = known[0]
@@ -314,7 +311,7 @@ class CMakeScript:
     def _record(self, name: str, words: list[CMakeArgument]) -> None:
         arguments = self._expand(*words)
         if name in (GENERATE, "install"):
-            self._spend(_ACCESS_COST // 5 * len(arguments))
+            self._budget.spend(100 * len(arguments))
         if name == GENERATE and words:
             targets = self._expand(words[0])
             is_certain = len(targets) == 1 and targets[0].certain and not (self._undecided or self._may_be_ended)
@@ -346,7 +343,7 @@ class CMakeScript:
         if verb == "APPEND":
             values += given
             return
-        self._spend(len(values))
+        self._budget.spend(len(values))
         is_exact = all(one.certain and one.text != UNKNOWN for one in (*values, *given))
         if verb == "PREPEND":
             values[:0] = given
@@ -364,7 +361,7 @@ class CMakeScript:
             values.reverse()
         elif verb == "TRANSFORM" and is_exact and len(given) == 2 and given[0].text in ("PREPEND", "APPEND"):
             before, after = (given[1].text, "") if given[0].text == "PREPEND" else ("", given[1].text)
-            self._spend(sum(len(one.text) + len(given[1].text) for one in values))
+            self._budget.spend(sum(len(one.text) + len(given[1].text) for one in values))
             values[:] = [one._replace(text=before + one.text + after) for one in values]
         else:
             self._set_unknown([name, *(one.text for one in given)])
@@ -381,7 +378,7 @@ class CMakeScript:
         own = self._values.maps[0]
         if name not in own:
             before = self._values.get(name, [])
-            self._spend(len(before or ()))
+            self._budget.spend(len(before or ()))
             own[name] = None if before is None else list(before)
         return own[name]
 
@@ -389,7 +386,7 @@ class CMakeScript:
         self._values |= dict.fromkeys(_key(name) for name in names if name not in _NOT_CHANGED_ELSEWHERE)
 
     def _forget_all(self) -> None:
-        self._spend(sum(map(len, self._values.maps)))
+        self._budget.spend(sum(map(len, self._values.maps)))
         self._set_unknown(list(self._values))
 
     def _forget(self, text: str, *names: str) -> None:
@@ -400,7 +397,8 @@ class CMakeScript:
         forgotten: dict[str, None] = dict.fromkeys(names)
         texts = [text]
         for changing in texts:  # grows inside the loop
-            self._spend(_ACCESS_COST + len(changing))
+            self._budget.access()
+            self._budget.spend(len(changing))
             for composed in _COMPOSED.findall(changing):
                 parts = _REFERENCE.split(composed)[::2]
                 if parts == ["", ""]:
@@ -408,7 +406,7 @@ class CMakeScript:
                 if len(parts) > 3 or any("$" in part for part in parts):
                     self._forget_all()
                     continue
-                self._spend(sum(map(len, self._values.maps)))
+                self._budget.spend(sum(map(len, self._values.maps)))
                 pattern = re.compile(".*".join(map(re.escape, parts)), re.DOTALL)
                 forgotten |= dict.fromkeys(name for name in self._values if pattern.fullmatch(name))
             for word in set(re.findall(r"[\w./+-]+", changing)):
@@ -426,7 +424,8 @@ class CMakeScript:
         text = ""
         with suppress(UnreadableError):  # a module of CMake is not in the package
             text = read_text(self._folder, path) if path else ""
-        self._spend(_ACCESS_COST + len(text))
+        self._budget.access()
+        self._budget.spend(len(text))
         if GENERATE in text.lower() and "SKIP_INSTALL" not in text:  # SKIP_INSTALL: for tests
             self.calls.append((GENERATE, [target, CMakeArgument(UNKNOWN, target.offset)]))
         if not is_include and "install" in text.lower():
@@ -451,7 +450,7 @@ class CMakeScript:
         value = self._values.get(_key(name))
         if value is None or not all(one.certain and one.text != UNKNOWN for one in value):
             return None
-        self._spend(sum(len(one.text) for one in value))
+        self._budget.spend(sum(len(one.text) for one in value))
         return ";".join(one.text for one in value)
 
     def _condition_words(self, words: list[CMakeArgument]) -> list[ConditionWord]:
@@ -472,7 +471,7 @@ class CMakeScript:
         for word in words:
             parts = [word.text] if word.quote == "[" else _REFERENCE.split(word.text)
             values = [self._value(name) for name in parts[1::2]]
-            self._spend(len(word.text) + sum(len(one.text) + 1 for value in values for one in value))
+            self._budget.spend(len(word.text) + sum(len(one.text) + 1 for value in values for one in value))
             if parts[::2] == ["", ""]:
                 found += [one if one.text != UNKNOWN else word._replace(text=UNKNOWN) for one in values[0]]
                 continue
@@ -508,7 +507,7 @@ class CMakeScript:
             is_readable = path is not None and path.count("*") <= _MAX_STARS and "[^" not in path
             if path is None or self.creates_files or not is_readable or not pattern.certain:
                 return None
-            self._spend(_ACCESS_COST + _ACCESS_COST // 10 * len(self._files))
+            self._budget.access(2 * len(self._files))
             wanted = path.split("/")
             for names in self._files:
                 tested = names[: len(wanted) - 1] + names[-1:] if is_deep and len(names) > len(wanted) else names
@@ -517,11 +516,6 @@ class CMakeScript:
                     text = f"./{file}" if base is None else posixpath.relpath(file, base)
                     found.append(CMakeArgument(text, pattern.offset))
         return found
-
-    def _spend(self, work: int) -> None:
-        self._budget -= work + 1
-        if self._budget < 0:
-            raise UnreadableError("it lists more than a package can have")
 
 
 def _key(name: str) -> str:

@@ -12,7 +12,6 @@ Virtual environments and build folders of CMake are skipped.
 from __future__ import annotations
 
 import os
-import re
 import sys
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,6 +26,7 @@ from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS, mentions_interfaces
+from rosidl_py_gen.compiler.frontend.package_manifest import read_package_manifest
 from rosidl_py_gen.errors import DefinitionError, Diagnostic
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.compiler.frontend.cmake_interfaces import CMakeInterfaceList
 
-_NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
 INSTALLED = "installed"
 """The origin of packages that pip installed."""
@@ -305,5 +304,4 @@ def package_name(manifest: Path, folder: Path) -> str:
                 text = file.read(_MAX_XML_BYTES).decode(errors="replace")
     except OSError as error:
         raise DefinitionError(Diagnostic(str(manifest), 0, 0, f"cannot be read: {error.strerror or error}")) from error
-    tag = _NAME_TAG.search(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
-    return tag[1] if tag else Path(os.path.realpath(folder)).name
+    return read_package_manifest(text).name or Path(os.path.realpath(folder)).name

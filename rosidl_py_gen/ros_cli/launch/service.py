@@ -52,10 +52,10 @@ def start(
     if wrong := ["".join(pair) for pair in pairs if not (pair[0] and pair[1])]:
         raise click.UsageError(f'expected NAME:=VALUE, found "{wrong[0]}"')
     place = Path(words[0]).resolve() if is_file else Path.cwd()
-    prefix = build_prefix(roots(workspaces([*paths, *checkouts], place)))
-    if prefix.problems:
-        more = f" ({len(prefix.problems)} such problems; rosidl-py prefix prints all)" if prefix.problems[1:] else ""
-        terminal_output.note(f"warning: {prefix.problems[0]}{more}")
+    prefix = build_prefix(roots(workspaces([*paths, *checkouts], place)), runs_setup=True)
+    if problems := (*prefix.problems, *prefix.notes):
+        more = f" ({len(problems)} such problems; rosidl-py prefix prints all)" if problems[1:] else ""
+        terminal_output.note(f"warning: {problems[0]}{more}")
     os.environ.update(variables(prefix.folder))
     for name, folder in (*_PIP_FOLDERS, ("PATH", os.path.dirname(sys.executable))):
         os.environ[name] += f"{os.pathsep}{folder}" if folder else ""

@@ -20,6 +20,7 @@ from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
+from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
 from rosidl_py_gen.ros_cli.prefix.variables import FIXED, SITE_PACKAGES, folders, of_distribution
 from rosidl_py_gen.type_loading.share_folder import cached_folder
 
@@ -38,6 +39,7 @@ class Prefix:
         packages: source folders of its packages by name.
         skipped: plans of the packages with C++ code, which is not built: `missing` executables, and `text`.
         problems: texts about files that could not be read or installed.
+        notes: texts about packages whose files are linked because their install rules are not known.
         created: number of files that this call created or changed; it has `removed` others.
     """
 
@@ -45,16 +47,18 @@ class Prefix:
     packages: dict[str, Path]
     skipped: tuple[PackagePlan, ...]
     problems: tuple[str, ...]
+    notes: tuple[str, ...]
     created: int
     removed: int
 
 
-def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Prefix:
+def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, runs_setup: bool = False) -> Prefix:
     """Create or update the prefix of all packages below some folders.
 
     Args:
         sources: package folders, folders of packages, or workspaces; None for the workspace of the current folder.
         out: folder of the prefix; None for a folder of the cache that belongs to `sources`.
+        runs_setup: run each setup.py that cannot be read completely, for a command that runs code of the workspace.
 
     Raises:
         CommandError: a source does not exist or contains no package, or the prefix cannot be written.
@@ -70,7 +74,8 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Pre
     problems: list[str] = []
     packages = _find_packages(searched, problems)
     prefix = cached_folder("prefix", (sys.executable, *searched)) if out is None else Path(os.path.abspath(out))
-    plans = [PackagePlan(name, folder) for name, folder in packages.items()]
+    run = run_setup_py if runs_setup else None
+    plans = [PackagePlan(name, folder, run) for name, folder in packages.items()]
     files = _own_files(prefix, plans)
     owners = dict.fromkeys(files, "the prefix itself")
     for plan in plans:
@@ -87,7 +92,8 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None) -> Pre
     for plan in plans:
         plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
     skipped = tuple(plan for plan in plans if plan.has_targets)
-    return Prefix(prefix, packages, skipped, tuple(problems), created, removed)
+    notes = tuple(text for plan in plans for text in plan.notes)
+    return Prefix(prefix, packages, skipped, tuple(problems), notes, created, removed)
 
 
 def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]:

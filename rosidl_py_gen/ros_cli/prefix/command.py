@@ -39,6 +39,8 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
         others = {"folder": str(made.folder), "packages": packages, "skipped": skipped}
         terminal_output.document(vars(made) | others)
     else:
+        for text in made.notes:
+            terminal_output.note(f"note: {text}")
         for problem in made.problems:
             terminal_output.note(f"warning: {problem}")
         is_changed = made.created or made.removed

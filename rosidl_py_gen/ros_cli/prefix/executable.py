@@ -31,6 +31,7 @@ class Executable:
         folder: first folder of `sys.path`.
         module: module that becomes `__main__` or has the function; None for a script that is not run as a module.
         function: function of a console script, with dots for attributes, or None.
+        warning: text that is printed when the executable starts, or empty.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Executable:
     file: Path | None = None
     module: str | None = None
     function: str | None = None
+    warning: str = ""
 
     @property
     def place(self) -> Path:
@@ -55,4 +57,6 @@ class Executable:
         else:
             name = str(self.function)
             text = _RUN_FUNCTION.format(module=self.module, first=name.partition(".")[0], function=name)
+        if self.warning:
+            text = f"print({'warning: ' + self.warning!a}, file=sys.stderr)\n{text}"
         return os.fsencode(f"{first}\n# Written by rosidl-py prefix.\nimport sys\n\n{text}")

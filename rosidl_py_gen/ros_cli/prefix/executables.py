@@ -1,28 +1,34 @@
 """Executables of a package, read from its sources, which are not run.
 
-They are console scripts, the files that CMakeLists.txt installs as PROGRAMS, and Python files that it installs into
-``lib/<package>``. An installed package has those of its distribution, and the executable files of its prefix.
+They are console scripts, scripts, the files that CMakeLists.txt installs as PROGRAMS, and Python programs that are
+installed into ``lib/<package>``. An installed package has the scripts of its distribution, and the executable files of
+its prefix.
 """
 
 from __future__ import annotations
 
-import configparser
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript, inside
+from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
-from rosidl_py_gen.type_loading.setup_py import SetupSyntaxError, setup_calls
-from rosidl_py_gen.type_loading.share_folder import cmake_installs
+from rosidl_py_gen.type_loading.setup_reader.setup_files import (
+    PackageSetup,
+    RunSetup,
+    SetupFilesError,
+    read_setup_files,
+)
+from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
 
 _ENTRY = re.compile(r"\s*([^\s=]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*(?:\[.*\])?\s*")
-_TOML_LINE = re.compile(r"""\s*(?:"([^"]+)"|'([^']+)'|([\w-]+))\s*=\s*(?:"([^"\\]*)"|'([^']*)')\s*(?:#.*)?""")
 _GROUP = "console_scripts"
-_PYPROJECT_PREFIX = "project.entry-points."
-_PYPROJECT_GROUPS = {"project.scripts": _GROUP, "project.gui-scripts": "gui_scripts"}
+_IN_LIB = re.compile(r"lib/(?!python\d)")
 BUNDLED: dict[str, dict[str, str]] = {
     "joint_state_publisher": {"joint_state_publisher": "rosidl_py_gen.robot.joint_state_publisher:main"},
     "robot_state_publisher": {"robot_state_publisher": "rosidl_py_gen.robot.robot_state_publisher:main"},
@@ -31,36 +37,82 @@ BUNDLED: dict[str, dict[str, str]] = {
 """ROS packages whose executables are part of this package, each as ``module:function``."""
 
 
-def of_sources(folder: Path) -> dict[str, Executable]:
-    """Return the executables of a source package by name. Raises `CommandError` if a file cannot be read."""
-    _, found = entry_points(folder, lambda text: terminal_output.note(f"warning: {text}"))
-    if (folder / "CMakeLists.txt").is_file():
-        found += _programs(folder)
+def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dict[str, Executable]:
+    """Return the executables of a source package by name.
+
+    Args:
+        folder: of the package.
+        name: of the package, for warnings about executables that a build installs elsewhere.
+        run: function for a setup.py that cannot be read completely; None if no code may run.
+
+    Raises:
+        CommandError: a file cannot be read.
+    """
+    budget = PackageBudget()
+    try:
+        setup = read_setup_files(folder, budget, run)
+        found = [
+            *console_scripts(setup, folder, name, lambda text: terminal_output.note(f"warning: {text}")),
+            *_scripts(setup, folder),
+            *(_programs(folder, budget) if (folder / "CMakeLists.txt").is_file() else ()),
+        ]
+    except SetupFilesError as error:
+        raise CommandError(str(error)) from error
+    except UnreadableError as error:
+        raise CommandError(f"{folder / 'CMakeLists.txt'}: {error.reason}") from error
+    for text in setup.problems:
+        terminal_output.note(f"warning: {text}")
+    for argument in ("entry_points", "scripts"):
+        if why := setup.uncertain.get(argument):
+            terminal_output.note(f"note: {uncertain_text(argument, folder, why)}; there may be other executables")
     return {one.name: one for one in reversed(found)}
 
 
-def entry_points(folder: Path, problem: Callable[[str], None]) -> tuple[dict[str, list[str]], list[Executable]]:
-    """Return the entry points of a source package, as lines ``name = module:function`` by group, and console scripts.
+def uncertain_text(argument: str, folder: Path, why: str) -> str:
+    """Return a text about an argument of `setup` that is not known."""
+    return f"{argument} of {display_path(folder / 'setup.py')} are not known without running it: {why}"
 
-    Calls `problem` with an error text for each malformed script. Raises `CommandError` if a file cannot be read.
-    """
-    groups: dict[str, list[str]] = {}
-    scripts: list[Executable] = []
-    for reader, name in ((_setup_py, "setup.py"), (_setup_cfg, "setup.cfg"), (_pyproject, "pyproject.toml")):
-        if not (source := folder / name).is_file():
-            continue
-        try:
-            found, root = reader(read_text(folder, name), folder)
-        except (UnreadableError, SetupSyntaxError, configparser.Error) as error:
-            raise CommandError(f"{source}: {error}".replace("\n", " ")) from error
-        for group, lines in found.items():
-            groups.setdefault(group, []).extend(line.strip() for line in lines if "=" in line)
-        for text in filter(str.strip, found.get(_GROUP, ())):
-            if match := _ENTRY.fullmatch(text):
-                scripts.append(Executable(match[1], folder / root, None, match[2], match[3]))
-            else:
-                problem(f'{source}: expected "name = module:function", found "{text.strip()[:200]}"; it is skipped')
-    return groups, scripts
+
+def console_scripts(
+    setup: PackageSetup, folder: Path, package: str, problem: Callable[[str], None]
+) -> list[Executable]:
+    """Return the console scripts of a package; calls `problem` with a text for each malformed one."""
+    found = []
+    root = inside(setup.folders.get("", "")) or ""
+    warning = "" if not package or setup.scripts_folder == f"lib/{package}" else _elsewhere(setup, package)
+    for text in filter(str.strip, setup.groups.get(_GROUP, ())):
+        if match := _ENTRY.fullmatch(text):
+            found.append(Executable(match[1], folder / root, None, match[2], match[3], warning))
+        else:
+            expected = f'expected "name = module:function", found "{text.strip()[:200]}"'
+            problem(f"{display_path(folder)}: console_scripts: {expected}; it is skipped")
+    return found
+
+
+def _elsewhere(setup: PackageSetup, package: str) -> str:
+    """Return a warning for an executable that ros2 run and launch would not find after a build."""
+    return (
+        f"a build installs this executable of {package} into {setup.scripts_folder}, where ros2 run and launch do not "
+        f"find it; setup.cfg needs [develop] script_dir=$base/lib/{package} and "
+        f"[install] install_scripts=$base/lib/{package}"
+    )
+
+
+def _scripts(setup: PackageSetup, folder: Path) -> Iterator[Executable]:
+    """Yield the scripts of setup.py, and programs among its data files below ``lib``."""
+    installs = [
+        Install(folder, "PROGRAMS", tuple(setup.texts("scripts")), setup.scripts_folder),
+        *(one for one in setup_installs(folder, setup.values.get("data_files")) if _IN_LIB.match(one.destination)),
+    ]
+    for one in installs:
+        for name, path in one.files():
+            if one.kind == "PROGRAMS" or is_lib_program(folder / path):
+                yield Executable(name, folder, folder / path)
+
+
+def is_lib_program(file: Path) -> bool:
+    """Return True for a file in ``lib`` that is a Python program."""
+    return (file.suffix == ".py" and os.access(file, os.X_OK)) or is_python_program(file)
 
 
 def is_python_program(file: Path) -> bool:
@@ -104,59 +156,9 @@ def of_prefixes(package: str) -> dict[str, Executable]:
     return executables
 
 
-def _setup_py(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
-    groups: dict[str, list[str]] = {}
-    root = ""
-    for arguments in setup_calls(text, folder):
-        points = arguments.get("entry_points")
-        given = _sections(points) if isinstance(points, str) else points
-        for group, lines in given.items() if isinstance(given, dict) else ():
-            lines = lines.splitlines() if isinstance(lines, str) else lines
-            groups.setdefault(group, []).extend(one for one in lines or () if isinstance(one, str))
-        folders = arguments.get("package_dir")
-        if isinstance(folders, dict) and isinstance(folders.get(""), str):
-            root = folders[""]
-    return groups, root
-
-
-def _setup_cfg(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
-    parser = configparser.ConfigParser(interpolation=None, strict=False)
-    parser.read_string(text)
-    root = re.search(r"^\s*=\s*(\S+)", parser.get("options", "package_dir", fallback=""), re.MULTILINE)
-    points = parser["options.entry_points"].items() if "options.entry_points" in parser else ()
-    return {group: lines.splitlines() for group, lines in points}, root[1] if root else ""
-
-
-def _pyproject(text: str, folder: Path) -> tuple[dict[str, list[str]], str]:
-    """Return the entry points of ``[project]``; Python 3.10 has no TOML parser."""
-    groups = {}
-    for section, texts in _sections(text).items():
-        group = _PYPROJECT_GROUPS.get(section, section.removeprefix(_PYPROJECT_PREFIX).strip("\"'"))
-        if section in _PYPROJECT_GROUPS or section.startswith(_PYPROJECT_PREFIX):
-            lines = (_TOML_LINE.fullmatch(line) for line in texts)
-            groups[group] = [f"{one[1] or one[2] or one[3]} = {one[4] or one[5] or ''}" for one in lines if one]
-    return groups, "src" if (folder / "src").is_dir() else ""
-
-
-def _sections(text: str) -> dict[str, list[str]]:
-    """Return the lines below each ``[name]``."""
-    sections: dict[str, list[str]] = {}
-    lines: list[str] = []
-    for line in text.splitlines():
-        if line.lstrip().startswith("["):
-            lines = sections.setdefault(line.strip().partition("]")[0].lstrip("[").strip(), [])
-        else:
-            lines.append(line)
-    return sections
-
-
-def _programs(folder: Path) -> Iterator[Executable]:
+def _programs(folder: Path, budget: PackageBudget) -> Iterator[Executable]:
     """Yield files that are installed as PROGRAMS, and Python files that are installed into ``lib/<package>``."""
-    try:
-        installs = cmake_installs(folder)
-    except UnreadableError as error:
-        raise CommandError(f"{folder / 'CMakeLists.txt'}: {error.reason}") from error
-    for one in installs:
+    for one in cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget)):
         is_program = one.kind == "PROGRAMS"
         if is_program or one.destination.startswith("lib/"):
             for name, path in one.files():

@@ -10,6 +10,7 @@ import os
 import posixpath
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
@@ -18,14 +19,16 @@ from typing import NamedTuple
 from rosidl_py_gen.base.names import is_package_name
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
+from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, mentions_interfaces, read_text
+from rosidl_py_gen.compiler.frontend.package_manifest import read_package_manifest
 from rosidl_py_gen.compiler.frontend.search_path import Package, holds_interfaces
 from rosidl_py_gen.errors import RosidlError, display_path
 from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES
 from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
-from rosidl_py_gen.type_loading.setup_py import setup_calls
+from rosidl_py_gen.type_loading.setup_reader.setup_files import PackageSetup, RunSetup, read_setup_files
 from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, setup_installs
 
 INDEX = "share/ament_index/resource_index"
@@ -36,12 +39,13 @@ MAX_FILES = 20_000
 MAX_COPY_BYTES = 16 << 20
 _CODE_FOLDERS = ("include", "src", "test", "tests")
 """Folders that are not linked if the install rules are unknown."""
-_BUILD_TYPE = re.compile(r"<build_type(?![^>]*ROS_VERSION\s*==\s*1)[^>]*>\s*(\w+)\s*<")
-"""Not that of ROS 1: packages for both have one build type with the condition `$ROS_VERSION == 1`."""
 _LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
-_SCRIPTS_FOLDER = re.compile(r"^\s*(?:install[_-]scripts|script[_-]dir)\s*=\s*(?:\$\{?base\}?/)?(\S+)", re.MULTILINE)
+_NOT_DATA = ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "CMakeLists.txt", "MANIFEST.in")
+"""Files at the top of a package that are not linked if its data files are unknown."""
+_SITE_PACKAGES = re.compile(r"lib(64)?/python3(\.\d+)?/(site|dist)-packages(?=/|\Z)")
+"""Folder of modules for any version of Python; the prefix has the folder of this Python."""
 _NOT_IN_NAMES = re.compile(r"[^\w.]+")
-_VERSION = re.compile(r"<version[^>]*>\s*([\w.+-]+)\s*<")
+_VERSION = re.compile(r"[\w.+-]+")
 
 
 class PrefixFile(NamedTuple):
@@ -62,25 +66,38 @@ class PackagePlan:
     Attributes:
         files: files by their paths below the prefix.
         problems: texts about what could not be read or installed.
+        notes: texts about a setup.py that could not be run, and what is linked instead of unknown files.
         missing: names of the executables that need a build.
         has_targets: there is C++ code.
     """
 
-    def __init__(self, name: str, folder: Path) -> None:
-        self.name, self._folder = name, folder
+    def __init__(self, name: str, folder: Path, run: RunSetup | None = None) -> None:
+        """Plan a package.
+
+        Args:
+            name: of the package.
+            folder: of the package.
+            run: function for a setup.py that cannot be read completely; with it, ``lib/<package>`` also has the
+                executables that a build installs elsewhere.
+        """
+        self.name, self._folder, self._run = name, folder, run
         self.files: dict[str, PrefixFile] = {}
-        self.problems: list[str] = []
+        self.notes: list[str] = []
+        self._problems: dict[str, None] = {}
         self.missing: list[str] = []
         self.has_targets = False
         self._left = 2 * MAX_FILES
+        self._links_top = False  # files at the top of the package may be data files
+        self._budget = PackageBudget()
+        self._sources: set[Path] = set()
         self._read(self._add_interfaces)
-        manifest = _text(folder, "package.xml")
-        version, kind = _VERSION.search(manifest), _BUILD_TYPE.search(manifest)
-        self._version = version[1] if version else "0.0.0"
+        manifest = read_package_manifest(_text(folder, "package.xml"))
+        self._version = manifest.version if _VERSION.fullmatch(manifest.version) else "0.0.0"
         is_cmake = (folder / "CMakeLists.txt").is_file()
         is_python = any((folder / name).is_file() for name in ("setup.py", "pyproject.toml", "setup.cfg"))
-        if is_cmake and is_python and kind:
-            is_cmake, is_python = "python" not in kind[1], "python" in kind[1]
+        if is_cmake and is_python and manifest.build_type:
+            is_python = "python" in manifest.build_type
+            is_cmake = not is_python
         self._is_complete = is_cmake or is_python  # all install rules were read
         if is_python:
             self._read(self._read_setup)
@@ -90,6 +107,10 @@ class PackagePlan:
             self._read(self._link_sources)
         self.files.setdefault(f"{INDEX}/packages/{name}", PrefixFile(content=b""))
         self.files.setdefault(f"share/{name}/package.xml", PrefixFile(folder / "package.xml"))
+
+    @property
+    def problems(self) -> list[str]:
+        return [*self._problems]
 
     @property
     def text(self) -> str:
@@ -103,7 +124,7 @@ class PackagePlan:
 
     def _problem(self, text: str) -> None:
         text = f"{self.name} ({display_path(self._folder)}): {text}"
-        self.problems += [text] if text not in self.problems else []
+        self._problems[text] = None
 
     def _read(self, rules: Callable[[], None]) -> None:
         """Call a function that reads rules; an error is a problem."""
@@ -118,8 +139,11 @@ class PackagePlan:
         """Link the files of the source folder below ``share``, except those that known rules install there."""
         share = f"share/{self.name}/"
         installed = {file.source for place, file in self.files.items() if place.startswith(share)}
+        modules = [file.source for place, file in self.files.items() if place.startswith(SITE_PACKAGES) and file.source]
         for path in files_below(self._folder):
-            is_code = path.split("/")[0] in _CODE_FOLDERS or "/" not in path
+            if path.endswith(".py") and any(map((self._folder / path).is_relative_to, modules)):
+                continue
+            is_code = path.split("/")[0] in _CODE_FOLDERS or (path in _NOT_DATA if self._links_top else "/" not in path)
             if not is_code and self._folder / path not in installed and share + path not in self.files:
                 self._add(share + path, PrefixFile(self._folder / path))
 
@@ -128,15 +152,25 @@ class PackagePlan:
     def _add(self, place: str, file: PrefixFile) -> None:
         """Add a file at a path below the prefix; other paths, and paths of other files, are problems."""
         self._spend(1)
+        self._budget.install(place, is_repeated=file.source in self._sources)
+        if file.source is not None:
+            self._sources.add(file.source)
         if UNKNOWN in place:
             self._is_complete = False
             return None
         path = inside(place)
         if path is None or not path.isprintable():
             return self._problem(f'"{place[:200]}" is not a path below the prefix; the file is skipped')
+        path = _SITE_PACKAGES.sub(SITE_PACKAGES, path)
+        self._expand_folders(path)
+        is_package = path.startswith(SITE_PACKAGES) and file.source is not None and file.source.is_dir()
+        inner = [other for other in self.files if other.startswith(f"{path}/")] if is_package else []
         old, self.files[path] = self.files.get(path, file), file
         if old.source != file.source:
             self._problem(f"two files would be {path}; the last one is used, {display_path(file.source or path)}")
+        for other in inner:
+            self._expand_folders(other)
+        return None
 
     def _spend(self, count: int) -> None:
         self._left -= count
@@ -166,7 +200,7 @@ class PackagePlan:
 
     def _add_file(self, place: str, source: Path, is_program: bool = False) -> None:
         """Add a file; scripts below ``lib`` become programs that run with this Python."""
-        is_below_lib = place.startswith(("lib/", "bin/")) and not place.startswith(SITE_PACKAGES)
+        is_below_lib = place.startswith(("lib/", "bin/")) and not _SITE_PACKAGES.match(place)
         if is_below_lib or is_program:
             note(source)
         file, is_executable = PrefixFile(source), os.access(source, os.X_OK)
@@ -179,12 +213,33 @@ class PackagePlan:
             file = PrefixFile(source, source.read_bytes(), PROGRAM)
         return self._add(place, file)
 
-    def _add_entry_points(self, scripts_folder: str) -> dict[str, list[str]]:
-        """Add programs of console scripts; returns the entry points by group."""
-        groups, scripts = executables.entry_points(self._folder, self._problem)
-        for one in scripts:
-            self._add(f"{scripts_folder}/{one.name}", PrefixFile(None, one.program(), PROGRAM))
-        return groups
+    def _expand_folders(self, path: str) -> None:
+        """Replace a linked Python package by links to its files if another file is installed into it."""
+        parts = path.split("/")
+        for end in range(len(SITE_PACKAGES.split("/")) + 1, len(parts)):
+            above = "/".join(parts[:end])
+            source = self.files[above].source if above in self.files else None
+            if source is not None and source.is_dir():
+                with os.scandir(source) as scan:
+                    names = sorted(entry.name for entry in scan if entry.name != "__pycache__")
+                self._spend(len(names))
+                del self.files[above]
+                for name in names:
+                    self.files.setdefault(f"{above}/{name}", PrefixFile(source / name))
+
+    def _read_setup_files(self) -> PackageSetup:
+        setup = read_setup_files(self._folder, self._budget, self._run)
+        self.notes += setup.problems
+        return setup
+
+    def _add_entry_points(self, setup: PackageSetup, scripts_folder: str) -> None:
+        """Add programs of console scripts."""
+        package = self.name if self._run is not None and scripts_folder == setup.scripts_folder else ""
+        for one in executables.console_scripts(setup, self._folder, package, self._problem):
+            file = PrefixFile(None, replace(one, warning="").program(), PROGRAM)
+            self._add(f"{scripts_folder}/{one.name}", file)
+            if one.warning and f"lib/{self.name}/{one.name}" not in self.files:
+                self._add(f"lib/{self.name}/{one.name}", PrefixFile(None, one.program(), PROGRAM))
 
     def _add_metadata(self, name: object, version: object, groups: dict[str, list[str]]) -> None:
         """Add the metadata of a Python distribution, in which other programs find entry points."""
@@ -192,7 +247,10 @@ class PackagePlan:
         folder = f"{SITE_PACKAGES}/{'-'.join(re.sub(_NOT_IN_NAMES, '_', one)[:80] for one in used)}.dist-info"
         texts = {
             "METADATA": "Metadata-Version: 2.1\nName: {}\nVersion: {}\n".format(*used),
-            "entry_points.txt": "\n".join("\n".join((f"[{group}]", *lines, "")) for group, lines in groups.items()),
+            "entry_points.txt": "\n".join(
+                "\n".join((f"[{group}]", *(line.strip() for line in lines if "=" in line), ""))
+                for group, lines in groups.items()
+            ),
         }
         for file, text in texts.items():
             self._add(f"{folder}/{file}", PrefixFile(content=text.encode(errors="replace")))
@@ -200,30 +258,43 @@ class PackagePlan:
     # --- setup.py, setup.cfg and pyproject.toml -----------------------------------------------------------------------
 
     def _read_setup(self) -> None:
-        found = _SCRIPTS_FOLDER.search(_text(self._folder, "setup.cfg"))
-        scripts_folder = found[1] if found else "bin"
-        groups = self._add_entry_points(scripts_folder)
-        given: dict[str, object] = {}
-        for call in setup_calls(_text(self._folder, "setup.py"), self._folder):
-            given |= call
-        if given.get("entry_points", {}) is None:
-            self._problem("the entry points of setup.py cannot be read without running it; they are skipped")
-        self._add_metadata(given.get("name"), given.get("version"), groups)
-        self._add_modules(given)
-        scripts = Install(self._folder, "PROGRAMS", tuple(_texts(given.get("scripts"))), scripts_folder)
-        for install in (scripts, *setup_installs(self._folder, given)):
+        self._links_top = True  # until the files are read
+        setup = self._read_setup_files()
+        self._links_top = False
+        self._add_entry_points(setup, setup.scripts_folder)
+        self._note_uncertain(setup)
+        self._add_metadata(setup.values.get("name"), setup.values.get("version"), setup.groups)
+        self._add_modules(setup)
+        scripts = tuple(setup.texts("scripts"))
+        places = {setup.scripts_folder, *([f"lib/{self.name}"] if self._run is not None else [])}
+        for install in (
+            *(Install(self._folder, "PROGRAMS", scripts, place) for place in sorted(places)),
+            *setup_installs(self._folder, setup.values.get("data_files")),
+        ):
             self._install(install)
 
-    def _add_modules(self, given: dict[str, object]) -> None:
+    def _note_uncertain(self, setup: PackageSetup) -> None:
+        """Note what is uncertain: files are linked instead, executables may be missing."""
+        ask = "" if self._run is not None else "; rosidl-py run, launch and test run setup.py to know them"
+        for name, what in (("entry_points", "other executables"), ("scripts", "other executables")):
+            if why := setup.uncertain.get(name):
+                text = executables.uncertain_text(name, self._folder, why)
+                self._problem(f"{text}; {what} of it are missing{ask}")
+        if why := setup.uncertain.get("data_files"):
+            self._is_complete, self._links_top = False, True
+            text = executables.uncertain_text("data_files", self._folder, why)
+            self.notes.append(f"{self.name}: {text}; all files of the package are linked, at their places there{ask}")
+
+    def _add_modules(self, setup: PackageSetup) -> None:
         """Add links to the Python packages and modules."""
-        found = given.get("package_dir")
-        folders = {key: path for key, path in found.items() if isinstance(path, str)} if isinstance(found, dict) else {}
-        root = folders.get("", "src" if not given and (self._folder / "src").is_dir() else "")
-        if isinstance(given.get("packages"), list):
-            names = {*_texts(given["packages"])}
-        else:
-            names = {file.parent.name for file in (self._folder / root).glob("*/__init__.py")} - {"test", "tests"}
-        names |= {*_texts(given.get("py_modules"))}
+        folders = setup.folders
+        root = folders.get("", "")
+        names = {*setup.texts("packages")}
+        if not isinstance(setup.values.get("packages"), list) or "packages" in setup.uncertain:
+            names |= {file.parent.name for file in (self._folder / root).glob("*/__init__.py")} - {"test", "tests"}
+        for name in sorted(name for name in names if "." in name and name in folders):
+            self._problem(f"the Python package {name} is in {folders[name][:200]}, and not importable in a prefix")
+        names |= {*setup.texts("py_modules")}
         for name in sorted({name.partition(".")[0] for name in names} - COMPANIONS):
             source = self._source(folders.get(name) or posixpath.join(root, name))
             if source is not None and source.is_dir():
@@ -234,7 +305,7 @@ class PackagePlan:
     # --- CMakeLists.txt -----------------------------------------------------------------------------------------------
 
     def _read_cmake(self) -> None:
-        script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"))
+        script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"), self._budget)
         for install in cmake_installs(self._folder, script):
             self._install(install)
         calls = [(command, [word.text for word in words]) for command, words in script.calls]
@@ -258,8 +329,12 @@ class PackagePlan:
             case "ament_python_install_package", [name, *_]:
                 source = self._source(options.get("PACKAGE_DIR", name))
                 if source is not None and source.is_dir() and name not in COMPANIONS:
-                    scripts = options.get("SCRIPTS_DESTINATION")
-                    self._add_metadata(name, "", self._add_entry_points(scripts) if scripts else {})
+                    groups: dict[str, list[str]] = {}
+                    if scripts := options.get("SCRIPTS_DESTINATION"):
+                        setup = self._read_setup_files()
+                        self._add_entry_points(setup, scripts)
+                        groups = setup.groups
+                    self._add_metadata(name, "", groups)
                     self._add(f"{SITE_PACKAGES}/{name}", PrefixFile(source))
             case "ament_python_install_module", [path, *_]:
                 place = posixpath.join(SITE_PACKAGES, options.get("DESTINATION_SUFFIX", ""))
@@ -314,10 +389,6 @@ def _text(folder: Path, name: str) -> str:
         return read_text(folder, name)
     except UnreadableError:
         return ""
-
-
-def _texts(values: object) -> list[str]:
-    return [value for value in values if isinstance(value, str)] if isinstance(values, list) else []
 
 
 def _accepts(install: Install, path: str, is_folder: bool) -> bool:

@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 
 from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, ENVIRONMENT_VARIABLE, selected
+from rosidl_py_gen.base.resources import RUN_PREFIX
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
-RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
-"""Variable with the prefix that ``rosidl-py run`` has added to AMENT_PREFIX_PATH; read by `ament_index_python`."""
 FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 
 

@@ -83,8 +83,8 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
         searched = ", ".join(str(one.folder) for one in found)
         raise CommandError(f'no package "{package}"{did_you_mean(package, folders)}; searched {searched}')
     folder = folders[package]
-    prefix = build_prefix(root for one in found for root in one.roots)
-    for problem in prefix.problems:
+    prefix = build_prefix((root for one in found for root in one.roots), runs_setup=True)
+    for problem in (*prefix.problems, *prefix.notes):
         terminal_output.note(f"warning: {problem}")
     words = ["-m", "pytest", "-p", _PLUGIN, "-rs", "-o", f"cache_dir={prefix.folder / '.pytest_cache'}", *arguments]
     if not any((folder / word.partition("::")[0]).exists() for word in arguments if not word.startswith("-")):

@@ -10,17 +10,19 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from importlib.machinery import PathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from itertools import takewhile
 from pathlib import Path
+from types import ModuleType
 
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
 from rosidl_py_gen.compiler.frontend.workspace import Workspace, package_around, workspace_around
 from rosidl_py_gen.ros_cli import CommandError, click_module, terminal_output
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
-from rosidl_py_gen.ros_cli.prefix.variables import RUN_PREFIX, variables
+from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 from rosidl_py_gen.ros_cli.program_runner.program import start as start_program
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 from rosidl_py_gen.type_loading.scan_cache import cached, workspace_packages
@@ -34,7 +36,9 @@ def start(
         return _list(words, paths, as_json)
     if as_json and not check:
         raise click_module().UsageError("--json requires --check or --list; options of the program follow the program")
-    program, arguments = _program(words, paths)
+    program, arguments = _program(words, paths, runs_setup=not check)
+    if program.warning:
+        terminal_output.note(f"warning: {program.warning}")
     make_importable(program.place, paths)
     if check:
         from rosidl_py_gen.ros_cli.program_runner.check import check as check_program
@@ -54,6 +58,18 @@ def _set_environment(place: Path, paths: Sequence[str]) -> None:
         except CommandError as error:
             terminal_output.note(f"warning: programs that this one starts will not find rclpy: {error}")
     os.environ.update(variables(prefix) | {RUN_PREFIX: str(prefix or "")})
+    if prefix is not None:
+        sys.meta_path.append(_PrefixFinder(prefix))
+
+
+class _PrefixFinder:
+    """Finder of modules that a package installs as data files; modules of the sources precede."""
+
+    def __init__(self, prefix: Path) -> None:
+        self._places = [str(prefix / SITE_PACKAGES)]
+
+    def find_spec(self, name: str, path: object = None, target: ModuleType | None = None) -> ModuleSpec | None:
+        return PathFinder.find_spec(name, self._places, target) if path is None else None
 
 
 def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
@@ -65,7 +81,9 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
         for place in sys.path:
             note(place)
         copies = [replace(one) for one in workspaces]  # a workspace that was read before notes no paths
-        prefix = build_prefix(roots(copies))
+        prefix = build_prefix(roots(copies), runs_setup=True)
+        for text in prefix.notes:
+            terminal_output.note(f"warning: {text}")
         for folder in prefix.packages.values():
             with suppress(UnreadableError):
                 files_below(folder)
@@ -109,7 +127,7 @@ def _workspace_folder(place: Path) -> Path:
     return here if around is not None and package in workspace_packages(around).values() else place
 
 
-def _program(words: Sequence[str], paths: Sequence[str]) -> tuple[Executable, Sequence[str]]:
+def _program(words: Sequence[str], paths: Sequence[str], runs_setup: bool) -> tuple[Executable, Sequence[str]]:
     """Return the program of a command line, and its arguments."""
     if not words:
         raise click_module().UsageError("expected a file, -m and a module, or a package and an executable")
@@ -124,7 +142,7 @@ def _program(words: Sequence[str], paths: Sequence[str]) -> tuple[Executable, Se
     if first.endswith(".py") or "/" in first or os.sep in first:
         kind = "it is a folder" if path.is_dir() else "no such file"
         raise CommandError(f"{first}: expected a Python file, {kind}")
-    return _executable_program(first, rest, paths)
+    return _executable_program(first, rest, paths, runs_setup)
 
 
 def _file_program(path: Path) -> Executable:
@@ -157,15 +175,19 @@ def roots(found: Sequence[Workspace]) -> list[Path]:
     return [root for one in found if one.packages for root in one.roots]
 
 
-def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executable], list[str]]:
+def _executables(
+    package: str, paths: Sequence[str], runs_setup: bool = False
+) -> tuple[dict[str, Executable], list[str]]:
     """Return the executables of a package from its sources, pip or a prefix, and their location."""
     from rosidl_py_gen.ros_cli.prefix import executables
+    from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
 
+    run = run_setup_py if runs_setup else None
     places: list[str] = []
     for workspace in workspaces(paths):
         if folder := workspace_packages(workspace).get(package):
             places.append(str(folder))
-            if by_name := executables.of_sources(folder):
+            if by_name := executables.of_sources(folder, package, run):
                 return by_name, places
     for find in (executables.of_distribution, executables.of_bundled, executables.of_prefixes):
         if by_name := find(package):
@@ -173,10 +195,12 @@ def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executab
     return {}, places
 
 
-def _executable_program(package: str, words: Sequence[str], paths: Sequence[str]) -> tuple[Executable, Sequence[str]]:
+def _executable_program(
+    package: str, words: Sequence[str], paths: Sequence[str], runs_setup: bool
+) -> tuple[Executable, Sequence[str]]:
     from rosidl_py_gen.ros_cli.prefix.executables import is_python_program
 
-    by_name, places = _executables(package, paths)
+    by_name, places = _executables(package, paths, runs_setup)
     if not by_name and not places:
         searched = ", ".join(str(one.folder) for one in workspaces(paths))
         known = {name for workspace in workspaces(paths) for name in workspace_packages(workspace)}
@@ -207,7 +231,7 @@ def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
     for package in packages:
         by_name, places = _executables(package, paths)
         if words and not by_name and not places:
-            _executable_program(package, (), paths)
+            _executable_program(package, (), paths, runs_setup=False)
         rows += [{"package": package, "executable": name} for name in sorted(by_name)]
     if as_json:
         terminal_output.document(rows)

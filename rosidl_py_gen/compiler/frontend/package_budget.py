@@ -1,0 +1,50 @@
+"""Limit of the time and memory that reading the files of one package takes.
+
+The readers of CMakeLists.txt, package.xml, setup.py, setup.cfg and pyproject.toml share one budget for each package. It
+is spent before the work is done, so that a file of a few hundred bytes cannot request more.
+"""
+
+from __future__ import annotations
+
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError
+
+_MAX_WORK = 2_000_000
+"""Maximum work for one package, in characters of values and names. It takes Python about 1 s."""
+_ACCESS_WORK = 500
+"""Work of one access to a file or folder: at least one system call."""
+_ENTRY_WORK = 20
+"""Work of one entry of a folder."""
+_STEP_WORK = 8
+"""Work of one command, statement or expression, in addition to the characters of its value."""
+_FILE_WORK = 60
+"""Work of one installed file: a link and its name."""
+
+
+class BudgetError(UnreadableError):
+    """Reading a package would take more work than a package can need."""
+
+
+class PackageBudget:
+    """Work that is left for reading one package; each method raises `BudgetError` if it is too much."""
+
+    def __init__(self, work: int = _MAX_WORK) -> None:
+        self._work = work
+
+    def spend(self, characters: int) -> None:
+        """Spend the work for values of some characters."""
+        self._work -= characters + 1
+        if self._work < 0:
+            raise BudgetError("it lists more than a package can have")
+
+    def access(self, entries: int = 0) -> None:
+        """Spend the work for an access to a file, or to a folder with some entries."""
+        self.spend(_ACCESS_WORK + _ENTRY_WORK * entries)
+
+    def step(self) -> None:
+        """Spend the work for an expression or a statement."""
+        self.spend(_STEP_WORK)
+
+    def install(self, place: str, *, is_repeated: bool) -> None:
+        """Spend the work for an installed file; folders that are created for it, and copies of one file, cost more."""
+        depth = place.count("/")
+        self.spend(_FILE_WORK + len(place) + (_ACCESS_WORK if is_repeated else 0) + max(0, depth - 8) * _ACCESS_WORK)

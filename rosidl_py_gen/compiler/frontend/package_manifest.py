@@ -1,0 +1,59 @@
+"""Name, version and build type in a package.xml, which may be malformed.
+
+A malformed file has as much of them as can be read, so that one file does not end the search of a workspace. The time
+is linear in the size of the file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+_START = re.compile(r"<(name|version|build_type)(?=[\s>])")
+
+
+class PackageManifest(NamedTuple):
+    """Values of a package.xml; empty if they are missing.
+
+    Attributes:
+        build_type: not the type of ROS 1: packages for both have one with the condition `$ROS_VERSION == 1`.
+    """
+
+    name: str = ""
+    version: str = ""
+    build_type: str = ""
+
+
+def read_package_manifest(text: str) -> PackageManifest:
+    """Return the values of a package.xml."""
+    found: dict[str, str] = {}
+    for tag, attributes, content in _elements(text):
+        is_of_ros_1 = tag == "build_type" and "ROS_VERSION==1" in "".join(attributes.split())
+        if content and not is_of_ros_1:
+            found.setdefault(tag, content)
+    return PackageManifest(**found)
+
+
+def _elements(text: str) -> Iterator[tuple[str, str, str]]:
+    """Yield tag, attributes and text of each element of a known tag."""
+    text = _without_comments(text)
+    position = 0
+    while start := _START.search(text, position):
+        close = text.find(">", start.end())
+        position = text.find("<", close)
+        if close < 0 or position < 0:
+            return
+        if text.startswith(f"</{start[1]}", position):
+            yield start[1], text[start.end() : close], text[close + 1 : position].strip()
+
+
+def _without_comments(text: str) -> str:
+    parts = []
+    position = 0
+    while (start := text.find("<!--", position)) >= 0:
+        parts.append(text[position:start])
+        position = text.find("-->", start) + 3
+        if position < 3:  # the comment has no end
+            return "".join(parts)
+    return "".join((*parts, text[position:]))

@@ -1,0 +1,179 @@
+"""Program that runs the setup.py of the current folder with a `setup` that records its arguments.
+
+It writes them as JSON to its standard output; output of setup.py goes to standard error. It imports nothing of this
+package. Without setuptools, a replacement has what setup.py files import.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.abc
+import importlib.util
+import json
+import os
+import sys
+import sysconfig
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from fnmatch import fnmatchcase
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+_FILE = "setup.py"
+_NAMES = (
+    *("data_files", "packages", "package_dir", "py_modules", "scripts", "entry_points", "name", "version", "cmdclass"),
+)
+_MAX_READ = 1000
+"""Maximum number of files that setup.py has read, for the cache of its result."""
+
+
+def main() -> None:
+    output = os.dup(1)
+    os.dup2(2, 1)  # what setup.py prints
+    folder = os.getcwd()
+    own = [*(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")), os.path.dirname(__file__)]
+    sys.path[0] = folder
+    sys.argv = [_FILE, "install"]
+    calls: list[dict[str, Any]] = []
+    read: dict[str, None] = {}
+    _replace_setup(lambda **arguments: calls.append(arguments))
+    # `compile` is not reported: its file was read before.
+    sys.addaudithook(lambda event, arguments: _note_file(read, event, arguments))
+    with open(_FILE, "rb") as file:
+        code = compile(file.read(), os.path.join(folder, _FILE), "exec", dont_inherit=True)
+    module = ModuleType("__main__")
+    module.__file__ = os.path.join(folder, _FILE)
+    sys.modules["__main__"] = module
+    try:
+        exec(code, vars(module))
+    except SystemExit as end:  # after the call, it is of no importance
+        if not calls:
+            raise SystemExit(f"setup.py ends with status {end.code} before it calls setup") from None
+    if not calls:
+        raise SystemExit("setup.py does not call setup of setuptools or distutils")
+    paths = [path for path in read if not path.startswith(tuple(own))][:_MAX_READ]
+    result = {"calls": [_plain_arguments(call) for call in calls], "read": paths}
+    with os.fdopen(output, "wb") as stream:
+        stream.write(json.dumps(result).encode())
+        stream.flush()
+    os._exit(0)  # not the functions that setup.py has registered
+
+
+def _note_file(read: dict[str, None], event: str, arguments: tuple[object, ...]) -> None:
+    if event in ("open", "os.listdir", "os.scandir") and len(read) < 10 * _MAX_READ:
+        path = arguments[0] if arguments else None
+        if isinstance(path, str | bytes):
+            read.setdefault(os.path.abspath(os.fsdecode(path)))
+
+
+def _plain_arguments(call: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _plain(call[name]) for name in _NAMES if call.get(name) is not None}
+
+
+def _plain(value: Any, depth: int = 0) -> Any:
+    """Return a value of JSON; other objects become None."""
+    if isinstance(value, str) or value is None:
+        return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, int | float):
+        return str(value)
+    if depth < 10 and isinstance(value, Mapping):
+        return {str(key): _plain(one, depth + 1) for key, one in value.items()}
+    if depth < 10 and isinstance(value, Iterable) and not isinstance(value, bytes):
+        return [_plain(one, depth + 1) for one in value]
+    return None
+
+
+def _replace_setup(record: Callable[..., None]) -> None:
+    """Replace the function `setup` of setuptools and distutils, and modules that do not exist."""
+    try:
+        setuptools: Any = importlib.import_module("setuptools")
+    except ImportError:
+        setuptools = _replacement("setuptools")
+        setuptools.__version__ = "65.0.0"
+        setuptools.find_packages = _find_packages
+        setuptools.find_namespace_packages = lambda *arguments, **options: _find_packages(
+            *arguments, **options, is_namespace=True
+        )
+        sys.modules["setuptools"] = setuptools
+        sys.meta_path.append(_Finder())
+    setuptools.setup = record
+    try:
+        core: Any = importlib.import_module("distutils.core")
+    except ImportError:
+        if not any(isinstance(one, _Finder) for one in sys.meta_path):
+            sys.meta_path.append(_Finder())
+        core = importlib.import_module("distutils.core")
+    core.setup = record
+
+
+class _AnyClass:
+    """Class such as `Extension` or `Command`, with any arguments and attributes."""
+
+    def __init__(self, *arguments: object, **words: object) -> None:
+        self.__dict__.update(words)
+
+    def initialize_options(self) -> None: ...
+
+    def finalize_options(self) -> None: ...
+
+    def run(self) -> None: ...
+
+
+def _replacement(name: str) -> Any:
+    """Return a module whose other names are new classes."""
+    module = ModuleType(name)
+    module.__path__ = []
+
+    def get(attribute: str) -> type:
+        if attribute.startswith("__"):
+            raise AttributeError(attribute)
+        setattr(module, attribute, made := type(attribute, (_AnyClass,), {}))
+        return made
+
+    module.__dict__["__getattr__"] = get
+    return module
+
+
+class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Finder of the modules of setuptools and distutils, if these do not exist."""
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        is_known = name.partition(".")[0] in ("setuptools", "distutils", "pkg_resources")
+        return importlib.util.spec_from_loader(name, self, is_package=True) if is_known else None
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        module: ModuleType = _replacement(spec.name)
+        return module
+
+    def exec_module(self, module: ModuleType) -> None: ...
+
+
+def _find_packages(
+    where: str = ".",
+    exclude: Iterable[str] = (),
+    include: Iterable[str] = ("*",),
+    *,
+    is_namespace: bool = False,
+) -> list[str]:
+    excluded, included = [*exclude], [*include]
+
+    def below(place: str, above: str) -> Iterator[str]:
+        for name in sorted(os.listdir(place)):
+            folder = os.path.join(place, name)
+            is_package = is_namespace or os.path.isfile(os.path.join(folder, "__init__.py"))
+            if "." not in name and is_package and os.path.isdir(folder):
+                yield above + name
+                yield from below(folder, f"{above}{name}.")
+
+    return [
+        name
+        for name in below(where, "")
+        if any(fnmatchcase(name, pattern) for pattern in included)
+        and not any(fnmatchcase(name, pattern) for pattern in excluded)
+    ]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,295 @@
+"""Files of a package as `glob`, `os.walk`, `pathlib` and `find_packages` return them, for a reader of setup.py.
+
+The order is the order of the operating system. Links to folders are followed once, and only inside the package folder;
+a `Gap` represents the other files. All accesses spend the budget of the package.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import re
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+
+from rosidl_py_gen.base.scanned_paths import note
+from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
+from rosidl_py_gen.compiler.frontend.package_files import read_text
+from rosidl_py_gen.type_loading.setup_reader.values import Gap, ListValue
+
+_MAGIC = re.compile(r"[*?[]")
+_MAX_PATH = 4096
+"""Maximum length of a path; PATH_MAX of Linux."""
+_PATTERN_WORK = 20
+"""Work of one character of a pattern, which becomes a regular expression."""
+
+
+class PackageFolder:
+    """Read access to the files below a package folder, which is the working folder of its setup.py.
+
+    Attributes:
+        changes: reason why the files may differ while setup.py runs, or empty.
+    """
+
+    def __init__(self, folder: Path, budget: PackageBudget) -> None:
+        self.path = os.path.abspath(folder)
+        self._real = os.path.realpath(folder)
+        self._budget = budget
+        self.changes = ""
+
+    def place(self, path: str) -> str | None:
+        """Return a path relative to the package folder; None if it lies elsewhere."""
+        if len(path) > _MAX_PATH or "\0" in path:
+            return None
+        if path.startswith("/"):
+            for top in (self.path, self._real):
+                if path == top or path.startswith(f"{top}/"):
+                    path = path[len(top) :].strip("/") or "."
+                    break
+            else:
+                return None
+        path = posixpath.normpath(path)
+        return None if path == ".." or path.startswith("../") else path
+
+    def read(self, path: str) -> str | None:
+        """Return the text of a file in the package folder, None for another file; raises `UnreadableError`."""
+        place = self.place(path)
+        if place is None or self.changes:
+            return None
+        self._budget.access()
+        text = read_text(Path(self.path), place)
+        self._budget.spend(len(text))
+        return None if "\ufffd" in text else text
+
+    def check(self, kind: str, path: str) -> bool | None:
+        """Return `os.path.exists`, `isfile`, `isdir`, `islink` or `lexists` of a path; None if it lies elsewhere."""
+        place = self.place(path)
+        if place is None or self.changes:
+            return None
+        if not path:
+            return False
+        self._budget.access()
+        file = os.path.join(self.path, place)
+        note(file)
+        return bool(getattr(os.path, kind)(file))
+
+    def names(self, path: str) -> Iterator[str | Gap]:
+        """Yield `os.listdir`."""
+        place = self.place(path)
+        yield from self._gap()
+        yield from (entry if isinstance(entry, Gap) else entry[0] for entry in self.entries(place, path))
+
+    def walk(self, top: str) -> Iterator[ListValue | Gap]:
+        """Yield `os.walk`, whose caller may change the lists of folders."""
+        yield from self._gap()
+        waiting = [(top, self.place(top))] if top else []
+        while waiting:
+            top, place = waiting.pop()
+            folders, files = ListValue(), ListValue()
+            for entry in self.entries(place, top):
+                if isinstance(entry, Gap):
+                    yield entry
+                else:
+                    (folders if entry[1] else files).items.append(entry[0])
+            if place is None or not os.path.isdir(os.path.join(self.path, place)):
+                continue
+            yield ListValue([top, folders, files], is_tuple=True)
+            if folders.why:
+                yield Gap(folders.why)
+            for name in reversed(folders.items):
+                if isinstance(name, str) and not os.path.islink(os.path.join(self.path, place, name)):
+                    waiting.append((posixpath.join(top, name), posixpath.normpath(posixpath.join(place, name))))
+
+    def glob(self, pattern: str, is_recursive: bool, all_names: bool = False) -> Iterator[str | Gap]:
+        """Yield `glob.glob`; `all_names` for hidden files, too."""
+        yield from self._gap()
+        base, shown = ".", ""
+        if pattern.startswith("/"):
+            top = next((top for top in (self.path, self._real) if pattern.startswith(f"{top}/")), None)
+            if top is None:
+                yield Gap(f"{pattern[:80]} is not in the package folder")
+                return
+            shown, pattern = f"{top}/", pattern[len(top) :].lstrip("/")
+        parts = pattern.split("/")
+        if len(pattern) > _MAX_PATH:
+            yield Gap("a pattern is too long")
+            return
+        self._budget.spend(_PATTERN_WORK * len(pattern))
+        yield from filter(None, _Glob(self, is_recursive, all_names).matches(shown, base, parts))
+
+    def glob_paths(self, top: PurePosixPath, pattern: str) -> Iterator[PurePosixPath | Gap]:
+        """Yield `pathlib.Path.glob`, which does not follow links below ``**``."""
+        if pattern.endswith("**") or pattern.startswith("/") or self.place(str(top)) is None:
+            yield Gap(f"the pattern {pattern[:80]}")
+            return
+        yield from self._gap()
+        self._budget.spend(_PATTERN_WORK * len(pattern))
+        shown = "" if str(top) == "." else f"{top}/"
+        seen = set()
+        matcher = _Glob(self, True, True, follows_links=False)
+        for path in matcher.matches(shown, self.place(str(top)) or ".", [*PurePosixPath(pattern).parts]):
+            if isinstance(path, Gap):
+                yield path
+            elif path not in seen:
+                seen.add(path)
+                yield PurePosixPath(path)
+
+    def packages(self, where: str, excluded: list[str], included: list[str], is_namespace: bool) -> Iterator[str | Gap]:
+        """Yield `setuptools.find_packages` or `find_namespace_packages`."""
+        yield from self._gap()
+        top = self.place(where)
+        if top is None:
+            yield Gap(f"the folder {where[:80]} is not in the package folder")
+            return
+        self._budget.spend(_PATTERN_WORK * sum(map(len, (*excluded, *included))))
+        waiting = [("", top)]
+        visited = {os.path.realpath(os.path.join(self.path, top))}
+        while waiting:
+            above, place = waiting.pop()
+            for entry in self.entries(place, place):
+                if isinstance(entry, Gap):
+                    yield entry
+                    continue
+                name, is_folder = entry
+                if not is_folder or "." in name:
+                    continue
+                folder = posixpath.normpath(posixpath.join(place, name))
+                if not is_namespace and not os.path.isfile(os.path.join(self.path, folder, "__init__.py")):
+                    continue
+                self._budget.access(len(excluded) + len(included))
+                package = f"{above}{name}"
+                is_included = any(fnmatchcase(package, pattern) for pattern in included)
+                if is_included and not any(fnmatchcase(package, pattern) for pattern in excluded):
+                    yield package
+                real = os.path.realpath(os.path.join(self.path, folder))
+                if real in visited or not self._is_inside(real):
+                    yield Gap(f"the link {folder[:80]}")
+                else:
+                    visited.add(real)
+                    waiting.append((f"{package}.", folder))
+
+    def real_folder(self, place: str) -> str | None:
+        """Return the real path of a folder of the package; None if it is a link that leads out of the package."""
+        real = os.path.realpath(os.path.join(self.path, place))
+        return real if self._is_inside(real) else None
+
+    def entries(self, place: str | None, shown: str) -> Iterator[tuple[str, bool] | Gap]:
+        """Yield names of a folder, and True for folders; nothing if it cannot be read, a gap if it lies elsewhere."""
+        if place is None or self.real_folder(place) is None:
+            yield Gap(f"the folder {shown[:80]} is not in the package folder")
+            return
+        path = os.path.join(self.path, place)
+        self._budget.access()
+        note(path)
+        found = []
+        try:
+            with os.scandir(path) as scan:
+                for entry in scan:
+                    self._budget.spend(len(entry.name) + 20)
+                    found.append((entry.name, _is_folder(entry)))
+        except OSError:
+            return
+        yield from found
+
+    def access(self) -> None:
+        self._budget.access()
+
+    def _is_inside(self, real: str) -> bool:
+        return real == self._real or real.startswith(f"{self._real}/")
+
+    def _gap(self) -> Iterator[Gap]:
+        if self.changes:
+            yield Gap(self.changes)
+
+
+class _Glob:
+    """One search for the files that match a pattern."""
+
+    def __init__(self, folder: PackageFolder, is_recursive: bool, all_names: bool, follows_links: bool = True) -> None:
+        self._folder, self._is_recursive = folder, is_recursive
+        self._all_names, self._follows_links = all_names, follows_links
+        self._followed: set[str] = set()
+
+    def matches(self, shown: str, place: str, parts: list[str]) -> Iterator[str | Gap]:
+        """Yield paths that begin with `shown` and match the parts of a pattern below the folder `place`."""
+        part, *rest = parts
+        if part == "**" and self._is_recursive:
+            yield from self._below(shown, place, rest)
+        elif _MAGIC.search(part):
+            for entry in self._folder.entries(place, shown):
+                if isinstance(entry, Gap):
+                    yield entry
+                elif self._accepts(entry[0], part) and fnmatchcase(entry[0], part):
+                    yield from self._continue(shown, place, *entry, rest)
+        elif rest:
+            below = posixpath.normpath(posixpath.join(place, part))
+            if below == ".." or below.startswith("../"):
+                yield Gap(f"{below[:80]} is not in the package folder")
+            else:
+                yield from self.matches(f"{shown}{part}/", below, rest)
+        else:
+            self._folder.access()
+            path = os.path.join(self._folder.path, place, part)
+            if os.path.lexists(path) if part else os.path.isdir(path):
+                yield shown + part
+
+    def _accepts(self, name: str, pattern: str) -> bool:
+        return self._all_names or name[0] != "." or pattern[0] == "."
+
+    def _continue(self, shown: str, place: str, name: str, is_folder: bool, rest: list[str]) -> Iterator[str | Gap]:
+        if not rest:
+            yield shown + name
+        elif is_folder:
+            if (below := self._enter(place, name)) is None:
+                yield Gap(f"the link {shown[:80]}{name}")
+            else:
+                yield from self.matches(f"{shown}{name}/", below, rest)
+
+    def _enter(self, place: str, name: str) -> str | None:
+        """Return the place of a folder; None for a link that leads out of the package, or to a folder again."""
+        below = posixpath.normpath(posixpath.join(place, name))
+        path = os.path.join(self._folder.path, below)
+        if not os.path.islink(path):
+            return below
+        real = self._folder.real_folder(below)
+        here = os.path.realpath(os.path.dirname(path))
+        if real is None or real in self._followed or here == real or here.startswith(f"{real}/"):
+            return None
+        self._followed.add(real)
+        return below
+
+    def _below(self, shown: str, place: str, rest: list[str]) -> Iterator[str | Gap]:
+        """Yield matches of a pattern ``**/rest``."""
+        if rest:
+            yield from self.matches(shown, place, rest)
+        elif shown:
+            yield shown
+        for entry in self._folder.entries(place, shown):
+            if isinstance(entry, Gap):
+                yield entry
+                continue
+            name, is_folder = entry
+            if not (self._all_names or name[0] != "."):
+                continue
+            if not rest:
+                yield shown + name
+            if not is_folder:
+                continue
+            is_link = os.path.islink(os.path.join(self._folder.path, place, name))
+            if is_link and not self._follows_links:
+                continue
+            below = self._enter(place, name)
+            if below is None:
+                yield Gap(f"the link {shown[:80]}{name}")
+            elif rest:
+                yield from self._below(f"{shown}{name}/", below, rest)
+            else:
+                yield from (path for path in self._below(f"{shown}{name}/", below, rest) if path != f"{shown}{name}/")
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:  # a link to itself
+        return False

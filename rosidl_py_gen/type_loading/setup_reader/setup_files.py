@@ -1,0 +1,241 @@
+"""Install rules of a Python package: the arguments of setup.py, completed by setup.cfg and pyproject.toml."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rosidl_py_gen.base.scanned_paths import note
+from rosidl_py_gen.base.toml_text import parse_toml
+from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
+from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.type_loading.setup_reader.ini_text import IniSyntaxError, parse_ini
+from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
+from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments, SetupSyntaxError, read_setup_py
+from rosidl_py_gen.type_loading.setup_reader.values import Gap
+
+_MAX_TOML = 64 << 10
+"""Maximum size of a pyproject.toml."""
+_INSTALLED = ("data_files", "entry_points", "scripts", "packages", "py_modules", "package_dir")
+"""Arguments for which a setup.py is run, if that is allowed and they are uncertain."""
+RunSetup = Callable[[Path, str], SetupArguments]
+"""Function that runs the setup.py of a folder, with the reason; raises `RosidlError`."""
+
+
+class SetupFilesError(RosidlError):
+    """A setup.py, setup.cfg or pyproject.toml cannot be read; the text begins with the path of the file."""
+
+
+@dataclass
+class PackageSetup:
+    """Install rules of a Python package.
+
+    Attributes:
+        values: arguments of `setup` by name, with None for unknown parts; entry points are lists of lines by group.
+        uncertain: reasons by argument.
+        scripts_folder: folder of the prefix for console scripts and scripts.
+        problems: texts about a setup.py that could not be run.
+    """
+
+    values: dict[str, Any] = field(default_factory=dict)
+    uncertain: dict[str, str] = field(default_factory=dict)
+    scripts_folder: str = "bin"
+    problems: list[str] = field(default_factory=list)
+
+    def texts(self, name: str) -> list[str]:
+        """Return the known texts of a list."""
+        value = self.values.get(name)
+        value = value.replace(",", " ").split() if name == "scripts" and isinstance(value, str) else value
+        return [one for one in value if isinstance(one, str)] if isinstance(value, list) else []
+
+    @property
+    def folders(self) -> dict[str, str]:
+        """Known folders of Python packages by name; the empty name is for all others."""
+        found = self.values.get("package_dir")
+        return {key: path for key, path in found.items() if isinstance(path, str)} if isinstance(found, dict) else {}
+
+    @property
+    def groups(self) -> dict[str, list[str]]:
+        """Known lines ``name = module:function`` of entry points by group."""
+        points = self.values.get("entry_points")
+        return points if isinstance(points, dict) else {}
+
+
+def read_setup_files(folder: Path, budget: PackageBudget, run: RunSetup | None = None) -> PackageSetup:
+    """Return the install rules of a package.
+
+    Args:
+        folder: of the package.
+        budget: work that reading the package may take.
+        run: function for a setup.py that cannot be read completely; None if no code may run.
+
+    Raises:
+        SetupFilesError: a file cannot be read.
+    """
+    found = PackageSetup()
+    readers: dict[str, Callable[[PackageSetup, str, PackageFolder], None]] = {
+        "setup.py": lambda found, text, _: _add_setup_py(found, text, folder, budget, run),
+        "setup.cfg": _add_setup_cfg,
+        "pyproject.toml": _add_pyproject,
+    }
+    for name, read in readers.items():
+        note(folder / name)
+        if not os.path.isfile(folder / name):
+            continue
+        try:
+            text = read_text(folder, name)
+            budget.spend(len(text))
+            read(found, text, PackageFolder(folder, budget))
+        except (UnreadableError, SetupSyntaxError, IniSyntaxError, ValueError) as error:
+            raise SetupFilesError(f"{folder / name}: {error}".replace("\n", " ")) from error
+    found.values["entry_points"] = _groups(found.values.get("entry_points"))
+    is_explicit = found.values.get("packages") or found.values.get("py_modules") or found.folders
+    if not is_explicit and any((folder / "src").glob("*/__init__.py")):
+        found.values["package_dir"] = {"": "src"}  # as setuptools finds packages automatically
+    return found
+
+
+def _add_setup_py(found: PackageSetup, text: str, folder: Path, budget: PackageBudget, run: RunSetup | None) -> None:
+    error: RosidlError | None = None
+    try:
+        arguments = read_setup_py(text, folder, budget)
+    except (SetupSyntaxError, UnreadableError) as raised:
+        arguments, error = SetupArguments(), raised
+    reasons = [(name, arguments.uncertain[name]) for name in _INSTALLED if name in arguments.uncertain]
+    if run is not None and (error is not None or reasons):
+        why = str(error) if error is not None else f"{reasons[0][0]}: {reasons[0][1]}"
+        try:
+            arguments, error = run(folder, why), None
+        except RosidlError as failure:
+            found.problems.append(str(failure))
+    if error is not None:
+        raise error
+    found.values.update(arguments.values)
+    found.uncertain.update(arguments.uncertain)
+
+
+def _add_setup_cfg(found: PackageSetup, text: str, folder: PackageFolder) -> None:
+    sections = parse_ini(text)
+    for section, name in (("develop", "script_dir"), ("install", "install_scripts")):
+        options = {key.replace("-", "_"): value for key, value in sections.get(section, {}).items()}
+        place = options.get(name, "")
+        for base in ("$base/", "${base}/"):
+            place = place.removeprefix(base)
+        found.scripts_folder = place.partition("\n")[0].strip() or found.scripts_folder
+    options = {key.replace("-", "_").lower(): value for key, value in sections.get("options", {}).items()}
+    given: dict[str, Any] = {name: _words(options[name]) for name in ("scripts", "py_modules") if name in options}
+    if "packages" in options:
+        kind, finds = options["packages"].strip(), sections.get("options.packages.find", {})
+        finder = {key: _words(value) for key, value in finds.items()}
+        is_found = kind in ("find:", "find_namespace:")
+        given["packages"] = _packages(folder, finder, kind == "find_namespace:") if is_found else _words(kind)
+    if "package_dir" in options:
+        pairs = (line.partition("=")[::2] for line in _words(options["package_dir"]))
+        given["package_dir"] = {key.strip(): path.strip() for key, path in pairs}
+    if "options.data_files" in sections:
+        rows = {place: _words(value) for place, value in sections["options.data_files"].items()}
+        given["data_files"] = _data_files(folder, rows)
+    if "options.entry_points" in sections:
+        given["entry_points"] = {key: value.splitlines() for key, value in sections["options.entry_points"].items()}
+    for name in ("name", "version"):
+        value = sections.get("metadata", {}).get(name, "")
+        if value and not value.startswith(("attr:", "file:")):
+            given[name] = value
+    _complete(found, given)
+
+
+def _add_pyproject(found: PackageSetup, text: str, folder: PackageFolder) -> None:
+    if len(text) > _MAX_TOML:
+        raise SetupSyntaxError(f"the file is longer than {_MAX_TOML} characters")
+    data = parse_toml(text)
+    project, tool = _table(data, "project"), _table(_table(data, "tool"), "setuptools")
+    points = {key: _lines(value) for key, value in _table(project, "entry-points").items()}
+    for key, group in (("scripts", "console_scripts"), ("gui-scripts", "gui_scripts")):
+        if lines := _lines(project.get(key)):
+            points[group] = lines
+    known = _groups(found.values.get("entry_points"))
+    for group, lines in points.items():
+        known[group] = [*known.get(group, []), *lines]
+    found.values["entry_points"] = known
+    given = {name: project[name] for name in ("name", "version") if isinstance(project.get(name), str)}
+    packages = tool.get("packages")
+    if isinstance(packages, dict):
+        finder = _table(packages, "find")
+        given["packages"] = _packages(folder, finder, finder.get("namespaces", True) is True)
+    for key, name in (("packages", "packages"), ("py-modules", "py_modules"), ("script-files", "scripts")):
+        if isinstance(tool.get(key), list):
+            given[name] = [one for one in tool[key] if isinstance(one, str)]
+    if isinstance(tool.get("package-dir"), dict):
+        given["package_dir"] = tool["package-dir"]
+    if isinstance(tool.get("data-files"), dict):
+        rows = {place: [str(one) for one in paths] for place, paths in tool["data-files"].items() if paths}
+        given["data_files"] = _data_files(folder, rows)
+    _complete(found, given)
+
+
+def _complete(found: PackageSetup, given: dict[str, Any]) -> None:
+    """Add arguments that `setup` was called without, as setuptools does."""
+    for name, value in given.items():
+        if not found.values.get(name):
+            found.values[name] = value
+
+
+def _packages(folder: PackageFolder, finder: dict[str, Any], is_namespace: bool) -> list[str]:
+    where, excluded, included = (finder.get(name) for name in ("where", "exclude", "include"))
+    places = [one for one in where if isinstance(one, str)] if isinstance(where, list) else [where or "."]
+    names: list[str] = []
+    for place in places:
+        patterns = [[str(one) for one in part] if isinstance(part, list) else [] for part in (excluded, included)]
+        found = folder.packages(str(place), patterns[0], patterns[1] or ["*"], is_namespace)
+        names += (name for name in found if not isinstance(name, Gap))
+    return names
+
+
+def _data_files(folder: PackageFolder, rows: dict[str, list[str]]) -> list[list[object]]:
+    """Return rows of data files, whose patterns are resolved."""
+    found: list[list[object]] = []
+    for place, patterns in rows.items():
+        paths = (path for pattern in patterns for path in folder.glob(pattern, True))
+        found.append([place, [None if isinstance(path, Gap) else path for path in paths]])
+    return found
+
+
+def _groups(points: object) -> dict[str, list[str]]:
+    """Return entry points, which are a text or lists or texts by group, as known lines by group."""
+    if isinstance(points, str):
+        groups: dict[str, list[str]] = {}
+        lines: list[str] = []
+        for line in points.splitlines():
+            if line.lstrip().startswith("["):
+                lines = groups.setdefault(line.strip().partition("]")[0].lstrip("[").strip(), [])
+            else:
+                lines.append(line)
+        return groups
+    if not isinstance(points, dict):
+        return {}
+    given = {group: lines.splitlines() if isinstance(lines, str) else lines for group, lines in points.items()}
+    return {
+        group: [line for line in lines if isinstance(line, str)]
+        for group, lines in given.items()
+        if isinstance(lines, list)
+    }
+
+
+def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
+    found = data.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _lines(table: object) -> list[str]:
+    items: Iterable[tuple[str, object]] = table.items() if isinstance(table, dict) else ()
+    return [f"{name} = {value}" for name, value in items if isinstance(value, str)]
+
+
+def _words(value: str) -> list[str]:
+    """Return the words of a list in setup.cfg, which are on lines or separated by commas."""
+    parts = value.splitlines() if "\n" in value else value.split(",")
+    return [part.strip() for part in parts if part.strip()]

@@ -1,0 +1,252 @@
+"""Variables and doubts of the interpreter of setup.py."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
+
+from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
+from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_BUILTINS, SETUP_FUNCTIONS, Functions, Words
+from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
+from rosidl_py_gen.type_loading.setup_reader.values import (
+    PLAIN_TYPES,
+    Bound,
+    DictValue,
+    FileValue,
+    FunctionValue,
+    Gap,
+    IteratorValue,
+    Known,
+    ListValue,
+    Scope,
+    UncertainError,
+    Unknown,
+)
+
+
+class Stop(Exception):
+    """The program ends; the text is the reason."""
+
+
+class Return(Exception):
+    """A function returns `value`."""
+
+    def __init__(self, value: object) -> None:
+        self.value = value
+
+
+class State:
+    """Variables, and the reasons why they are uncertain."""
+
+    def __init__(self, folder: Path, budget: PackageBudget) -> None:
+        self._budget = budget
+        self._folder = PackageFolder(folder, budget)
+        self._functions = Functions(self._folder, budget, self._iterate, self._call)
+        self._module = Scope({"__name__": "__main__", "__file__": f"{self._folder.path}/setup.py", "__doc__": ""})
+        self._doubts: list[str] = []  # reasons of the blocks that are executed; empty texts for loops and calls
+        self._loops: list[int] = []  # positions in `_doubts` of the loops and calls that are executed
+        self._starts: list[int] = []  # positions in `_doubts` of the calls that are executed
+        self._returned: list[list[object]] = []  # values that the calls may return
+        self._lost = ""  # reason why every variable is uncertain
+        self._calls: list[tuple[dict[str, tuple[object, str]], str]] = []
+        self._mentioned: dict[int, tuple[ast.AST, frozenset[str]]] = {}
+        self._line = 0
+
+    def _call(self, function: object, args: list[object], words: Words, name: str = "") -> object:
+        """Return the result of a call."""
+        raise NotImplementedError
+
+    def _doubt(self) -> str:
+        """Return the reason why the current statement may not be executed, or may be executed often; else empty."""
+        return self._lost or next(filter(None, self._doubts), "")
+
+    def _at(self, what: str) -> str:
+        return f"{what} in line {self._line}"
+
+    def _lose(self, what: str) -> Unknown:
+        self._lost = self._lost or self._at(what)
+        self._folder.changes = self._folder.changes or self._lost
+        return Unknown(self._lost)
+
+    def _names_in(self, node: ast.AST) -> frozenset[str]:
+        """Return the names of variables in a node."""
+        if id(node) not in self._mentioned:
+            names = set()
+            for inner in ast.walk(node):
+                self._budget.step()
+                if isinstance(inner, ast.Name):
+                    names.add(inner.id)
+                elif isinstance(inner, ast.Global | ast.Nonlocal):
+                    names.update(inner.names)
+            self._mentioned[id(node)] = node, frozenset(names)
+        return self._mentioned[id(node)][1]
+
+    def _touch(self, value: object, why: str) -> None:
+        """Mark a value, and all that can be reached from it, as uncertain."""
+        waiting = [value]
+        visited: dict[int, object] = {}  # with the objects, so that no other object gets the number
+        while waiting:
+            one = waiting.pop()
+            if isinstance(one, PLAIN_TYPES) or id(one) in visited:
+                continue
+            self._budget.step()
+            visited[id(one)] = one
+            if isinstance(one, ListValue):
+                one.why = one.why or why
+                waiting += one.items
+            elif isinstance(one, DictValue):
+                one.why = one.why or why
+                waiting += one.items.values()
+            elif isinstance(one, Bound):
+                waiting.append(one.base)
+            elif isinstance(one, IteratorValue):  # its elements belong to other values
+                elements = []
+                for element in self._iterate(one):
+                    self._budget.step()
+                    elements.append(element)
+                waiting += elements
+                one.elements = iter([Gap(why)])
+            elif isinstance(one, FunctionValue):
+                waiting += self._touch_names(self._names_in(one.node), one.scope, why)
+                waiting += one.defaults
+                waiting += one.keyword_defaults.values()
+                self._forget_globals(one.node, why)
+            elif isinstance(one, Unknown):
+                waiting += self._touch_names(one.names, self._module, why)
+
+    def _touch_names(self, names: Iterable[str], scope: Scope, why: str) -> list[object]:
+        found = []
+        for name in names:
+            self._budget.step()
+            if (holder := scope.holder(name)) is not None:
+                found.append(holder.names[name])
+        return found
+
+    def _forget_globals(self, node: ast.AST, why: str) -> None:
+        """Make the variables uncertain that a function may assign outside of itself."""
+        for inner in ast.walk(node):
+            self._budget.step()
+            if isinstance(inner, ast.Global | ast.Nonlocal):
+                for name in inner.names:
+                    if (value := self._module.names.get(name)) is not None:
+                        self._module.names[name] = self._joined(value, Unknown(why), why)
+
+    def _distrust(self, node: ast.AST, scope: Scope, why: str) -> None:
+        """Make everything uncertain that a statement may change."""
+        for value in self._touch_names(self._names_in(node), scope, why):
+            self._touch(value, why)
+        for inner in ast.walk(node):
+            self._budget.step()
+            if isinstance(inner, ast.Name) and not isinstance(inner.ctx, ast.Load):
+                holder = scope.redirected.get(inner.id, scope)
+                value = holder.names.get(inner.id, Unknown(why))
+                holder.names[inner.id] = self._joined(value, Unknown(why), why)
+
+    def _joined(self, old: object, new: object, why: str) -> object:
+        """Return a value for a variable that has one of two values."""
+        if old is new or (isinstance(old, PLAIN_TYPES) and type(old) is type(new) and old == new):
+            return new
+        self._touch(old, why)
+        self._touch(new, why)
+        if isinstance(old, Known) and isinstance(new, Known) and {old.name, new.name} <= {*SETUP_FUNCTIONS}:
+            return new
+        if isinstance(old, ListValue) or isinstance(new, ListValue):
+            first, second = (one.items if isinstance(one, ListValue) else [] for one in (old, new))
+            self._budget.spend(8 * (len(first) + len(second)))
+            known = {*map(id, second)}
+            return ListValue([*(one for one in first if id(one) not in known), *second], why=why)
+        if isinstance(old, DictValue) and isinstance(new, DictValue):
+            self._budget.spend(8 * (len(old.items) + len(new.items)))
+            return DictValue({**old.items, **new.items}, why=why)
+        return Unknown(why, self._reach(old, new))
+
+    def _reach(self, *values: object) -> frozenset[str]:
+        """Return the names of variables that a call of unknown code may change that has some values."""
+        names: frozenset[str] = frozenset()
+        for value in values:
+            if isinstance(value, Unknown):
+                names |= value.names
+            elif isinstance(value, FunctionValue):
+                names |= self._names_in(value.node)
+            elif isinstance(value, Bound):
+                names |= self._reach(value.base)
+            elif isinstance(value, ListValue | DictValue):
+                self._budget.spend(len(value.items))
+                parts = value.items.values() if isinstance(value, DictValue) else value.items
+                names |= self._reach(*(one for one in parts if not isinstance(one, PLAIN_TYPES)))
+        return names
+
+    def _bind(self, name: str, value: object, scope: Scope) -> None:
+        holder = scope.redirected.get(name, scope)
+        why = self._doubt()
+        if holder is scope and scope is not self._module and not self._lost:
+            # Variables of a call are new; only a doubt inside of the call matters.
+            why = next(filter(None, self._doubts[self._starts[-1] if self._starts else 0 :]), "")
+        if why and (name in holder.names or hasattr(builtins, name)):
+            value = self._joined(self._lookup(name, holder), value, why)
+        holder.names[name] = value
+
+    def _lookup(self, name: str, scope: Scope) -> object:
+        if (holder := scope.holder(name)) is not None:
+            return holder.names[name]
+        if self._functions.is_function(f"builtins.{name}"):
+            return Known(f"builtins.{name}")
+        if name in HARMLESS_BUILTINS:
+            return Unknown(f"{name}()", is_harmless=True)
+        if name in ("setup", "find_packages", "find_namespace_packages"):  # of an import of all names
+            return Known(f"setuptools.{name}")
+        if hasattr(builtins, name):
+            return Known(f"builtins.{name}")
+        return Unknown(f"the name {name}")
+
+    def _truth(self, value: object) -> bool | str:
+        """Return the truth of a value, or the reason why it is unknown."""
+        if isinstance(value, PLAIN_TYPES):
+            return bool(value) if not isinstance(value, PurePosixPath) else True
+        if isinstance(value, ListValue | DictValue) and not value.why:
+            return bool(value.items)
+        if isinstance(value, FunctionValue | FileValue | Known | IteratorValue):
+            return True
+        why = getattr(value, "why", "")
+        return located(why, self._line) if why else self._at("a condition")
+
+    def _iterate(self, value: object) -> Iterator[object]:
+        """Yield the elements of a value, with gaps for unknown elements."""
+        if isinstance(value, ListValue):
+            if value.why:
+                yield Gap(value.why)
+            index = 0
+            while index < len(value.items):  # it may grow
+                self._budget.step()
+                yield value.items[index]
+                index += 1
+        elif isinstance(value, IteratorValue):
+            while True:
+                self._budget.step()
+                try:
+                    element = next(value.elements, self)
+                except (UncertainError, ValueError) as error:  # ValueError: the generator is running
+                    yield Gap(located(str(error), self._line))
+                    return
+                if element is self:
+                    return
+                yield element
+        elif isinstance(value, DictValue):
+            if value.why:
+                yield Gap(value.why)
+            yield from [*value.items]
+        elif isinstance(value, str | range):
+            for element in value:
+                self._budget.step()
+                yield element
+        elif isinstance(value, FileValue):
+            lines = self._functions.call_method(Bound(value, "readlines"), [], {}, "")
+            yield from self._iterate(lines)
+        else:
+            yield Gap(located(getattr(value, "why", "") or "an iteration", self._line))
+
+
+def located(why: str, line: int) -> str:
+    return why if " in line " in why or not line else f"{why} in line {line}"

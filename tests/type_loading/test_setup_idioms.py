@@ -1,0 +1,80 @@
+"""Install rules of setup.py: those of 80 idioms of public packages, alone and combined, against setuptools."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.setup_idioms import DYNAMIC, ENDS, STATIC, Installer, is_compared, is_program, write_package
+
+from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan
+from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
+
+pytestmark = [
+    pytest.mark.real_time("setup.py runs in processes"),
+    pytest.mark.skipif(os.name == "nt", reason="there is no prefix"),
+]
+Case = Callable[[Sequence[str], str], None]
+
+
+@pytest.fixture(scope="module")
+def compare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Case]:
+    pytest.importorskip("setuptools")
+    installer = Installer()
+    top = tmp_path_factory.mktemp("idioms")
+    count = iter(range(10_000))
+
+    def compare(names: Sequence[str], end: str) -> None:
+        place = top / str(next(count))
+        write_package(place / "foo", names, end)
+        static = PackagePlan("foo", place / "foo")  # first, before setup.py can create files
+        exact = PackagePlan("foo", place / "foo", run_setup_py)
+        installed = installer.install(place / "foo", place / "out")
+        assert exact.notes == [] and exact.problems == []
+        assert _contents(exact) == installed
+        contents = _contents(static)
+        is_certain = not static.notes and not static.problems
+        if is_certain:
+            assert contents == installed
+        else:
+            known = {*contents.values()}
+            is_created = "created files" in names
+            assert all(text in known for path, text in installed.items() if path.startswith("share/")) or is_created
+        assert is_certain is set(names).isdisjoint(DYNAMIC)
+
+    yield compare
+    installer.close()
+
+
+def _contents(plan: PackagePlan) -> dict[str, str]:
+    found = {}
+    for place, file in plan.files.items():
+        if is_compared(place):
+            text = (file.content or b"").decode() if file.source is None else ""
+            found[place] = "" if is_program(place) else file.source.read_text() if file.source else text
+    return found
+
+
+@pytest.mark.parametrize("name", [*STATIC, *DYNAMIC])
+def test_each_idiom_installs_the_files_of_setuptools_or_is_uncertain(name: str, compare: Case) -> None:
+    compare([name], "plain")
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_calls_of_setup_are_understood(end: str, compare: Case) -> None:
+    compare(["append", "console scripts of files"], end)
+
+
+_KNOWN = st.lists(st.sampled_from([*STATIC]), min_size=2, max_size=6)
+_MIXED = st.lists(st.sampled_from([*STATIC, *DYNAMIC]), min_size=2, max_size=6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.one_of(_KNOWN, _MIXED), st.sampled_from([*ENDS]))
+def test_combined_idioms_install_the_files_of_setuptools_or_are_uncertain(
+    names: list[str], end: str, compare: Case
+) -> None:
+    compare(names, end)
