@@ -157,7 +157,7 @@ for place_N, dirs_N, files_N in itertools.chain.from_iterable(os.walk(d) for d i
     "zip": "data_files += list(zip([share + '/a', share + '/b'], [['urdf/r.urdf'], ['worlds/w.world']]))",
     "enumerate": """
 for i_N, d_N in enumerate(sorted(os.listdir("models"))):
-    data_files.append((f"{share}/models/{i{n}}", glob(f"models/{d{n}}/*.sdf")))
+    data_files.append((f"{share}/models/{i_N}", glob(f"models/{d_N}/*.sdf")))
 """,
     "dict": """
 folders_N = {"launch": "launch/*.py", "params": "params/*"}

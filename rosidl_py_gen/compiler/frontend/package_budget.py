@@ -16,8 +16,10 @@ _ENTRY_WORK = 20
 """Work of one entry of a folder."""
 _STEP_WORK = 8
 """Work of one command, statement or expression, in addition to the characters of its value."""
-_FILE_WORK = 60
-"""Work of one installed file: a link and its name."""
+_LINK_WORK = 60
+"""Work of one installed file of the package: a link."""
+_CREATION_WORK = 1000
+"""Work of one other installed file."""
 
 
 class BudgetError(UnreadableError):
@@ -44,7 +46,10 @@ class PackageBudget:
         """Spend the work for an expression or a statement."""
         self.spend(_STEP_WORK)
 
-    def install(self, place: str, *, is_repeated: bool) -> None:
-        """Spend the work for an installed file; folders that are created for it, and copies of one file, cost more."""
-        depth = place.count("/")
-        self.spend(_FILE_WORK + len(place) + (_ACCESS_WORK if is_repeated else 0) + max(0, depth - 8) * _ACCESS_WORK)
+    def install(self, place: str, *, is_new_source: bool) -> None:
+        """Spend the work for an installed file.
+
+        A file without a file of the package as its source, and a deep folder, cost more: a short text can list many.
+        """
+        depth = max(0, place.count("/") - 8)
+        self.spend(len(place) + (_LINK_WORK if is_new_source else _CREATION_WORK) + depth * _ACCESS_WORK)

@@ -20,6 +20,8 @@ BUILD_TREE_MARKERS = ("pyvenv.cfg", "CMakeCache.txt")
 _BUILD_FOLDERS = ("build", "install", "log")
 MAX_BYTES = 1 << 20
 """Maximum size of a CMakeLists.txt or another file of a package."""
+MAX_FOLDER_DEPTH = 100
+"""Maximum depth of folders of a package: the time to reach a folder grows with its depth."""
 _MAX_ENTRIES = 100_000
 """Maximum files and folders below a package folder, so that a wrong folder does not take minutes."""
 
@@ -84,6 +86,8 @@ def files_below(folder: Path) -> list[str]:
         count += len(entries)
         if count > _MAX_ENTRIES:
             raise UnreadableError(f"there are more than {_MAX_ENTRIES} files below the package folder")
+        if place.count("/") >= MAX_FOLDER_DEPTH:
+            raise UnreadableError(f"folders are nested more than {MAX_FOLDER_DEPTH} deep")
         names = {entry.name for entry in entries}
         if place and not names.isdisjoint(("package.xml", *IGNORE_MARKS, *BUILD_TREE_MARKERS)):
             continue

@@ -89,7 +89,7 @@ class PackagePlan:
         self._left = 2 * MAX_FILES
         self._links_top = False  # files at the top of the package may be data files
         self._budget = PackageBudget()
-        self._sources: set[Path] = set()
+        self._sources: set[Path | None] = {None}
         self._read(self._add_interfaces)
         manifest = read_package_manifest(_text(folder, "package.xml"))
         self._version = manifest.version if _VERSION.fullmatch(manifest.version) else "0.0.0"
@@ -132,6 +132,7 @@ class PackagePlan:
             rules()
         except (RosidlError, OSError) as error:
             self._is_complete = False
+            self._budget = PackageBudget()  # for the links to the files instead
             text = f"{error.filename} cannot be read: {error.strerror}" if isinstance(error, OSError) else str(error)
             self._problem(text)
 
@@ -152,9 +153,8 @@ class PackagePlan:
     def _add(self, place: str, file: PrefixFile) -> None:
         """Add a file at a path below the prefix; other paths, and paths of other files, are problems."""
         self._spend(1)
-        self._budget.install(place, is_repeated=file.source in self._sources)
-        if file.source is not None:
-            self._sources.add(file.source)
+        self._budget.install(place, is_new_source=file.source not in self._sources)
+        self._sources.add(file.source)
         if UNKNOWN in place:
             self._is_complete = False
             return None
@@ -352,6 +352,7 @@ class PackagePlan:
                 self._install(Install(self._folder, "FILES", (path,), f"share/{self.name}"))
                 place = f"{INDEX}/{kind}__pluginlib__plugin/{self.name}"
                 before = self.files.get(place, PrefixFile(content=b"")).content or b""
+                self._budget.spend(len(before))
                 self._add(place, PrefixFile(content=before + f"share/{self.name}/{path}\n".encode(errors="replace")))
 
     def _install(self, install: Install) -> None:

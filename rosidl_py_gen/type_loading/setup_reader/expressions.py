@@ -9,7 +9,13 @@ from functools import partial
 from pathlib import PurePosixPath
 from typing import Any
 
-from rosidl_py_gen.type_loading.setup_reader.functions import PURE_BUILTINS, SCOPE_FUNCTIONS, SETUP_FUNCTIONS, Words
+from rosidl_py_gen.type_loading.setup_reader.functions import (
+    MAX_INT,
+    PURE_BUILTINS,
+    SCOPE_FUNCTIONS,
+    SETUP_FUNCTIONS,
+    Words,
+)
 from rosidl_py_gen.type_loading.setup_reader.state import Return, State, Stop, located
 from rosidl_py_gen.type_loading.setup_reader.values import (
     PLAIN_TYPES,
@@ -72,7 +78,8 @@ class Expressions(State):
         return self._attempt(lambda: self._functions.operation(kind, left, right), (left, right), "an operator")
 
     def _value_Constant(self, node: ast.Constant, scope: Scope) -> object:
-        return node.value if isinstance(node.value, PLAIN_TYPES) else Unknown(self._at("a constant"))
+        is_short = not isinstance(node.value, int) or abs(node.value) <= MAX_INT
+        return node.value if isinstance(node.value, PLAIN_TYPES) and is_short else Unknown(self._at("a constant"))
 
     def _value_Name(self, node: ast.Name, scope: Scope) -> object:
         return self._lookup(node.id, scope)

@@ -29,6 +29,7 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
     ListValue,
     UncertainError,
     Unknown,
+    ViewValue,
     plain,
     wrapped,
 )
@@ -85,7 +86,7 @@ _CONSTANTS: dict[str, object] = {
     "sys.byteorder": sys.byteorder,
 }
 _PERCENT = re.compile(r"%([sd%])")
-_MAX_INT = 10**12
+MAX_INT = 10**12
 """Maximum number that is computed, so that numbers and their texts are short."""
 _TEXT_METHODS = {
     *("strip", "lstrip", "rstrip", "startswith", "endswith", "lower", "upper", "title", "capitalize", "removeprefix"),
@@ -119,7 +120,7 @@ class Functions:
             "os.walk": self._walk,
             "os.chdir": self._chdir,
             "glob.glob": self._glob,
-            "glob.iglob": self._glob,
+            "glob.iglob": lambda *args, **words: IteratorValue(self._iterate(self._glob(*args, **words))),
             "fnmatch.fnmatch": self._fnmatch,
             "fnmatch.fnmatchcase": self._fnmatch,
             "fnmatch.filter": lambda names, pattern: self._list(
@@ -244,7 +245,7 @@ class Functions:
         if isinstance(left, DictValue) and isinstance(right, DictValue) and kind == "BitOr":
             self._budget.spend(8 * (len(left.items) + len(right.items)))
             return DictValue({**left.items, **right.items}, why=left.why or right.why)
-        if isinstance(left, int) and isinstance(right, int) and max(abs(left), abs(right)) <= _MAX_INT:
+        if isinstance(left, int) and isinstance(right, int) and max(abs(left), abs(right)) <= MAX_INT:
             operations: dict[str, Callable[[int, int], int]] = {
                 "Add": int.__add__,
                 "Sub": int.__sub__,
@@ -513,18 +514,13 @@ class Functions:
         base.why = base.why or (more.why if more is not None else "") or doubt
 
     def _dict_items(self, base: DictValue) -> object:
-        return IteratorValue(self._pairs(base))
+        return ViewValue(base, "items")
 
     def _dict_keys(self, base: DictValue) -> object:
-        return IteratorValue(self._iterate(base))
+        return ViewValue(base, "keys")
 
     def _dict_values(self, base: DictValue) -> object:
-        return IteratorValue(pair if isinstance(pair, Gap) else pair.items[1] for pair in self._pairs(base))
-
-    def _pairs(self, base: DictValue) -> Iterator[Any]:
-        if base.why:
-            yield Gap(base.why)
-        yield from (ListValue([key, value], is_tuple=True) for key, value in [*base.items.items()])
+        return ViewValue(base, "values")
 
     def _dict(self, more: object = None, **words: object) -> DictValue:
         found = DictValue()
@@ -550,6 +546,7 @@ class Functions:
     def _len(self, value: object) -> int:
         if isinstance(value, str):
             return len(value)
+        value = value.base if isinstance(value, ViewValue) else value
         if isinstance(value, ListValue | DictValue) and not value.why:
             return len(value.items)
         raise UncertainError(getattr(value, "why", "") or "a length")

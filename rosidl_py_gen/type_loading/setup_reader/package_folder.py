@@ -15,12 +15,14 @@ from pathlib import Path, PurePosixPath
 
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
-from rosidl_py_gen.compiler.frontend.package_files import read_text
+from rosidl_py_gen.compiler.frontend.package_files import MAX_FOLDER_DEPTH, read_text
 from rosidl_py_gen.type_loading.setup_reader.values import Gap, ListValue
 
 _MAGIC = re.compile(r"[*?[]")
 _MAX_PATH = 4096
 """Maximum length of a path; PATH_MAX of Linux."""
+_DEPTH_WORK = 200
+"""Work for each folder of a path, which is resolved."""
 _PATTERN_WORK = 20
 """Work of one character of a pattern, which becomes a regular expression."""
 
@@ -176,11 +178,15 @@ class PackageFolder:
 
     def entries(self, place: str | None, shown: str) -> Iterator[tuple[str, bool] | Gap]:
         """Yield names of a folder, and True for folders; nothing if it cannot be read, a gap if it lies elsewhere."""
+        if place is not None and place.count("/") >= MAX_FOLDER_DEPTH:
+            yield Gap(f"folders are nested more than {MAX_FOLDER_DEPTH} deep")
+            return
         if place is None or self.real_folder(place) is None:
             yield Gap(f"the folder {shown[:80]} is not in the package folder")
             return
         path = os.path.join(self.path, place)
         self._budget.access()
+        self._budget.spend(_DEPTH_WORK * place.count("/"))
         note(path)
         found = []
         try:

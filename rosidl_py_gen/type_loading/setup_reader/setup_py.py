@@ -26,7 +26,7 @@ from rosidl_py_gen.type_loading.setup_reader.state import Return, Stop
 from rosidl_py_gen.type_loading.setup_reader.values import FileValue, Gap, Known, ListValue, Scope, Unknown
 
 MAX_BYTES = 128 << 10
-"""Maximum size of a setup.py; its syntax tree takes 600 times as much memory."""
+"""Maximum characters of a setup.py: its syntax tree takes up to 700 bytes for each."""
 ARGUMENTS = ("data_files", "packages", "package_dir", "py_modules", "scripts", "entry_points", "name", "version")
 """Arguments of `setup` that decide about installed files."""
 _COMMANDS = {"install", "install_data", "install_scripts", "install_lib", "build", "build_py", "develop"}
@@ -65,7 +65,7 @@ def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArgume
             tree = ast.parse(text)
         return _Interpreter(folder, budget).arguments(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        reason = "nested too deeply" if isinstance(error, RecursionError | MemoryError) else str(error)
         raise SetupSyntaxError(reason) from error
 
 

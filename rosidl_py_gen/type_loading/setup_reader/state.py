@@ -23,6 +23,7 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
     Scope,
     UncertainError,
     Unknown,
+    ViewValue,
 )
 
 
@@ -99,7 +100,7 @@ class State:
             elif isinstance(one, DictValue):
                 one.why = one.why or why
                 waiting += one.items.values()
-            elif isinstance(one, Bound):
+            elif isinstance(one, Bound | ViewValue):
                 waiting.append(one.base)
             elif isinstance(one, IteratorValue):  # its elements belong to other values
                 elements = []
@@ -170,7 +171,7 @@ class State:
                 names |= value.names
             elif isinstance(value, FunctionValue):
                 names |= self._names_in(value.node)
-            elif isinstance(value, Bound):
+            elif isinstance(value, Bound | ViewValue):
                 names |= self._reach(value.base)
             elif isinstance(value, ListValue | DictValue):
                 self._budget.spend(len(value.items))
@@ -207,6 +208,8 @@ class State:
             return bool(value) if not isinstance(value, PurePosixPath) else True
         if isinstance(value, ListValue | DictValue) and not value.why:
             return bool(value.items)
+        if isinstance(value, ViewValue):
+            return self._truth(value.base)
         if isinstance(value, FunctionValue | FileValue | Known | IteratorValue):
             return True
         why = getattr(value, "why", "")
@@ -237,6 +240,12 @@ class State:
             if value.why:
                 yield Gap(value.why)
             yield from [*value.items]
+        elif isinstance(value, ViewValue):
+            if value.base.why:
+                yield Gap(value.base.why)
+            for key, one in [*value.base.items.items()]:
+                self._budget.step()
+                yield {"keys": key, "values": one}.get(value.kind, ListValue([key, one], is_tuple=True))
         elif isinstance(value, str | range):
             for element in value:
                 self._budget.step()

@@ -66,6 +66,14 @@ class DictValue:
     why: str = ""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewValue:
+    """View of the keys, values or items of a dict."""
+
+    base: DictValue
+    kind: str
+
+
 @dataclass(slots=True, eq=False)
 class IteratorValue:
     """Iterator, which can be consumed once; its elements may be gaps."""
@@ -132,6 +140,8 @@ def plain(value: object, budget: PackageBudget) -> object:
     if isinstance(value, ListValue) and not value.why:
         items = [plain(item, budget) for item in value.items]
         return tuple(items) if value.is_tuple else items
+    if isinstance(value, ViewValue) and value.kind == "keys" and not value.base.why:
+        return value.base.items.keys()
     if isinstance(value, DictValue) and not value.why:
         return {key: plain(item, budget) for key, item in value.items.items()}
     raise UncertainError(getattr(value, "why", "") or "an object")
