@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from support.interface_packages import write
-from support.program_processes import PACKAGE_XML, run, started
+from support.program_processes import PACKAGE_XML, SETUP_CFG, run, started
 
 pytestmark = pytest.mark.real_time("programs are processes")
 
@@ -158,6 +158,7 @@ def test_path_may_name_packages_without_definitions(tmp_path: Path) -> None:
     files = {
         "package.xml": "<name>greeter</name>",
         "setup.py": setup,
+        "setup.cfg": SETUP_CFG.format("greeter"),
         "greeter/__init__.py": "",
         "greeter/hello.py": hello,
     }
@@ -219,6 +220,7 @@ def workspace(tmp_path: Path) -> Path:
                 },
             )
         """,
+        "src/talker/setup.cfg": SETUP_CFG.format("talker"),
         "src/talker/talker/__init__.py": "",
         "src/talker/talker/talk.py": """
             import sys
@@ -302,6 +304,7 @@ def repository(tmp_path: Path) -> Path:
     files = {
         "python/talker/package.xml": PACKAGE_XML.format("talker"),
         "python/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
+        "python/talker/setup.cfg": SETUP_CFG.format("talker"),
         "python/talker/talker/__init__.py": "",
         "python/talker/talker/talk.py": """
             from talker.msg import Own

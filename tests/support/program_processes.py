@@ -11,6 +11,7 @@ from pathlib import Path
 
 RUN = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
 PACKAGE_XML = "<package><name>{}</name></package>"
+SETUP_CFG = "[develop]\nscript_dir=$base/lib/{0}\n[install]\ninstall_scripts=$base/lib/{0}\n"
 
 
 def started(*command: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:

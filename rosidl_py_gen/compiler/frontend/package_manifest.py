@@ -13,7 +13,7 @@ from typing import NamedTuple
 _START = re.compile(r"<(name|version|build_type)(?=[\s>])")
 
 
-class PackageManifest(NamedTuple):
+class ManifestValues(NamedTuple):
     """Values of a package.xml; empty if they are missing.
 
     Attributes:
@@ -25,14 +25,14 @@ class PackageManifest(NamedTuple):
     build_type: str = ""
 
 
-def read_package_manifest(text: str) -> PackageManifest:
+def read_package_manifest(text: str) -> ManifestValues:
     """Return the values of a package.xml."""
     found: dict[str, str] = {}
     for tag, attributes, content in _elements(text):
         is_of_ros_1 = tag == "build_type" and "ROS_VERSION==1" in "".join(attributes.split())
         if content and not is_of_ros_1:
             found.setdefault(tag, content)
-    return PackageManifest(**found)
+    return ManifestValues(**found)
 
 
 def _elements(text: str) -> Iterator[tuple[str, str, str]]:

@@ -97,13 +97,13 @@ def _replace_setup(record: Callable[..., None]) -> None:
             *arguments, **options, is_namespace=True
         )
         sys.modules["setuptools"] = setuptools
-        sys.meta_path.append(_Finder())
+        sys.meta_path.append(_ReplacementFinder())
     setuptools.setup = record
     try:
         core: Any = importlib.import_module("distutils.core")
     except ImportError:
-        if not any(isinstance(one, _Finder) for one in sys.meta_path):
-            sys.meta_path.append(_Finder())
+        if not any(isinstance(one, _ReplacementFinder) for one in sys.meta_path):
+            sys.meta_path.append(_ReplacementFinder())
         core = importlib.import_module("distutils.core")
     core.setup = record
 
@@ -136,7 +136,7 @@ def _replacement(name: str) -> Any:
     return module
 
 
-class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+class _ReplacementFinder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     """Finder of the modules of setuptools and distutils, if these do not exist."""
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:

@@ -37,7 +37,7 @@ def start(
     if as_json and not check:
         raise click_module().UsageError("--json requires --check or --list; options of the program follow the program")
     program, arguments = _program(words, paths, runs_setup=not check)
-    if program.warning:
+    if program.warning and not check:
         terminal_output.note(f"warning: {program.warning}")
     make_importable(program.place, paths)
     if check:

@@ -16,7 +16,6 @@ from rosidl_py_gen.type_loading.setup_reader.functions import (
     SETUP_FUNCTIONS,
     Words,
 )
-from rosidl_py_gen.type_loading.setup_reader.state import Return, State, Stop, located
 from rosidl_py_gen.type_loading.setup_reader.values import (
     PLAIN_TYPES,
     Bound,
@@ -32,6 +31,7 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
     known_part,
     plain,
 )
+from rosidl_py_gen.type_loading.setup_reader.variables import Return, Stop, Variables, located
 
 _EXITS = ("sys.exit", "builtins.exit", "builtins.quit")
 _MAX_CALLS = 12
@@ -40,7 +40,7 @@ _HARMFUL = ("os.", "distutils.dir_util", "distutils.file_util", "distutils.spawn
 _HARMLESS = ("os.environ", "os.getenv", "os.path", "os.access", "os.uname", "os.stat", "os.cpu_count", "os.getpid")
 
 
-class Expressions(State):
+class Expressions(Variables):
     """Values of expressions."""
 
     @abstractmethod

@@ -22,8 +22,8 @@ from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.expressions import Expressions
 from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_MODULES, MODULES
-from rosidl_py_gen.type_loading.setup_reader.state import Return, Stop
 from rosidl_py_gen.type_loading.setup_reader.values import FileValue, Gap, Known, ListValue, Scope, Unknown
+from rosidl_py_gen.type_loading.setup_reader.variables import Return, Stop
 
 MAX_BYTES = 128 << 10
 """Maximum characters of a setup.py: its syntax tree takes up to 700 bytes for each."""

@@ -38,8 +38,8 @@ class Return(Exception):
         self.value = value
 
 
-class State:
-    """Variables, and the reasons why they are uncertain."""
+class Variables:
+    """Values of variables, and the reasons why they are uncertain."""
 
     def __init__(self, folder: Path, budget: PackageBudget) -> None:
         self._budget = budget
