@@ -1,19 +1,23 @@
-"""Disk caches: of compiled modules of message classes for the import hook, and of type descriptions by RIHS01 hash.
+"""Disk caches: compiled modules of message classes for the import hook, type descriptions by RIHS01 hash, prefixes.
 
-Cached code is run, so a process of this user must have written it: folder and file must belong to the user and must not
-be writable for others. An entry is used only if all its definitions have the digests that they had when it was stored.
-Without owners of files, as on Windows, no code is cached. Descriptions may have been modified, so a reader must check
-the hash.
+Programs run cached code, so a process of this user must have written it. `cache_problem` decides for every kind of
+cached folder: no other user may be able to change the folder, its path, or the folder of all caches. New folders have
+mode 0700 whatever the umask is. Without owners of files, as on Windows, no code is cached.
+
+A module is used only if all its definitions have the digests that they had when it was stored. A reader of
+descriptions must check the hash.
 """
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import importlib.util
 import marshal
 import os
 import stat
 import sys
+import warnings
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -21,13 +25,17 @@ from types import CodeType
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base import folder_trust
+from rosidl_py_gen.base.folder_trust import PRIVATE
 from rosidl_py_gen.base.resources import templates_dir
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
 VARIABLE = "ROSIDL_PY_GEN_CACHE"
 """Environment variable with another folder; ``off`` disables all caches."""
+KINDS = ("modules", "prefix", "share", "types")
+"""Folders in the folder of all caches."""
 Parts = dict[str, str]
 """Interfaces from which a module was compiled: full name -> digest of the text."""
 _MAX_MODULES = 4000
@@ -41,11 +49,11 @@ _DESCRIPTION = ".cdr"
 def cache_home() -> Path | None:
     """Return the folder of all caches; None if caches are disabled."""
     chosen = os.environ.get(VARIABLE, "")
-    if chosen:
-        return None if chosen == "off" else Path(chosen)
+    if chosen == "off":
+        return None
     try:
-        return _platform_folder() / "rosidl-py-gen"
-    except RuntimeError:  # there is no home directory
+        return Path(chosen).absolute() if chosen else _platform_folder() / "rosidl-py-gen"
+    except (RuntimeError, FileNotFoundError):  # there is no home directory, or the current folder was deleted
         return None
 
 
@@ -58,12 +66,130 @@ def _platform_folder() -> Path:
     return Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
 
 
+def cache_problem(folder: Path) -> str:
+    """Return why a folder of the caches must not be used; an empty text if no other user can change it.
+
+    Args:
+        folder: the folder of all caches or a folder in it; it may not exist.
+    """
+    home = cache_home()
+    if home is None:
+        return "caches are disabled"
+    # The path first: until it is trusted, another user may replace what is checked next.
+    problem, real = folder_trust.resolve_trusted(home)
+    problem = problem or folder_trust.own_folder_reason(real)
+    return problem if problem or folder == home else folder_trust.own_folder_reason(folder)
+
+
+def _usable_folder(kind: str) -> Path | None:
+    """Return a folder of the caches, which may not exist; None if it must not be used."""
+    home = cache_home()
+    return None if home is None or cache_problem(home / kind) else home / kind
+
+
+def _make_usable(folder: Path) -> str:
+    """Create a folder of the caches unless it exists; returns why it must not be used, or an empty text."""
+    if problem := cache_problem(folder):
+        return problem
+    try:
+        folder_trust.make_folder(folder)
+    except (OSError, ValueError) as error:
+        return f"{folder} cannot be created: {getattr(error, 'strerror', None) or error}"
+    return cache_problem(folder)  # in a folder as /tmp another user may have been faster
+
+
+def cached_folder(kind: str, words: Iterable[object]) -> Path:
+    """Create the folder of mode 0700 that belongs to some words, and return it.
+
+    It is a temporary folder of this process, with a warning, if other users can change the folder of the caches; and
+    without a warning if caches are disabled. Raises OSError if no folder can be created.
+    """
+    name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
+    home = cache_home()
+    if home is not None:
+        problem = _make_usable(home / kind)
+        if not problem:
+            _claim(home / kind / name)
+            return home / kind / name
+        _warn(problem)
+    folder = _temporary_home() / kind / name
+    folder_trust.make_folder(folder)
+    return folder
+
+
+def is_usable(folder: Path) -> bool:
+    """Return True for an existing folder of `cached_folder` that is in the caches and that other users cannot enter."""
+    home = cache_home()
+    if home is None or folder.parent.parent != home or cache_problem(folder.parent) or cache_problem(folder):
+        return False
+    return _is_private(folder)
+
+
+def _is_private(folder: Path) -> bool:
+    try:
+        found = os.lstat(folder)
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and (os.name == "nt" or not found.st_mode & 0o077)
+
+
+def _claim(folder: Path) -> None:
+    """Create a folder that no other user can enter, or make an existing folder one.
+
+    If other users could write into an existing folder at any depth, it is renamed, and a new one replaces it. Programs
+    of the user may create folders of any mode in it afterwards, because other users cannot enter it.
+    """
+    folder_trust.make_folder(folder)
+    problem = cache_problem(folder)
+    if not problem and not _is_private(folder):
+        problem = folder_trust.entries_reason(folder, accepts_private_group=False)
+        if not problem:
+            os.chmod(folder, PRIVATE)
+    if problem:
+        number = 1
+        while os.path.lexists(renamed := f"{folder}.untrusted-{number}"):
+            number += 1
+        os.rename(folder, renamed)
+        folder_trust.make_folder(folder)
+        warnings.warn(f"{problem}; so {folder} was renamed to {renamed}, and created again", stacklevel=3)
+
+
+@lru_cache(maxsize=16)
+def _warn(problem: str) -> None:
+    """Print a warning once in a process."""
+    cure = f"correct the mode or the owner, or set {VARIABLE} to a folder of the user"
+    warnings.warn(f"{problem}; a temporary folder is used instead of the cache; {cure}", stacklevel=4)
+
+
+@lru_cache(maxsize=1)
+def _temporary_home() -> Path:
+    """Return a folder that is removed when this process ends. Raises OSError if other users could replace it."""
+    import shutil
+    import tempfile  # slow to import
+
+    places = (tempfile.gettempdir(), "/tmp", "/var/tmp")
+    reasons = [folder_trust.distrust_reason(place) for place in places]
+    safe = [place for place, reason in zip(places, reasons, strict=True) if not reason and os.path.isdir(place)]
+    if not safe:
+        raise OSError(1, f"no temporary folder can be created: {reasons[0]}; set TMPDIR to a folder of the user")
+    home = tempfile.mkdtemp(prefix="rosidl-py-gen-", dir=safe[0])
+    os.chmod(home, PRIVATE)  # a umask may have removed permissions of the user
+    process = os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == process:  # not in a forked child
+            shutil.rmtree(home, ignore_errors=True)
+
+    atexit.register(remove)
+    return Path(home)
+
+
 def store_file(file: Path, data: bytes, *, max_files: int) -> None:
     """Write a file that only the user can read, and remove the oldest files of its suffix; ignores errors."""
     import tempfile  # slow to import
 
     with suppress(OSError, ValueError):
-        file.parent.mkdir(parents=True, exist_ok=True)
+        folder_trust.make_folder(file.parent)
         with os.scandir(file.parent) as entries:
             aged = sorted(
                 (entry.stat().st_mtime_ns, entry.path) for entry in entries if entry.name.endswith(file.suffix)
@@ -74,6 +200,7 @@ def store_file(file: Path, data: bytes, *, max_files: int) -> None:
         try:
             with os.fdopen(handle, "wb") as opened:
                 opened.write(data)
+            os.chmod(name, 0o600)  # the umask may have removed permissions of the user
             os.replace(name, file)
         except BaseException:
             os.unlink(name)
@@ -133,30 +260,17 @@ def store_checked(file: Path, content: bytes, *, max_files: int) -> None:
 
 
 def own_folder(create: bool = False) -> Path | None:
-    """Return the folder of the cache; None without one, or if others than the user can write into it."""
-    home = cache_home()
-    if home is None or not hasattr(os, "geteuid"):
-        return None
-    folder = home / "modules"
-    try:
-        if create:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return folder if _is_own(os.lstat(folder), stat.S_ISDIR) else None
-    except FileNotFoundError:
-        return folder
-    except (OSError, ValueError):
-        return None
-
-
-def _is_own(found: os.stat_result, is_kind: Callable[[int], bool]) -> bool:
-    return is_kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+    """Return the folder of the cached modules and scans; None if none may be used."""
+    folder = _usable_folder("modules") if hasattr(os, "geteuid") else None
+    return None if folder is None or (create and _make_usable(folder)) else folder
 
 
 def read_checked(path: Path) -> bytes:
     """Return the content of a file of `store_checked`; raises ValueError if it is damaged or of another user."""
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     with os.fdopen(handle, "rb") as file:
-        if not _is_own(os.fstat(handle), stat.S_ISREG):
+        found = os.fstat(handle)
+        if not (stat.S_ISREG(found.st_mode) and folder_trust.is_own(found)):
             raise ValueError("a file of another user")
         data = file.read(_MAX_FILE_BYTES + 65)
     if digest(data[64:]).encode() != data[:64]:
@@ -165,9 +279,8 @@ def read_checked(path: Path) -> bytes:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of the descriptions; None if caches are disabled."""
-    home = cache_home()
-    return home if home is None or os.environ.get(VARIABLE) else home / "types"
+    """Return the folder of the descriptions; None if none may be used."""
+    return _usable_folder("" if os.environ.get(VARIABLE) else "types")
 
 
 def load_description(type_hash: str) -> bytes | None:

@@ -8,27 +8,23 @@ installed files.
 
 from __future__ import annotations
 
-import atexit
-import hashlib
 import os
 import posixpath
 import re
-import shutil
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise, takewhile
 from pathlib import Path
 
+from rosidl_py_gen.base.folder_trust import make_folder
 from rosidl_py_gen.base.names import RosName
 from rosidl_py_gen.base.resources import RUN_PREFIX
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.type_loading.disk_cache import cache_home
+from rosidl_py_gen.type_loading.disk_cache import cached_folder
 from rosidl_py_gen.type_loading.setup_reader.setup_files import SetupFilesError, read_setup_files
 
 _LIST_END = re.compile(
@@ -137,27 +133,13 @@ def share_folder(
         is_same &= _insert(tree, [part for part in place.split("/") if part not in ("", ".")], source)
     if is_same:
         return folder
-    made = cached_folder("share", (folder, *(interfaces or {}).values())) / name
     try:
-        made.mkdir(mode=0o700, parents=True, exist_ok=True)
+        made = cached_folder("share", (folder, *(interfaces or {}).values())) / name
+        make_folder(made)
         _link(tree, made, [_MAX_ENTRIES])
     except OSError:  # links are not permitted, as on Windows
         return folder
     return made
-
-
-def cached_folder(kind: str, words: Iterable[object]) -> Path:
-    """Return the folder of the cache for links that belong to some paths; it may not exist."""
-    name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
-    return (cache_home() or _temporary_home()) / kind / name
-
-
-@lru_cache(maxsize=1)
-def _temporary_home() -> Path:
-    """Return a folder for links if caches are disabled; it is removed when the process ends."""
-    home = tempfile.mkdtemp(prefix="rosidl-py-gen-")
-    atexit.register(shutil.rmtree, home, ignore_errors=True)
-    return Path(home)
 
 
 def _names(folder: Path) -> list[str]:
@@ -234,7 +216,7 @@ def _link(tree: _Tree, folder: Path, left: list[int]) -> None:
             with suppress(FileExistsError):  # another process was faster
                 place.symlink_to(source)
         elif isinstance(source, dict) or (place.is_dir() and source.is_dir()):
-            place.mkdir(exist_ok=True)
+            make_folder(place)
             _link(source if isinstance(source, dict) else {one: source / one for one in _names(source)}, place, left)
     for entry in folder.iterdir():
         if entry.is_symlink() and entry.name not in tree:

@@ -431,6 +431,41 @@ def test_links_and_states_in_the_prefix_lead_nowhere(workspace: Path, tmp_path: 
         build_prefix([workspace], out)
 
 
+@pytest.mark.parametrize("mask", [0, 0o002, 0o022, 0o077, 0o777])
+def test_a_named_prefix_is_writable_for_its_user_only_and_readable_as_the_umask_permits(
+    mask: int, workspace: Path, tmp_path: Path
+) -> None:
+    old = os.umask(mask)
+    try:
+        made = build_prefix([workspace], tmp_path / "new/out")
+    finally:
+        os.umask(old)
+    assert made.problems == build_prefix([workspace], tmp_path / "new/out").problems and not made.unsafe
+    modes = {one.stat().st_mode & 0o777 for one in made.folder.rglob("*") if one.is_dir() and not one.is_symlink()}
+    assert modes == {0o700 if mask & 0o055 == 0o055 else 0o755}
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners and modes")
+@pytest.mark.parametrize(
+    "place", [".", "out", "out/lib", f"out/{SITE_PACKAGES}", f"out/{SITE_PACKAGES}/sitecustomize.py"]
+)
+def test_a_named_prefix_that_other_users_can_change_is_a_warning(place: str, workspace: Path, tmp_path: Path) -> None:
+    out = tmp_path / "open/out"
+    assert build_prefix([workspace], out).unsafe == ""
+    changed = tmp_path / "open" / place
+    changed.chmod(0o777)
+    found = started(*COMMAND, workspace, "--out", out)
+    if changed.is_file():  # it is written again
+        assert "warning" not in found.stderr
+    else:
+        text = f"warning: other users can write into {changed} (mode 0777): another user can run code as each user of"
+        assert text in found.stderr and f"chmod -R go-w {out}" in found.stderr
+    if os.geteuid() == 0 and changed.is_dir():
+        changed.chmod(0o755)
+        os.chown(changed, 65534, 65534)
+        assert f"{changed} belongs to user" in build_prefix([workspace], out).unsafe
+
+
 @pytest.fixture(scope="module")
 def hostile_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("hostile")

@@ -86,10 +86,40 @@ def test_a_script_without_a_workspace_starts_programs_with_rclpy(tmp_path: Path)
     assert run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE="off").stdout == "False\n"
 
 
-def test_a_prefix_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_is_replaced_by_a_temporary_folder(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": "import rclpy\nprint(rclpy.ok())", "cache": "a file"})
     found = run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE=str(tmp_path / "cache"))
-    assert found.stdout == "False\n" and "will not find rclpy" in found.stderr and "cannot be written" in found.stderr
+    assert found.stdout == "False\n" and "a temporary folder is used instead of the cache" in found.stderr
+
+
+CHILD = "import json, subprocess, sys; subprocess.run([sys.executable, '-c', 'import json; print(json.__file__)'])"
+
+
+@pytest.mark.parametrize("place", ["cache", "cache/prefix", "cache/prefix/*", "cache/prefix/*/lib/python*/*"])
+@pytest.mark.parametrize("mode", [0o777, 0o775])
+def test_planted_modules_of_a_prefix_are_not_imported(workspace: Path, place: str, mode: int) -> None:
+    """Other users can write into the cache, or could when the prefix was built with another umask."""
+    write(workspace, {"child.py": CHILD})
+    first = run("child.py", cwd=workspace)
+    assert first.returncode == 0 and first.stderr == ""
+    (packages,) = workspace.parent.glob("cache/prefix/*/lib/python*/site-packages")
+    write(packages, {"json.py": "print('planted')"})
+    packages.parents[2].chmod(0o755)
+    for folder in workspace.parent.glob(place):
+        folder.chmod(mode)
+    second = run("child.py", cwd=workspace)
+    assert (second.returncode, second.stdout) == (0, first.stdout)
+    assert "can write into" in second.stderr and second.stderr.count("\n") == 1
+
+
+def test_a_cached_prefix_of_a_removed_temporary_folder_is_not_used(workspace: Path) -> None:
+    """The search of packages is cached although the prefix is not, and must not lead to a folder in /tmp."""
+    write(workspace, {"child.py": "import os; print(os.environ['AMENT_PREFIX_PATH'])"})
+    write(workspace.parent, {"cache/prefix": "a file"})
+    (workspace.parent / "cache").chmod(0o755)
+    time.sleep(2.1)  # what has changed a moment ago is not cached
+    folders = [run("child.py", cwd=workspace).stdout.partition(os.pathsep)[0] for _ in range(3)]
+    assert len(set(folders)) == 3 and not any(map(os.path.exists, folders))
 
 
 def test_a_python_with_another_rclpy_uses_that_one(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
+from rosidl_py_gen.base.folder_trust import PRIVATE, distrust_reason, entries_reason, make_folder
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
 from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
@@ -22,12 +23,14 @@ from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
 from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
 from rosidl_py_gen.ros_cli.prefix.variables import FIXED, SITE_PACKAGES, folders, of_distribution
-from rosidl_py_gen.type_loading.share_folder import cached_folder
+from rosidl_py_gen.type_loading.disk_cache import cached_folder
 
 STATE = ".rosidl-py-prefix"
 """File of a prefix with the paths of the files that this module has written, one on a line."""
 _ON_PACKAGE_INDEX = ("xacro",)
 """Packages of the package index that launch files use by their ROS names, if they are installed."""
+_MODE = 0o755
+"""Mode of the folders of a prefix that the user has named: other users may use it, as far as the umask permits."""
 _NAME = re.compile(r"[A-Za-z0-9][\w-]{0,200}", re.ASCII)
 
 
@@ -40,6 +43,7 @@ class Prefix:
         skipped: plans of the packages with C++ code, which is not built: `missing` executables, and `text`.
         problems: texts about files that could not be read or installed.
         notes: texts about packages whose files are linked because their install rules are not known.
+        unsafe: why other users can change the files of the prefix, and with them run code as its user; else empty.
         created: number of files that this call created or changed; it has `removed` others.
     """
 
@@ -48,6 +52,7 @@ class Prefix:
     skipped: tuple[PackagePlan, ...]
     problems: tuple[str, ...]
     notes: tuple[str, ...]
+    unsafe: str
     created: int
     removed: int
 
@@ -73,7 +78,7 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
     searched = [*dict.fromkeys(Path(os.path.abspath(source)) for source in sources)]
     problems: list[str] = []
     packages = _find_packages(searched, problems)
-    prefix = cached_folder("prefix", (sys.executable, *searched)) if out is None else Path(os.path.abspath(out))
+    prefix = _cached_prefix(searched) if out is None else Path(os.path.abspath(out))
     run = run_setup_py if runs_setup else None
     plans = [PackagePlan(name, folder, run) for name, folder in packages.items()]
     files = _own_files(prefix, plans)
@@ -86,14 +91,22 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
             owners.setdefault(place, plan.name)
     files = _bundled_files() | files
     try:
-        created, removed = _Writer(prefix).write(files, problems)
+        created, removed = _Writer(prefix, PRIVATE if out is None else _MODE).write(files, problems)
     except OSError as error:
         raise CommandError(f"{display_path(prefix)}: cannot be written: {error.strerror or error}") from error
     for plan in plans:
         plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
     skipped = tuple(plan for plan in plans if plan.has_targets)
     notes = tuple(text for plan in plans for text in plan.notes)
-    return Prefix(prefix, packages, skipped, tuple(problems), notes, created, removed)
+    unsafe = "" if out is None else distrust_reason(prefix) or entries_reason(prefix, accepts_private_group=True)
+    return Prefix(prefix, packages, skipped, tuple(problems), notes, unsafe, created, removed)
+
+
+def _cached_prefix(searched: Iterable[Path]) -> Path:
+    try:
+        return cached_folder("prefix", (sys.executable, *searched))
+    except OSError as error:
+        raise CommandError(f"the prefix cannot be written: {error.strerror or error}") from error
 
 
 def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]:
@@ -173,8 +186,9 @@ class _Writer:
     Every folder of a path is a real folder below the prefix, so that nothing is written elsewhere.
     """
 
-    def __init__(self, prefix: Path) -> None:
-        prefix.mkdir(parents=True, exist_ok=True)
+    def __init__(self, prefix: Path, mode: int) -> None:
+        make_folder(prefix, mode)
+        self._mode = mode
         self._prefix = prefix = Path(os.path.realpath(prefix))
         self._new = prefix / f".new-{os.getpid()}"
         self._state = prefix / STATE
@@ -212,7 +226,7 @@ class _Writer:
         if path.parent not in self._made:
             if os.path.realpath(path.parent) != str(path.parent):  # a link, which may lead out of the prefix
                 raise OSError(0, f"{os.path.dirname(place)} is not a folder")
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent, self._mode)
             self._made.add(path.parent)
         exists = os.path.lexists(path)  # before the content, as another process may create it in between
         if exists and _is_current(path, file):

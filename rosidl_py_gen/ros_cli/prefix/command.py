@@ -28,11 +28,15 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
     python -c 'import my_package'
     """
     from pathlib import Path
+    from shlex import quote
 
     from rosidl_py_gen.errors import display_path
     from rosidl_py_gen.ros_cli.prefix.build import build_prefix
 
     made = build_prefix(map(Path, sources) if sources else None, Path(out))
+    if made.unsafe:
+        cure = f"correct it, for example with `chmod -R go-w {quote(out)}`, or choose another folder with --out"
+        terminal_output.note(f"warning: {made.unsafe}: another user can run code as each user of this prefix; {cure}")
     if as_json:
         packages = {name: str(folder) for name, folder in made.packages.items()}
         skipped = [{"name": one.name, "executables": one.missing, "text": one.text} for one in made.skipped]

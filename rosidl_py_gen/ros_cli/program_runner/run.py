@@ -24,6 +24,7 @@ from rosidl_py_gen.ros_cli import CommandError, click_module, terminal_output
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 from rosidl_py_gen.ros_cli.program_runner.program import start as start_program
+from rosidl_py_gen.type_loading.disk_cache import is_usable
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 from rosidl_py_gen.type_loading.scan_cache import cached, workspace_packages
 
@@ -74,6 +75,7 @@ class _PrefixFinder:
 
 def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
     """Return the prefix of some workspaces in the cache, built again only if files or folders have changed."""
+    built = []
 
     def build() -> str:
         from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix  # slow to import
@@ -88,9 +90,14 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
             with suppress(UnreadableError):
                 files_below(folder)
         note(prefix.folder / STATE)
+        built.append(prefix)
         return str(prefix.folder)
 
-    return Path(cached(("prefix", sys.executable, sys.path, workspaces), build))
+    folder = cached(("prefix", sys.executable, sys.path, workspaces), build)
+    if not built and not is_usable(Path(folder)):
+        # The temporary prefix of another process, or other users have been able to enter the prefix.
+        folder = build()
+    return Path(folder)
 
 
 def _note_misplaced_option(program: Executable, first: str) -> None:
