@@ -83,11 +83,31 @@ def own_folder_reason(folder: str | os.PathLike[str]) -> str:
         return ""
     except (OSError, ValueError) as error:
         return f"{os.fspath(folder)!r} cannot be checked: {getattr(error, 'strerror', None) or error}"
-    if stat.S_ISLNK(found.st_mode):
-        return f"{folder} is a symbolic link"
-    if not stat.S_ISDIR(found.st_mode):
-        return f"{folder} is not a folder"
-    return "" if is_own(found) else _distrust(str(folder), found)
+    return _kind_reason(folder, found) or ("" if is_own(found) else _distrust(str(folder), found))
+
+
+def part_reason(path: str | os.PathLike[str], *, is_folder: bool) -> str:
+    """Return why another user may have created a file or folder or can change it; empty also if it does not exist.
+
+    The folders above are not checked. A folder must not be a link, the file behind a link must be trusted itself.
+    """
+    if not hasattr(os, "geteuid"):
+        return ""
+    try:
+        found = os.lstat(path)
+        if not _is_trusted(os.fspath(path), found):
+            return _distrust(os.fspath(path), found)
+        if is_folder:
+            return _kind_reason(path, found)
+        if stat.S_ISLNK(found.st_mode):
+            target = os.path.realpath(path)
+            inside = os.path.dirname(target) == os.path.realpath(os.path.dirname(path))
+            return part_reason(target, is_folder=False) if inside else distrust_reason(target)
+    except FileNotFoundError:
+        return ""
+    except (OSError, ValueError) as error:
+        return f"{os.fspath(path)!r} cannot be checked: {getattr(error, 'strerror', None) or error}"
+    return ""
 
 
 def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: bool) -> str:
@@ -138,6 +158,13 @@ def make_folder(folder: Path, mode: int = PRIVATE) -> None:
                 os.chmod(one, stat.S_IMODE(os.lstat(one).st_mode) | PRIVATE)
     if not os.path.isdir(folder):
         raise FileExistsError(17, "there is a file of this name", str(folder))
+
+
+def _kind_reason(path: str | os.PathLike[str], found: os.stat_result) -> str:
+    """Return why a path is not a folder."""
+    if stat.S_ISLNK(found.st_mode):
+        return f"{os.fspath(path)} is a symbolic link"
+    return "" if stat.S_ISDIR(found.st_mode) else f"{os.fspath(path)} is not a folder"
 
 
 def _is_trusted(place: str, found: os.stat_result) -> bool:

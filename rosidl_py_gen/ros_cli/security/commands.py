@@ -44,6 +44,7 @@ def _changing(root: Path, domain_id: int) -> Iterator[Keystore]:
     keystore = _keystore(root)
     keystore.require()
     with key_files.locked(root):
+        keystore.require_own()
         yield keystore
     keystore.note_if_ungoverned(domain_id)
 

@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
 
 def write_file(path: Path, data: bytes, *, is_private: bool = False) -> None:
-    """Write a file with the default permissions of the user, or one that only its owner can read."""
+    """Write a file that only its owner can write, and that others can read as far as the umask permits.
+
+    Args:
+        is_private: only the owner can read the file.
+    """
     temporary = ""
     try:
         descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=path.parent)  # with mode 0600
@@ -27,10 +31,10 @@ def write_file(path: Path, data: bytes, *, is_private: bool = False) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        if not is_private:
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(temporary, 0o666 & ~umask)
+        umask = os.umask(0)
+        os.umask(umask)
+        # mkstemp applies the umask, too, which may have removed permissions of the user.
+        os.chmod(temporary, 0o600 | (0 if is_private else 0o644 & ~umask))
         os.replace(temporary, path)
         temporary = ""
     except OSError as error:

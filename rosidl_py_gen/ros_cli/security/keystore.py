@@ -10,6 +10,9 @@
 
 The enclave ``/`` is the folder ``enclaves`` itself. A command that was interrupted can be repeated: each file is
 written completely or not at all, and those that exist are used.
+
+Existing files and folders are used only if no other user can have created or changed them, because the authority signs
+the governance, and keys in a folder of another user are not secret. New folders have mode 0700.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base import folder_trust
 from rosidl_py_gen.base.xml_reader import read_xml
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError
 from rosidl_py_gen.ros_cli import CommandError
@@ -41,6 +45,7 @@ _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
 _NOT_RULES = re.compile(r"<(validity|domains)>.*?</\1>", re.DOTALL)
 """Parts of permissions that differ between equal rules."""
 _LINKED_CERTIFICATES = f"{_IDENTITY}.cert.pem", f"{_PERMISSIONS}.cert.pem"
+_ENCLAVE_FILES = ("key.pem", "cert.pem", "permissions.xml", "permissions.p7s", "governance.p7s", *_LINKED_CERTIFICATES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +91,49 @@ class Keystore:
             )
         return folder
 
+    # ---------------------------------------------------------------------------------------------------------- owners
+
+    def require_own(self) -> None:
+        """Raise `CommandError` if another user may have created or changed folders or files of the authority."""
+        parent = self.root.absolute().parent
+        if parent not in self._noted and (reason := folder_trust.distrust_reason(parent)):
+            self._noted.add(parent)
+            cure = "correct it, or move the keystore into a folder of the user"
+            self.note(f"warning: {reason}: another user can replace the keystore; {cure}")
+        folders = os.path.realpath(self.root), self.public, self.private, self.enclaves
+        self._require_trusted(self.root, is_folder=False)
+        self._require_trusted(*folders)
+        files = (*self.public.glob("*"), *self.private.glob("*"), *self.enclaves.glob("governance.*"))
+        self._require_trusted(*files, is_folder=False)
+
+    def _require_own_enclave(self, name: str) -> None:
+        """Raise `CommandError` if another user may have created or changed an enclave or a folder above it."""
+        folder = self.enclave_folder(name)
+        above = [one for one in folder.parents if one.is_relative_to(self.enclaves)]
+        self._require_trusted(*reversed(above), folder)
+        self._require_trusted(*(folder / file for file in _ENCLAVE_FILES), is_folder=False)
+
+    def _require_trusted(self, *paths: str | Path, is_folder: bool = True) -> None:
+        for path in paths:
+            if reason := folder_trust.part_reason(path, is_folder=is_folder):
+                raise CommandError(
+                    f"{self.root}: {reason}; expected folders and files that no other user can have changed; correct "
+                    "the owner and the mode, or choose another folder"
+                )
+
+    def _make_folder(self, folder: Path) -> None:
+        """Create a folder with mode 0700 unless it exists; raises `CommandError` if another user has created it."""
+        try:
+            folder_trust.make_folder(folder)
+        except OSError as error:
+            raise CommandError(f"{folder}: cannot be created: {error.strerror or error}") from None
+        self._require_trusted(os.path.realpath(folder) if folder == self.root else folder)
+
+    def _close(self, folder: Path) -> None:
+        """Remove the permissions of other users."""
+        if os.name != "nt" and folder.stat().st_mode & 0o077:
+            folder.chmod(folder_trust.PRIVATE)
+
     # ------------------------------------------------------------------------------------------------------- creation
 
     def create(self, domain_id: int) -> datetime:
@@ -93,16 +141,17 @@ class Keystore:
 
         Raises `CommandError` if the keystore is complete, or a file that cannot be recreated is missing.
         """
-        self.root.mkdir(parents=True, exist_ok=True)
+        self._make_folder(self.root)
         with key_files.locked(self.root):
+            self.require_own()
             if not self.missing_files():
                 raise CommandError(
                     f"{self.root}: a keystore exists already; choose another folder, or delete this one to make all "
                     "its keys invalid"
                 )
-            for folder in (self.public, self.enclaves):
-                folder.mkdir(exist_ok=True)
-            self.private.mkdir(mode=0o700, exist_ok=True)
+            for folder in (self.public, self.enclaves, self.private):
+                self._make_folder(folder)
+            self._close(self.private)
             self._create_authority()
             self._create_governance(domain_id)
         return self._authority(_PERMISSIONS).not_valid_after_utc
@@ -196,7 +245,8 @@ class Keystore:
         from rosidl_py_gen.ros_cli.security import certificates
 
         folder = self.enclave_folder(name)
-        folder.mkdir(parents=True, exist_ok=True)
+        self._require_own_enclave(name)
+        self._make_folder(folder)
         for linked in _LINKED_CERTIFICATES:
             key_files.link(folder / linked, self.public / linked)
         if folder != self.enclaves:
@@ -222,6 +272,7 @@ class Keystore:
         from rosidl_py_gen.ros_cli.security import certificates
 
         path = self.enclave_folder(name) / "cert.pem"
+        self._require_own_enclave(name)
         if not path.is_file():
             raise CommandError(
                 f"{path}: enclave {name} has no certificate; create it with `rosidl-py security create_enclave "

@@ -103,8 +103,7 @@ def test_private_keys_are_readable_for_their_owner_alone(tmp_path: Path, monkeyp
     assert modes == {0o600}
     for path in (tmp_path / "made").rglob("*"):
         mode = stat.S_IMODE(path.stat().st_mode)
-        assert mode == (0o600 if path.name.endswith("key.pem") else 0o700 if path.name == "private" else mode), path
-        assert path.suffix not in (".p7s", ".xml") or mode == 0o666
+        assert mode == (0o600 if path.name.endswith("key.pem") else 0o700 if path.is_dir() else 0o644), path
         assert not path.name.startswith(".new-")
 
 
@@ -500,6 +499,165 @@ def test_folders_that_the_user_may_not_write(readable_keystore: Path, run_here: 
         os.seteuid(0)
     assert (code, out) == (1, "") and "Permission denied" in err.splitlines()[-1], err
     assert tree(readable_keystore) == before
+
+
+LAX = 0o777, 0o757, 0o707
+"""Modes with which other users can write."""
+needs_modes = pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+needs_root = pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="only root can change owners")
+
+
+@needs_modes
+@pytest.mark.parametrize("mask", [0, 0o022, 0o077, 0o777])
+def test_folders_of_a_keystore_are_private_whatever_the_umask_is(tmp_path: Path, mask: int, succeed: Run) -> None:
+    umask = os.umask(mask)
+    try:
+        create_like_sros2(tmp_path / "new/made", succeed)
+        succeed("create_enclave", str(tmp_path / "new/made"), "/robot/hand")
+    finally:
+        os.umask(umask)
+    modes = {stat.S_IMODE(one.stat().st_mode) for one in (tmp_path / "new").rglob("*") if one.is_dir()}
+    assert modes == {0o700}
+    keys = [*(tmp_path / "new").rglob("key.pem"), *(tmp_path / "new").rglob("*.xml")]
+    assert all(stat.S_IMODE(one.stat().st_mode) & 0o622 == 0o600 for one in keys)
+
+
+def planted_folder(root: Path, name: str) -> Path:
+    """Return a folder of a keystore that does not exist yet."""
+    (root / name).mkdir(parents=True, mode=0o755)
+    return root / name
+
+
+@needs_modes
+@pytest.mark.parametrize("mode", LAX)
+@pytest.mark.parametrize("name", [".", "public", "private", "enclaves"])
+def test_a_new_keystore_uses_no_folder_that_other_users_can_write(
+    tmp_path: Path, name: str, mode: int, fail: Run
+) -> None:
+    folder = planted_folder(tmp_path / "new", name)
+    folder.chmod(mode)
+    error = fail("create_keystore", str(tmp_path / "new"))
+    assert f"other users can write into {folder} (mode {mode:04o}); expected" in error and error.count("\n") == 1
+    assert not [one for one in (tmp_path / "new").rglob("*") if one.is_file()]
+
+
+@needs_modes
+@pytest.mark.parametrize("name", ["public", "private", "enclaves"])
+def test_a_new_keystore_uses_no_links_in_place_of_folders(tmp_path: Path, name: str, fail: Run) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / name).symlink_to(tmp_path / "elsewhere")
+    assert f"{tmp_path / 'new' / name} is a symbolic link" in fail("create_keystore", str(tmp_path / "new"))
+    assert not [*(tmp_path / "elsewhere").iterdir()]
+
+
+@needs_modes
+@pytest.mark.parametrize("name", ["enclaves/governance.xml", "private/ca.key.pem", "public/ca.cert.pem"])
+def test_a_planted_file_is_not_signed_or_used(tmp_path: Path, name: str, keystore: Path, fail: Run) -> None:
+    place = planted_folder(tmp_path / "new", os.path.dirname(name)) / os.path.basename(name)
+    shutil.copy(keystore / name, place)
+    place.chmod(0o666)
+    error = fail("create_keystore", str(tmp_path / "new"))
+    assert f"other users can write into {place} (mode 0666)" in error
+    assert not [*(tmp_path / "new").rglob("*.p7s")]
+
+
+@needs_modes
+def test_an_existing_private_folder_is_closed(tmp_path: Path, succeed: Run) -> None:
+    folder = planted_folder(tmp_path / "new", "private")
+    succeed("create_keystore", str(tmp_path / "new"))
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+CHANGING = "create_enclave {} /a", "create_permission {} /a {}", "generate_artifacts -k {} -e /a"
+
+
+@needs_modes
+@pytest.mark.parametrize("words", CHANGING)
+@pytest.mark.parametrize(
+    "name",
+    [".", "public", "private", "private/ca.key.pem", "enclaves", "enclaves/governance.p7s", "enclaves/a/key.pem"],
+)
+def test_no_command_writes_into_a_keystore_that_other_users_can_write(
+    name: str, words: str, tmp_path: Path, keystore: Path, succeed: Run, fail: Run
+) -> None:
+    succeed("create_enclave", str(keystore), "/a")
+    policy = tmp_path / "policy.xml"
+    policy.write_text(
+        '<policy version="0.2.0"><enclaves><enclave path="/a"><profiles><profile node="a" ns="/"/></profiles>'
+        "</enclave></enclaves></policy>"
+    )
+    command = words.format(keystore, policy).split()
+    succeed(*command)
+    before = tree(keystore)
+    (keystore / name).chmod(0o777)
+    assert f"other users can write into {keystore / name} " in fail(*command)
+    assert tree(keystore) == before
+
+
+@needs_modes
+@pytest.mark.parametrize("name", ["a", "a/b"])
+def test_no_enclave_is_created_below_a_writable_folder_or_a_link(
+    name: str, keystore: Path, tmp_path: Path, fail: Run
+) -> None:
+    folder = planted_folder(keystore / "enclaves", name)
+    folder.chmod(0o777)
+    assert f"other users can write into {folder} " in fail("create_enclave", str(keystore), "/a/b/c")
+    folder.rmdir()
+    planted_folder(keystore / "enclaves", "other")
+    folder.symlink_to(keystore / "enclaves/other")
+    assert f"{folder} is a symbolic link" in fail("create_enclave", str(keystore), "/a/b/c")
+    assert not [*(keystore / "enclaves/other").iterdir()]
+
+
+@needs_modes
+def test_a_keystore_in_a_folder_that_other_users_can_write_is_a_warning(tmp_path: Path, run_here: Any) -> None:
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    code, _, err = run_here("security", "generate_artifacts", "-k", str(tmp_path / "open/keystore"), "-e", "/a")
+    text = f"warning: other users can write into {tmp_path / 'open'} (mode 0777): another user can replace the keystore"
+    assert code == 0 and text in err
+
+
+@needs_root
+@pytest.mark.parametrize("name", [".", "public", "private", "enclaves", "enclaves/governance.xml"])
+def test_a_new_keystore_uses_nothing_of_another_user(tmp_path: Path, name: str, keystore: Path, fail: Run) -> None:
+    if name.endswith(".xml"):
+        place = planted_folder(tmp_path / "new", "enclaves") / "governance.xml"
+        shutil.copy(keystore / name, place)
+    else:
+        place = planted_folder(tmp_path / "new", name)
+    os.chown(place, 65534, 65534)
+    assert f"{place} belongs to user " in fail("create_keystore", str(tmp_path / "new"))
+
+
+@needs_root
+def test_a_link_of_another_user_to_a_folder_is_no_keystore(tmp_path: Path, fail: Run) -> None:
+    (tmp_path / "own").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "own")
+    os.lchown(tmp_path / "link", 65534, 65534)
+    assert "is a link of user " in fail("create_keystore", str(tmp_path / "link"))
+    assert not [*(tmp_path / "own").iterdir()]
+
+
+@needs_root
+@pytest.mark.parametrize("name", ["a", "a/key.pem", "a/cert.pem", "a/permissions.xml"])
+def test_an_enclave_of_another_user_is_not_used(name: str, keystore: Path, succeed: Run, fail: Run) -> None:
+    succeed("create_enclave", str(keystore), "/a")
+    os.chown(keystore / "enclaves" / name, 65534, 65534)
+    assert f"{keystore / 'enclaves' / name} belongs to user " in fail("create_enclave", str(keystore), "/a")
+
+
+@needs_root
+def test_a_user_creates_a_keystore_and_root_does_not_change_it(tmp_path: Path, run_here: Any, fail: Run) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        os.chown(folder, 65534, 65534)
+        os.seteuid(65534)
+        try:
+            assert run_here("security", "create_keystore", f"{folder}/keystore")[0] == 0
+        finally:
+            os.seteuid(0)
+        assert f"{folder}/keystore belongs to user " in fail("create_enclave", f"{folder}/keystore", "/a")
 
 
 def test_commands_at_the_same_time_make_one_enclave(keystore: Path) -> None:
