@@ -33,30 +33,18 @@ from rosidl_py_gen.generator_cli.diagnostics_output import (
     rows,
 )
 from rosidl_py_gen.generator_cli.distro_option import DISTRIBUTION, distro
+from rosidl_py_gen.generator_cli.lazy_completion import lazy_completion
 
 if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
-
     from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.compiler.frontend.search_path import SearchPath
     from rosidl_py_gen.compiler.generate import GenerationResult
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-_Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 
-def _completion(function: str) -> _Complete:
-    """Return a function that completes by one of `shells`, which is imported on demand."""
-
-    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        from rosidl_py_gen.generator_cli import shells
-
-        items: list[CompletionItem] = getattr(shells, function)(ctx, param, incomplete)
-        return items
-
-    return complete
-
-
+_completion = partial(lazy_completion, "rosidl_py_gen.generator_cli.shells")
+"""Callback that completes by a function of `shells`."""
 _PATH = click.option(
     "--path",
     "paths",

@@ -23,7 +23,7 @@ from click.shell_completion import (
     split_arg_string,
 )
 
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.generator_cli.lazy_completion import suggestions
 
 if TYPE_CHECKING:
     from rosidl_py_gen.compiler.frontend.search_path import Package
@@ -75,8 +75,14 @@ _BREAKS = "\"'@><=;|&(:"
 _UNSAFE = re.compile(r"[^\w@%+=:,./-]", re.ASCII)
 
 
-def install() -> None:
-    """Register the classes of this module in click."""
+def install(is_process: bool = False) -> None:
+    """Register the classes of this module in click.
+
+    Args:
+        is_process: this process only completes; what libraries print on standard error is discarded.
+    """
+    if is_process:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     for cls in (_Bash, _Zsh, _Fish):
         add_completion_class(cls)
 
@@ -94,12 +100,12 @@ def completion_variable(program: str) -> str:
     return f"_{program}_COMPLETE".replace("-", "_").upper()
 
 
-def complete_directories(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_directories(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
     """Make the shell complete names of folders."""
     return [CompletionItem(incomplete, type="dir")]
 
 
-def complete_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_files(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
     """Make the shell complete names of files and folders."""
     return [CompletionItem(incomplete, type="file")]
 
@@ -126,7 +132,8 @@ class _Safe(ShellComplete):
         return args, self._typed
 
     def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem]:
-        return [item for item in super().get_completions(args, incomplete) if item.value.isprintable()]
+        found = suggestions(lambda: super(_Safe, self).get_completions(args, incomplete))
+        return [item for item in found if item.value.isprintable()]
 
     def format_completion(self, item: CompletionItem) -> str:
         value = self._inserted(item.value) if item.type == "plain" else item.value
@@ -194,29 +201,27 @@ def items(values: Any, incomplete: str) -> list[CompletionItem]:
 # --- rosidl-py-gen ----------------------------------------------------------------------------------------------------
 
 
-def complete_packages(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_packages(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the name of a package."""
     return items((package.name for package in _packages(ctx)), incomplete)
 
 
-def complete_interfaces(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_interfaces(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the name of a message, service or action."""
     return items((str(name) for package in _packages(ctx) for name in package.files), incomplete)
 
 
-def complete_packages_and_interfaces(
-    ctx: click.Context, param: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
+def complete_packages_and_interfaces(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the name of a package; once a ``/`` is typed, of an interface in it."""
     complete = complete_interfaces if "/" in incomplete else complete_packages
-    return complete(ctx, param, incomplete)
+    return complete(ctx, incomplete)
 
 
-def complete_selection(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_selection(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete the last of several names that are separated by ``:`` or ``;``."""
     *_, last = re.split("[:;]", incomplete)
     before = incomplete.removesuffix(last)
-    found = complete_packages_and_interfaces(ctx, param, last)
+    found = complete_packages_and_interfaces(ctx, last)
     return items((before + item.value for item in found), incomplete)
 
 
@@ -224,7 +229,4 @@ def _packages(ctx: click.Context) -> list[Package]:
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
     above = ctx.parent.params.get("paths") if ctx.parent else None
-    try:
-        return list(scan_search_path((*(above or ()), *(ctx.params.get("paths") or ()))).packages.values())
-    except (RosidlError, OSError):
-        return []
+    return list(scan_search_path((*(above or ()), *(ctx.params.get("paths") or ()))).packages.values())

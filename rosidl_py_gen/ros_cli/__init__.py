@@ -127,7 +127,7 @@ def main(arguments: list[str] | None = None) -> None:
     is_completion = "_ROSIDL_PY_COMPLETE" in os.environ
     is_run = words[:1] in (["run"], ["launch"], ["test"])
     if is_completion:
-        import_module("rosidl_py_gen.generator_cli.shells").install()
+        import_module("rosidl_py_gen.generator_cli.shells").install(is_process=arguments is None)
     if not is_run:
         _configure_process(arguments is None)
     elif arguments is None:

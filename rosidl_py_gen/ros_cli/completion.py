@@ -1,6 +1,6 @@
 """Completion: names, types and fields from the live graph, bags and the search path, and the script of a shell.
 
-A shell prints no errors while it completes, so errors result in no suggestions.
+Errors result in no suggestions: `lazy_completion`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import warnings
 from contextlib import suppress
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -18,6 +18,7 @@ from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.names import KINDS
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.generator_cli import shells
+from rosidl_py_gen.generator_cli.lazy_completion import suggestions
 from rosidl_py_gen.ros_cli import root, verb
 
 if TYPE_CHECKING:
@@ -105,15 +106,17 @@ def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: st
         return _field_paths(reader.message_class(topics[-1]), incomplete)
 
 
-def _items(find: Callable[[], Iterable[str]], incomplete: str) -> list[CompletionItem]:
-    import asyncio
+def complete_enclaves(context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """Complete the enclaves of the keystore on the command line."""
+    from rosidl_py_gen.ros_cli.security.keystore import Keystore
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return shells.items(find(), incomplete)
-    except (RosidlError, OSError, ImportError, TypeError, ValueError, KeyError, asyncio.TimeoutError):
-        return []
+    return _items(lambda: Keystore(Path(context.params["root"]), lambda text: None).list_enclaves(), incomplete)
+
+
+def _items(find: Callable[[], Iterable[str]], incomplete: str) -> list[CompletionItem]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return suggestions(lambda: shells.items(find(), incomplete))
 
 
 def _names(what: str, context: click.Context) -> list[str]:

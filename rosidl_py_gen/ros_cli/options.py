@@ -9,13 +9,13 @@ import re
 from collections.abc import Callable, Coroutine
 from dataclasses import field, fields
 from functools import partial, wraps
-from importlib import import_module
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from rosidl_py_gen.generator_cli.distro_option import distro
+from rosidl_py_gen.generator_cli.lazy_completion import lazy_completion
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, verb
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.command_node import NetworkOptions as NetworkOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
-_Completer: TypeAlias = "Callable[[click.Context, click.Parameter, str], list[CompletionItem]]"
 
 
 def compile_pattern(text: str, option: str) -> re.Pattern[str]:
@@ -67,12 +66,6 @@ def options_of(cls: type[Any]) -> Callable[[F], F]:
     return all_of(*(one.metadata["option"](one.name) for one in fields(cls) if "option" in one.metadata))
 
 
-def _complete_directories(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    from rosidl_py_gen.generator_cli.shells import complete_directories
-
-    return complete_directories(ctx, param, incomplete)
-
-
 def _with_project_path(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
     from rosidl_py_gen.base.project import with_project_path
 
@@ -86,7 +79,7 @@ _path = click.option(
     "paths",
     multiple=True,
     metavar="DIR",
-    shell_complete=_complete_directories,
+    shell_complete=lazy_completion("rosidl_py_gen.generator_cli.shells", "complete_directories"),
     callback=_with_project_path,
     help="Folder with interface packages; searched before the folders of pyproject.toml, AMENT_PREFIX_PATH, installed "
     "and bundled packages. May be repeated.",
@@ -373,17 +366,7 @@ def _is_option(word: str) -> bool:
 # -------------------------------------------------------------------------------------------------------- completion
 
 
-def _completer(function: str, *arguments: str) -> _Completer:
-    """Return a callback that imports `ros_cli.completion` when it is called."""
-
-    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        module = import_module("rosidl_py_gen.ros_cli.completion")
-        items: list[CompletionItem] = getattr(module, function)(*arguments, ctx, incomplete)
-        return items
-
-    return complete
-
-
+_completer = partial(lazy_completion, "rosidl_py_gen.ros_cli.completion")
 completion = partial(_completer, "complete_names")
 """Completes ``topics``, ``services``, ``actions``, ``nodes`` or ``parameters`` of the live graph; ``types``, ``service
 types``, ``action types``, ``interfaces`` (all three) or ``packages`` of the search path; or ``workspace packages``."""
@@ -395,6 +378,7 @@ plot_completion = partial(_completer, "complete_plot_words")
 """Completes topics and fields, of a ``bag`` or of the live ``graph``."""
 field_completion = _completer("complete_fields")
 launch_completion = _completer("complete_launch_words")
+enclave_completion = _completer("complete_enclaves")
 
 
 def _argument(default_name: str, what: str) -> Callable[..., Callable[[F], F]]:

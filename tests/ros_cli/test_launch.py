@@ -280,6 +280,61 @@ def test_errors_name_place_and_cure(workspace: Path, words: tuple[str, ...]) -> 
     assert "Traceback" not in done.stderr
 
 
+ELEMENTS = {
+    "[LogInfo(msg='a')]": "element 1 of LaunchDescription is a value of type list; expected actions and "
+    "LaunchDescriptions; * in front of the list unpacks it",
+    "None": "element 1 of LaunchDescription is None; expected actions and LaunchDescriptions",
+    "(1,)": "element 1 of LaunchDescription is a value of type tuple; ",
+    "'text'": "element 1 of LaunchDescription is a value of type str, 'text'; ",
+    "LaunchDescription([3])": "element 1 of LaunchDescription is a value of type int, 3; ",
+    "TimerAction(period=1.0, actions=[None])": "an element of TimerAction is None; ",
+    "OpaqueFunction(function=lambda context: [None])": "TypeError: element 1 of OpaqueFunction is None; ",
+    "OpaqueFunction(function=lambda context: OpaqueFunction(function=print))": "TypeError: OpaqueFunction returned a "
+    "value of type OpaqueFunction; expected actions and LaunchDescriptions in a list",
+    "OpaqueFunction(function=lambda context: LaunchDescription([None]))": "TypeError: OpaqueFunction returned a value "
+    "of type LaunchDescription; ",
+    "OpaqueFunction(function=lambda context: [LaunchDescription([None])])": "TypeError: element 1 of Launch",
+}
+RETURNED = {
+    "None": "generate_launch_description returned None; expected a LaunchDescription",
+    "[OpaqueFunction(function=print)]": "generate_launch_description returned a value of type list; ",
+    "OpaqueFunction(function=print)": "generate_launch_description returned a value of type OpaqueFunction; ",
+}
+
+
+def wrong_description(folder: Path, returned: str, *options: str) -> subprocess.CompletedProcess[str]:
+    head = HEAD.replace("import DeclareLaunchArgument", "import TimerAction, DeclareLaunchArgument")
+    text = f"LogInfo = DeclareLaunchArgument\ndef generate_launch_description():\n    return {returned}\n"
+    (folder / "wrong.launch.py").write_text(head + text.replace("msg=", "name="))
+    return _launch(folder, "wrong.launch.py", *options)
+
+
+WRONG = RETURNED | {f"LaunchDescription([{element}])": text for element, text in ELEMENTS.items()}
+
+
+@pytest.mark.parametrize("returned", WRONG)
+def test_wrong_element_of_a_description_is_named_in_one_line(tmp_path: Path, returned: str) -> None:
+    done = wrong_description(tmp_path, returned)
+    error, *more = (line for line in done.stderr.splitlines() if not line.startswith("[ERROR] [launch]"))
+    assert error.startswith("error: wrong.launch.py") and WRONG[returned] in error and not more
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("option", ["--show-args", "--print"])
+def test_wrong_element_of_a_printed_description_is_one_line(tmp_path: Path, option: str) -> None:
+    done = wrong_description(tmp_path, "LaunchDescription([None])", option)
+    text = "element 1 of LaunchDescription is None; expected actions and LaunchDescriptions"
+    assert (done.returncode, done.stderr) == (1, f"error: wrong.launch.py:11: {text}\n")
+
+
+def test_package_name_that_ament_refuses_is_one_line(tmp_path: Path) -> None:
+    write(tmp_path, {"src/p/package.xml": PACKAGE_XML.format("p"), "src/p/launch/x.launch.py": "x = 1"})
+    done = _launch(tmp_path, "p", "x.launch.py")
+    rule = "expected 2 to 201 ASCII letters, digits, _ and -, of which the first is a letter or digit"
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f'error: "p" is not a file, nor the name of a package; {rule}\n'
+
+
 def test_the_files_and_arguments_of_a_package_and_of_a_path_are_used(workspace: Path) -> None:
     """An unknown argument causes a warning, and a path below the share folder selects one of several files."""
     for words in (["robot", "a/twice.launch.py"], ["src/robot/launch/robot.launch.py"], ["robot", "robot.launch.py"]):

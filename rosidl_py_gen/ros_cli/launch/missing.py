@@ -23,7 +23,7 @@ from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
-from rosidl_py_gen.ros_cli import report, terminal_output
+from rosidl_py_gen.ros_cli import CommandError, report, terminal_output
 from rosidl_py_gen.ros_cli.groups import COMMANDS
 from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.build import Prefix
@@ -37,6 +37,7 @@ _PLACE = "_rosidl_py_gen_place"
 """Attribute that we add to actions: the launch file that has created them, and the line, which is 0 in XML and YAML."""
 _PYTHON_FILE, _FRONTEND_FILE = "python_launch_file", "frontend_launch_file_path"
 """Name of the module of each launch file in Python; variable of launch with the path of one in XML or YAML."""
+_MAX_VALUE_CHARS = 60
 _NAMING = r"\b(?:exec|cmd|pkg|find-pkg-\w+)\W+{}(?![\w.-])"
 """Pattern of a name in XML and YAML."""
 
@@ -56,7 +57,8 @@ class MissingParts:
         action, local = import_module("launch").Action, import_module("launch.actions").ExecuteLocal
         load = import_module("launch_ros.actions").LoadComposableNodes
         share, visit, prepare, execute = vars(packages)[_SHARE], action.visit, local.prepare, load.execute
-        create = action.__init__
+        description = import_module("launch").LaunchDescription
+        visit_all = description.visit
         warnings.filterwarnings("ignore", message="Share (directory|path) for")
 
         def share_folder(name: str) -> str:
@@ -74,17 +76,25 @@ class MissingParts:
                 same = f": rosidl-py {verb} does what ros2 {verb} does" if name == "ros2" and verb in COMMANDS else ""
                 raise FileNotFoundError(f"command {command}{same}")
 
-        def create_with_place(self: Any, *arguments: Any, **settings: Any) -> None:
-            vars(self)[_PLACE] = _place(traceback.walk_stack(sys._getframe(1)))
-            create(self, *arguments, **settings)
+        def record_places(cls: Any) -> None:
+            create = cls.__init__
 
-        vars(packages)[_SHARE], local.prepare, action.__init__ = share_folder, prepare_and_check, create_with_place
+            def create_with_place(self: Any, *arguments: Any, **settings: Any) -> None:
+                vars(self)[_PLACE] = _place(traceback.walk_stack(sys._getframe(1)))
+                create(self, *arguments, **settings)
+
+            cls.__init__ = create_with_place
+
+        vars(packages)[_SHARE], local.prepare = share_folder, prepare_and_check
+        record_places(action)
+        record_places(description)
         action.visit = lambda one, context: self._visit(visit, one, context)
+        description.visit = lambda one, context: self._visit(visit_all, one, context)
         load.execute = lambda one, context: self._load(execute, one, context)
 
     def _visit(self, visit: Any, action: Any, context: Any) -> Any:
         try:
-            return visit(action, context)
+            return _checked_elements(action, visit(action, context))
         except Exception as error:
             location = str(getattr(getattr(action, "launch_description_source", None), "location", ""))
             part = self.part_of(error, action, context)
@@ -154,6 +164,50 @@ class MissingParts:
             return f"{text}: no such package{did_you_mean(package, prefixes)}"
         known = sorted(executables.of_prefixes(package))
         return f"{text}{did_you_mean(executable, known)}; it has: {', '.join(known) or 'none in Python'}"
+
+
+def require_description(description: Any, file: str) -> None:
+    """Raise `CommandError` if a launch file has returned something else than descriptions and actions."""
+    place = display_path(os.path.realpath(file))
+    if not isinstance(description, import_module("launch").LaunchDescription):
+        text = f"generate_launch_description returned {_described(description)}"
+        raise CommandError(f"{place}: {text}; expected a LaunchDescription")
+    pending = [description]
+    while pending:
+        entity = pending.pop()
+        groups = [entity.describe_sub_entities(), *(group for _, group in entity.describe_conditional_sub_entities())]
+        try:
+            pending += [one for group in groups for one in _checked_elements(entity, group) or ()]
+        except TypeError as error:
+            path, line = vars(entity).get(_PLACE) or (file, 0)
+            place = display_path(os.path.realpath(path)) + (f":{line}" if line else "")
+            raise CommandError(f"{place}: {error}") from error
+
+
+def _checked_elements(owner: Any, elements: Any) -> list[Any] | None:
+    """Return the elements of an action or description; raises `TypeError` for one that launch cannot visit."""
+    if elements is None:
+        return None
+    name, expected = type(owner).__name__, "expected actions and LaunchDescriptions"
+    entity = import_module("launch").LaunchDescriptionEntity
+    if isinstance(elements, (str, entity)) or not isinstance(elements, Iterable):
+        raise TypeError(f"{name} returned {_described(elements)}; {expected} in a list")
+    elements = list(elements)
+    for number, one in enumerate(elements, 1):
+        if not isinstance(one, entity):
+            # Other actions add elements of their own.
+            position = f"element {number}" if name in ("LaunchDescription", "OpaqueFunction") else "an element"
+            cure = "; * in front of the list unpacks it" if isinstance(one, (list, tuple)) else ""
+            raise TypeError(f"{position} of {name} is {_described(one)}; {expected}{cure}")
+    return elements
+
+
+def _described(value: Any) -> str:
+    """Return the type of a value, and a short text of it."""
+    if value is None:
+        return "None"
+    text = " ".join(ascii(value).split()) if isinstance(value, (str, int, float)) else ""
+    return f"a value of type {type(value).__name__}" + (f", {text[:_MAX_VALUE_CHARS]}" if text else "")
 
 
 def _place(frames: Iterable[tuple[FrameType, int]]) -> tuple[str, int] | None:

@@ -23,8 +23,8 @@ from rosidl_py_gen.base.resources import install_command, require_modules
 from rosidl_py_gen.compiler.frontend.package_files import files_below
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, exit_on_error, terminal_output
-from rosidl_py_gen.ros_cli.launch.missing import MissingParts
-from rosidl_py_gen.ros_cli.prefix.build import Prefix, build_prefix
+from rosidl_py_gen.ros_cli.launch.missing import MissingParts, require_description
+from rosidl_py_gen.ros_cli.prefix.build import NAME_RULE, Prefix, build_prefix, is_ament_name
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, roots, workspaces
 
@@ -48,6 +48,8 @@ def start(
     if not is_file and (os.sep in words[0] or words[0].endswith((".py", *_PARSERS))):
         kind = "it is a folder" if os.path.isdir(words[0]) else "no such file"
         raise CommandError(f"{words[0]}: expected a launch file, {kind}")
+    if not (is_file or is_ament_name(words[0])):
+        raise CommandError(f'"{words[0]}" is not a file, nor the name of a package; expected {NAME_RULE}')
     pairs = [word.partition(":=") for word in words[1 if is_file else 2 :]]
     if wrong := ["".join(pair) for pair in pairs if not (pair[0] and pair[1])]:
         raise click.UsageError(f'expected NAME:=VALUE, found "{wrong[0]}"')
@@ -126,18 +128,23 @@ def _run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], pref
     sources = import_module("launch.launch_description_sources")
     try:
         description = sources.get_launch_description_from_any_launch_file(file)
+        require_description(description, file)
+        if is_run:
+            _check_arguments(description, arguments, display_path(os.path.realpath(file)))
+        elif settings["show_args"]:
+            text = _arguments_text(description.get_launch_arguments())
+        else:
+            text = launch.LaunchIntrospector().format_launch_description(description)
+    except CommandError:
+        raise
     except Exception as error:
         raise CommandError(missing.error_text(error, missing.part_of(error), (file, 0))) from error
-    if is_run:
-        _check_arguments(description, arguments, display_path(os.path.realpath(file)))
-        source = launch.LaunchDescriptionSource(description, file, "launch file")
-        include = launch.actions.IncludeLaunchDescription(source, launch_arguments=arguments.items())
-        service.include_launch_description(launch.LaunchDescription([include]))
-        sys.exit(_serve(service))
-    if settings["show_args"]:
-        terminal_output.block(_arguments_text(description.get_launch_arguments()))
-    else:
-        terminal_output.block(launch.LaunchIntrospector().format_launch_description(description))
+    if not is_run:
+        return terminal_output.block(text)
+    source = launch.LaunchDescriptionSource(description, file, "launch file")
+    include = launch.actions.IncludeLaunchDescription(source, launch_arguments=arguments.items())
+    service.include_launch_description(launch.LaunchDescription([include]))
+    sys.exit(_serve(service))
 
 
 def _arguments_text(arguments: list[Any]) -> str:

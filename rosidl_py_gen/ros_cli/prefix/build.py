@@ -31,7 +31,9 @@ _ON_PACKAGE_INDEX = ("xacro",)
 """Packages of the package index that launch files use by their ROS names, if they are installed."""
 _MODE = 0o755
 """Mode of the folders of a prefix that the user has named: other users may use it, as far as the umask permits."""
-_NAME = re.compile(r"[A-Za-z0-9][\w-]{0,200}", re.ASCII)
+_NAME = re.compile(r"[A-Za-z0-9][\w-]{1,200}", re.ASCII)
+"""Names that ament_index_python accepts; 201 characters are enough, and fit into a file name."""
+NAME_RULE = "2 to 201 ASCII letters, digits, _ and -, of which the first is a letter or digit"
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,11 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
     return Prefix(prefix, packages, skipped, tuple(problems), notes, unsafe, created, removed)
 
 
+def is_ament_name(name: str) -> bool:
+    """Return True for a name of a package that ament accepts, whose rule is wider than the rule for interfaces."""
+    return _NAME.fullmatch(name) is not None
+
+
 def _cached_prefix(searched: Iterable[Path]) -> Path:
     try:
         return cached_folder("prefix", (sys.executable, *searched))
@@ -119,8 +126,9 @@ def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]
         if not found:
             raise CommandError(f"{display_path(top)}: expected packages with a package.xml, found none")
         for name, place in found:
-            if not _NAME.fullmatch(name):
-                problems.append(f'{display_path(place / MANIFEST)}: "{name[:200]}" is not the name of a package')
+            if not is_ament_name(name):
+                text = f'"{name[:200]}" is not the name of a package; expected {NAME_RULE}'
+                problems.append(f"{display_path(place / MANIFEST)}: {text}")
             elif (used := packages.setdefault(name, place)) != place:
                 text = f"two packages are called {name}: {display_path(used)} is used, {display_path(place)} is not"
                 problems.append(f"{text}; put an empty file COLCON_IGNORE into one of them")

@@ -274,7 +274,8 @@ def _own_file(module: str) -> Path | None:
     for name in rest:
         if spec is None or spec.submodule_search_locations is None:
             return None
-        spec = PathFinder.find_spec(f"{spec.name}.{name}", [*spec.submodule_search_locations])
+        # The name of a top-level module: a namespace package looks up its parent, which is not imported.
+        spec = PathFinder.find_spec(name, [*spec.submodule_search_locations])
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return None
     return Path(spec.origin)

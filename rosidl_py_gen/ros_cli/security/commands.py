@@ -14,8 +14,6 @@ from rosidl_py_gen.ros_cli import CommandError, options, terminal_output, verb
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from click.shell_completion import CompletionItem
-
     from rosidl_py_gen.ros_cli.security.keystore import Keystore
     from rosidl_py_gen.ros_cli.security.policy import PolicyEnclave
 
@@ -115,19 +113,9 @@ def _print_enclaves(keystore: Keystore, names: Sequence[str], as_json: bool) -> 
     terminal_output.result(names, as_json, rows)
 
 
-def _complete_enclaves(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    from click.shell_completion import CompletionItem
-
-    from rosidl_py_gen.ros_cli.security.keystore import Keystore
-
-    root = ctx.params.get("root")
-    names = Keystore(Path(root), lambda text: None).list_enclaves() if root is not None else []
-    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
-
-
 @click.command("create_permission")
 @_root
-@click.argument("name", metavar="NAME", shell_complete=_complete_enclaves)
+@click.argument("name", metavar="NAME", shell_complete=options.enclave_completion)
 @click.argument("policy_file", metavar="POLICY_FILE_PATH", type=click.Path(dir_okay=False))
 @options.as_json
 @verb

@@ -8,6 +8,7 @@ from launch import actions as actions
 from launch import launch_description_sources as launch_description_sources
 from launch.core import Action as Action
 from launch.core import LaunchDescription as LaunchDescription
+from launch.core import LaunchDescriptionEntity as LaunchDescriptionEntity
 from launch.core import LaunchDescriptionSource as LaunchDescriptionSource
 from launch.launch_service import LaunchService as LaunchService
 

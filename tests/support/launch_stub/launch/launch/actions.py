@@ -51,6 +51,15 @@ class IncludeLaunchDescription(Action):
         return [description]
 
 
+class TimerAction(Action):
+    def __init__(self, period: float, actions: list[Any]) -> None:
+        super().__init__()
+        self._actions = actions
+
+    def describe_conditional_sub_entities(self) -> list[tuple[str, list[Any]]]:
+        return [("after the period", self._actions)]
+
+
 class ExecuteLocal(Action):
     shell = False
 

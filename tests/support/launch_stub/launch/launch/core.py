@@ -29,7 +29,15 @@ class Context:
         self.on_shutdown: list[Callable[[], None]] = []
 
 
-class Action:
+class LaunchDescriptionEntity:
+    def describe_sub_entities(self) -> list[Any]:
+        return []
+
+    def describe_conditional_sub_entities(self) -> list[tuple[str, list[Any]]]:
+        return []
+
+
+class Action(LaunchDescriptionEntity):
     def __init__(self, condition: Callable[[Context], bool] | None = None) -> None:
         self._condition = condition
 
@@ -42,9 +50,12 @@ class Action:
         return None
 
 
-class LaunchDescription:
+class LaunchDescription(LaunchDescriptionEntity):
     def __init__(self, entities: list[Any]) -> None:
-        self.entities = entities
+        self.entities = list(entities)
+
+    def describe_sub_entities(self) -> list[Any]:
+        return self.entities
 
     def visit(self, context: Context) -> list[Any]:
         return self.entities
