@@ -27,6 +27,11 @@ def printable_line(text: str) -> str:
     return printable(text.replace("\n", "\\n").replace("\r", "\\r").replace("\t", "\\t"))
 
 
+def pluralize(number: int, noun: str) -> str:
+    """Return a count with its noun: ``1 server``, ``2 servers``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def json_text(data: Any, *, indent: int | None = None) -> str:
     """Return valid JSON on one line, or indented, for a terminal.
 

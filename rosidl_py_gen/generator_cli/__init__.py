@@ -5,7 +5,6 @@ Commands import the compiler when they run, so help and completion load little; 
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import sys
@@ -22,6 +21,7 @@ from rosidl_py_gen import __version__
 from rosidl_py_gen.base.interrupts import command_interrupts
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.generator_cli.diagnostics_output import (
     count,
@@ -31,6 +31,7 @@ from rosidl_py_gen.generator_cli.diagnostics_output import (
     print_notes,
     print_problems,
     rows,
+    usage_error_text,
 )
 from rosidl_py_gen.generator_cli.distro_option import DISTRIBUTION, distro
 from rosidl_py_gen.generator_cli.lazy_completion import lazy_completion
@@ -291,8 +292,9 @@ def _print(result: GenerationResult, out: str, check: bool, as_json: bool) -> No
     packages = len({name.package for name in result.names})
     verb = "would be written" if check else "written"
     echo(
-        f"{len(result.names)} interfaces in {packages} packages: {len(changes.written)} files {verb}, "
-        f"{len(changes.removed)} removed, {changes.unchanged} unchanged"
+        f"{pluralize(len(result.names), 'interface')} in {pluralize(packages, 'package')}: "
+        f"{pluralize(len(changes.written), 'file')} {verb}, {len(changes.removed)} removed, "
+        f"{changes.unchanged} unchanged"
     )
     if result.problems:
         print_line(f"{count(result.problems)}; interfaces with problems were skipped")
@@ -348,7 +350,7 @@ def check(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> None
         print_json({"interfaces": interfaces, "errors": [], "notes": rows(notes)})
     else:
         print_notes(notes)
-        echo(f"{len(found)} interfaces in {len(packages)} packages: no problems")
+        echo(f"{pluralize(len(found), 'interface')} in {pluralize(len(packages), 'package')}: no problems")
 
 
 @cli.command()
@@ -539,9 +541,7 @@ def _main(arguments: list[str] | None) -> None:
         _report(RosidlError(f"{place}{error.strerror or error}"), as_json)
         sys.exit(1)
     except click.ClickException as wrong:
-        shown = io.StringIO()
-        wrong.show(shown)
-        echo(shown.getvalue().rstrip("\n"), err=True)
+        echo(usage_error_text(wrong), err=True)
         sys.exit(wrong.exit_code)
     except (click.Abort, KeyboardInterrupt):
         echo("interrupted; all written files are complete", err=True)

@@ -5,19 +5,28 @@ All modules of the command line print by these functions, because names and text
 
 from __future__ import annotations
 
+import io
 import os
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
 
-from rosidl_py_gen.base.terminal_text import json_text, printable_lines
+from rosidl_py_gen.base.terminal_text import json_text, pluralize, printable_lines
 from rosidl_py_gen.errors import Diagnostic, printable
 
 
 def rows(problems: Iterable[Diagnostic]) -> list[dict[str, str | int]]:
     """Return diagnostics as JSON values."""
     return [{"path": one.path, "line": one.line, "column": one.column, "text": one.text} for one in problems]
+
+
+def usage_error_text(error: click.ClickException) -> str:
+    """Return the usage and text of an error of click, which begins as our errors do."""
+    shown = io.StringIO()
+    error.show(shown)
+    return re.sub(r"^Error: ", "error: ", shown.getvalue().rstrip("\n"), flags=re.MULTILINE)
 
 
 def print_json(data: Any) -> None:
@@ -61,4 +70,4 @@ def print_line(text: str, colour: str = "") -> None:
 
 def count(problems: Sequence[Diagnostic]) -> str:
     """Return the number of diagnostics as text."""
-    return "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+    return pluralize(len(problems), "problem")

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import atexit
 import gc
-import io
 import os
 import sys
 import warnings
@@ -173,9 +172,9 @@ def exit_on_error() -> Iterator[None]:
     try:
         yield
     except click_module().ClickException as error:
-        text = io.StringIO()
-        error.show(text)
-        click_module().echo(printable_lines(text.getvalue()), err=True, nl=False)
+        from rosidl_py_gen.generator_cli.diagnostics_output import usage_error_text
+
+        click_module().echo(printable_lines(usage_error_text(error)), err=True)
         sys.exit(error.exit_code)
     except (click_module().Abort, KeyboardInterrupt):
         sys.exit(130)

@@ -69,6 +69,14 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
 }
 """Help of each command, and its module in this package; for a group the modules of its verbs."""
 
+_HINTS = {
+    "component": "components are shared libraries of C++, which this package does not load",
+    "daemon": "there is no daemon, because each command discovers nodes",
+    "multicast": "`rosidl-py doctor` checks multicast",
+    "pkg": "`rosidl-py run --list` prints packages with executables, `rosidl-py interface packages` message packages",
+    "wtf": "`rosidl-py doctor` checks the installation and the network",
+}
+"""Hints for commands of ros2 that do not exist here."""
 _HELP = """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
 
 \b
@@ -134,5 +142,6 @@ class LazyGroup(click.Group):
         if args and args[0] not in self._table:
             from rosidl_py_gen.base.names import did_you_mean
 
-            ctx.fail(f'no command "{args[0]}"{did_you_mean(args[0], self._table)}')
+            hint = _HINTS.get(args[0]) if ctx.parent is None else None
+            ctx.fail(f'no command "{args[0]}"{f"; {hint}" if hint else did_you_mean(args[0], self._table)}')
         return super().resolve_command(ctx, args)

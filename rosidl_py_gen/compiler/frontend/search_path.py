@@ -39,7 +39,8 @@ INSTALLED = "installed"
 """The origin of packages that pip installed."""
 BUNDLED = "bundled"
 """The origin of the bundled packages."""
-MAX_DEPTH = 12
+_MAX_DEPTH = 100
+"""Maximum depth of packages; deeper folders would exceed Python's limit of recursion, and no workspace has them."""
 _MAX_XML_BYTES = 1 << 20
 
 
@@ -266,7 +267,7 @@ def _descend(
 ) -> Iterator[Package]:
     note(folder)
     real = os.path.realpath(folder)  # links may form loops
-    if real in visited or depth > MAX_DEPTH or any(os.path.exists(folder / mark) for mark in IGNORE_MARKS):
+    if real in visited or depth > _MAX_DEPTH or any(os.path.exists(folder / mark) for mark in IGNORE_MARKS):
         return
     if depth and any(os.path.isfile(folder / mark) for mark in BUILD_TREE_MARKERS):
         return

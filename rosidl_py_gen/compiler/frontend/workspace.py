@@ -6,6 +6,7 @@ Only names of folders and package.xml files are read.
 from __future__ import annotations
 
 import os
+from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,11 +14,15 @@ from pathlib import Path
 
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.compiler.frontend.package_files import BUILD_TREE_MARKERS, IGNORE_MARKS
-from rosidl_py_gen.compiler.frontend.search_path import MAX_DEPTH, package_name
+from rosidl_py_gen.compiler.frontend.search_path import package_name
+from rosidl_py_gen.errors import display_path
 
 MANIFEST = "package.xml"
-_MAX_DEPTH_OUTSIDE = 3
-"""Maximum depth of packages in a folder that has no ``src``."""
+MAX_ENTRIES = 50_000
+"""Maximum number of directory entries that the search for packages reads, which takes half a second.
+
+colcon has no limit, but a home folder or ``/`` may be searched. The search is breadth first.
+"""
 
 
 @dataclass(frozen=True)
@@ -26,13 +31,15 @@ class Workspace:
 
     Attributes:
         folder: the folder ``src``, or the parent of a package that is not below ``src``.
-        depth: maximum depth of packages below `folder`.
+        depth: maximum depth of packages below `folder`; None for any depth, as colcon searches.
         own: a package that is preferred to others of its name.
+        holds_others: `folder` probably contains much else.
     """
 
     folder: Path
-    depth: int = MAX_DEPTH
+    depth: int | None = None
     own: Path | None = None
+    holds_others: bool = False
 
     @cached_property
     def packages(self) -> dict[str, Path]:
@@ -42,35 +49,56 @@ class Workspace:
             found.setdefault(name, folder)
         return found
 
-    @cached_property
+    @property
     def all_packages(self) -> list[tuple[str, Path]]:
         """Names and folders of all packages; several may have one name."""
+        return self._found[0]
+
+    @property
+    def limit_text(self) -> str:
+        """Text about a search that ended before all folders were read; empty if it was complete."""
+        if self._found[1]:
+            return ""
+        text = f"{display_path(self.folder)}: searched for packages only in the first {MAX_ENTRIES} files and folders"
+        return f"{text}; pass a smaller folder with --path, or put COLCON_IGNORE into folders without packages"
+
+    @cached_property
+    def _found(self) -> tuple[list[tuple[str, Path]], bool]:
+        """Packages, and True if all folders were read."""
         found = [] if self.own is None else [(package_name(self.own / MANIFEST, self.own), self.own)]
         visited: set[str] = set()
-        waiting = [(self.folder, 0)]
+        waiting = deque([(self.folder, 0)])
+        left = MAX_ENTRIES
         while waiting:
-            folder, depth = waiting.pop(0)
+            folder, depth = waiting.popleft()
             real = os.path.realpath(folder)  # links may form loops
-            names = _names(folder)
-            is_copy = depth > 0 and not names.isdisjoint(BUILD_TREE_MARKERS)
-            if real in visited or is_copy or not names.isdisjoint(IGNORE_MARKS):
+            if real in visited:
                 continue
             visited.add(real)
+            entries = _entries(folder)
+            names = {entry.name for entry in entries}
+            left -= len(entries)
+            if left < 0:
+                return found, False
+            is_copy = depth > 0 and not names.isdisjoint(BUILD_TREE_MARKERS)
+            if is_copy or not names.isdisjoint(IGNORE_MARKS):
+                continue
             if MANIFEST in names:
                 found.append((package_name(folder / MANIFEST, folder), folder))
-            elif depth < self.depth:
-                inside = [folder / name for name in sorted(names) if not name.startswith(".")]
-                for path in inside:
-                    if os.path.isdir(path):
-                        waiting.append((path, depth + 1))
-                    elif os.path.islink(path):
-                        note(path)
-        return found
+            elif self.depth is None or depth < self.depth:
+                for entry in entries:
+                    if entry.name.startswith("."):
+                        continue
+                    if _is_folder(entry):
+                        waiting.append((folder / entry.name, depth + 1))
+                    elif entry.is_symlink():
+                        note(entry.path)
+        return found, True
 
     @property
     def roots(self) -> list[Path]:
-        """Folders that contain all packages: `folder`, unless it probably contains much else."""
-        return [self.folder] if self.depth == MAX_DEPTH else [*self.packages.values()]
+        """Folders that contain all packages: `folder`, unless it contains much else."""
+        return [*self.packages.values()] if self.holds_others or self.depth is not None else [self.folder]
 
 
 def package_around(place: Path) -> Path | None:
@@ -92,11 +120,18 @@ def workspace_around(place: Path) -> Workspace | None:
     if not place.is_dir():
         return None
     source = place if place.name == "src" else place / "src"
-    return Workspace(source) if source.is_dir() else Workspace(place, _MAX_DEPTH_OUTSIDE)
+    return Workspace(source) if source.is_dir() else Workspace(place, holds_others=True)
 
 
-def _names(folder: Path) -> set[str]:
+def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    """Return the entries of a folder by name; none of an unreadable folder, which is not part of the workspace."""
     note(folder)
-    with suppress(OSError):  # an unreadable folder is not part of the workspace
-        return set(os.listdir(folder))
-    return set()
+    with suppress(OSError), os.scandir(folder) as entries:
+        return sorted(entries, key=lambda entry: entry.name)
+    return []
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    with suppress(OSError):  # a link to itself
+        return entry.is_dir()
+    return False

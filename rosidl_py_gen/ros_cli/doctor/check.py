@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode
 
-_WORDS = {OK: "ok", NOTE: "warning", WARNING: "warning", BROKEN: "error"}
-"""First word of each line of text, by level. Only JSON tells a note, which is often no problem, from a warning."""
-_STYLES = {OK: "", NOTE: "yellow", WARNING: "yellow", BROKEN: "bold red"}
+_STYLES = {OK: "", NOTE: "", WARNING: "yellow", BROKEN: "bold red"}
 
 
 @click.command("doctor")
@@ -121,8 +119,7 @@ def _middleware(command_node: CommandNode) -> Iterator[Finding]:
         yield Finding(WARNING, text, advice)
     for capability, state in command_node.context.library_capabilities.items():
         if state not in ("yes", reason):
-            is_unused = capability == "DDS Security (SROS 2)" and command_node.context.settings.security is None
-            yield Finding(OK if is_unused else NOTE, f"{capability}: {state}", data={capability: state})
+            yield Finding(NOTE, f"{capability}: {state}", data={capability: state})
 
 
 async def _discovered(command_node: CommandNode) -> list[Finding]:
@@ -150,8 +147,8 @@ def _row(finding: Finding) -> dict[str, Any]:
 
 
 def _print(section: str, findings: list[Finding], *, as_report: bool) -> None:
-    """Print a line for each finding and each advice; all begin with the word of the level."""
+    """Print a line for each finding and each advice; all begin with the level."""
     for finding in findings:
-        word, style = _WORDS[finding.level], "" if as_report else _STYLES[finding.level]
+        style = "" if as_report else _STYLES[finding.level]
         for text in (f"{section}: {finding.text}", *([f"-> {finding.advice}"] if finding.advice else [])):
-            terminal_output.line(f"{word:<7}  {' '.join(text.split())}", style)
+            terminal_output.line(f"{finding.level:<7}  {' '.join(text.split())}", style)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-OK, NOTE, WARNING, BROKEN = "ok", "note", "warning", "broken"
+OK, NOTE, WARNING, BROKEN = "ok", "note", "warning", "error"
 
 _IPV4 = re.compile(r"\b(?!127\.|0\.0\.|2[2-5]\d\.)(\d{1,3}\.\d{1,3})\.\d{1,3}\.\d{1,3}\b")
 _MIN_NAME = 4

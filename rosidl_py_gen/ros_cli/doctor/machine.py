@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.base.resources import install_command
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli.doctor.findings import BROKEN, NOTE, OK, REDACTED_VARIABLES, WARNING, Finding
@@ -77,7 +78,9 @@ def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
         return
     for origin in search.searched:
         count = sum(package.origin == origin for package in search.packages.values())
-        yield Finding(OK, f"{count} interface packages: {origin}", data={"origin": origin, "packages": count})
+        yield Finding(
+            OK, f"{pluralize(count, 'interface package')}: {origin}", data={"origin": origin, "packages": count}
+        )
     for problem in search.refused.values():
         yield Finding(WARNING, str(problem))
 

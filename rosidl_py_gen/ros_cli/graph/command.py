@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.names import did_you_mean
-from rosidl_py_gen.base.terminal_text import json_text
+from rosidl_py_gen.base.terminal_text import json_text, pluralize
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ async def graph(
     }
     await asyncio.to_thread(terminal_output.drawing, kind, output, text.lines(picture), draw)
     if output is not None:
-        terminal_output.note(f"wrote {output}: {len(picture.nodes)} nodes")
+        terminal_output.note(f"wrote {output}: {pluralize(len(picture.nodes), 'node')}")
 
 
 def _picture(command_node: CommandNode, everything: bool) -> Picture:

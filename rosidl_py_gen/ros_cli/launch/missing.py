@@ -24,7 +24,6 @@ from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, report, terminal_output
-from rosidl_py_gen.ros_cli.groups import COMMANDS
 from rosidl_py_gen.ros_cli.prefix import executables
 from rosidl_py_gen.ros_cli.prefix.build import Prefix
 
@@ -70,11 +69,10 @@ class MissingParts:
         def prepare_and_check(self: Any, context: Any) -> None:
             prepare(self, context)
             details = self.process_details
-            name, verb = (*details["cmd"], "")[:2]
+            name = details["cmd"][0]
             command = os.path.join((details["cwd"] or "") if os.sep in name else "", name)
             if not self.shell and shutil.which(command, path=(details["env"] or os.environ).get("PATH")) is None:
-                same = f": rosidl-py {verb} does what ros2 {verb} does" if name == "ros2" and verb in COMMANDS else ""
-                raise FileNotFoundError(f"command {command}{same}")
+                raise FileNotFoundError(f"command {command}")
 
         def record_places(cls: Any) -> None:
             create = cls.__init__
@@ -147,7 +145,7 @@ class MissingParts:
         elif mark := getattr(cause, "problem_mark", None):  # of YAML
             line = mark.line + 1
         elif part is not None:
-            line = line or _line_naming(part.split()[1].rstrip(":"), file)
+            line = line or _line_naming(part.split()[1], file)
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
@@ -192,7 +190,7 @@ def _checked_elements(owner: Any, elements: Any) -> list[Any] | None:
     entity = import_module("launch").LaunchDescriptionEntity
     if isinstance(elements, (str, entity)) or not isinstance(elements, Iterable):
         raise TypeError(f"{name} returned {_described(elements)}; {expected} in a list")
-    elements = list(elements)
+    elements = [*elements]
     for number, one in enumerate(elements, 1):
         if not isinstance(one, entity):
             # Other actions add elements of their own.

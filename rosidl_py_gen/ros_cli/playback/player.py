@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp, stamp_ns
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import DAMAGED, AsyncCommand, CommandError, terminal_output
 from rosidl_py_gen.ros_cli.bag.display import duration_text
 from rosidl_py_gen.ros_cli.bag.qos_overrides import read_qos_overrides
@@ -339,7 +340,9 @@ async def _play(network: NetworkOptions, options: PlayOptions, overrides: Mappin
             )
         sent = player.requests.count
         requests = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
-        terminal_output.note(f"published {player.count - sent} messages of {len(topics)} topics{requests}")
+        terminal_output.note(
+            f"published {pluralize(player.count - sent, 'message')} of {pluralize(len(topics), 'topic')}{requests}"
+        )
         return DAMAGED if recording.is_damaged else 0
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import compile_definition, get_service, type_hash
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Service
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
@@ -233,6 +234,6 @@ class Requests:
         if self._pending:
             await asyncio.wait(self._pending, timeout=_RESPONSE_TIMEOUT_S)
         if self._pending:
-            self._note(f"{len(self._pending)} requests had no response in {_RESPONSE_TIMEOUT_S:.0f} s")
+            self._note(f"{pluralize(len(self._pending), 'request')} had no response in {_RESPONSE_TIMEOUT_S:.0f} s")
         for task in self._pending:
             task.cancel()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.resources import install_command, require_modules
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import options, terminal_output
 
 if TYPE_CHECKING:
@@ -66,7 +67,8 @@ def show_plot(panels: Sequence[PlotPanel], axis: TimeAxis, out: str | None, in_t
 def count_text(panels: Sequence[PlotPanel]) -> str:
     """Return the number of messages and topics as text."""
     count, topics = sum(panel.count for panel in panels), len(panels)
-    return f"{count} messages of {topics} topics" if topics > 1 else f"{count} messages of {panels[0].title}"
+    messages = pluralize(count, "message")
+    return f"{messages} of {topics} topics" if topics > 1 else f"{messages} of {panels[0].title}"
 
 
 def _has_display() -> bool:

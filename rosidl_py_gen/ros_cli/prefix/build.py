@@ -20,9 +20,10 @@ from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, works
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError
 from rosidl_py_gen.ros_cli.prefix import executables
+from rosidl_py_gen.ros_cli.prefix.executable import Executable
 from rosidl_py_gen.ros_cli.prefix.package_plan import COMPANIONS, INDEX, PROGRAM, PackagePlan, PrefixFile
 from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
-from rosidl_py_gen.ros_cli.prefix.variables import FIXED, SITE_PACKAGES, folders, of_distribution
+from rosidl_py_gen.ros_cli.prefix.variables import FIXED, PROGRAMS, SITE_PACKAGES, folders, of_distribution
 from rosidl_py_gen.type_loading.disk_cache import cached_folder
 
 STATE = ".rosidl-py-prefix"
@@ -121,11 +122,15 @@ def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]
     for folder in searched:
         if not folder.is_dir():
             raise CommandError(f"{display_path(folder)}: expected a folder of packages, found none")
-        top = folder if (folder / MANIFEST).exists() or not (folder / "src").is_dir() else folder / "src"
-        found = Workspace(top).all_packages
-        if not found:
-            raise CommandError(f"{display_path(top)}: expected packages with a package.xml, found none")
-        for name, place in found:
+        workspace = Workspace(folder)
+        if not (folder / MANIFEST).exists() and (folder / "src").is_dir():
+            inside = Workspace(folder / "src")  # may be a folder of sources that is not part of a workspace
+            workspace = inside if inside.all_packages else workspace
+        if workspace.limit_text:
+            problems.append(workspace.limit_text)
+        if not workspace.all_packages:
+            raise CommandError(f"{display_path(folder)}: expected packages with a package.xml, found none")
+        for name, place in workspace.all_packages:
             if not is_ament_name(name):
                 text = f'"{name[:200]}" is not the name of a package; expected {NAME_RULE}'
                 problems.append(f"{display_path(place / MANIFEST)}: {text}")
@@ -149,7 +154,10 @@ def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFi
         "setup.fish": _fish_script(prefix),
         f"{SITE_PACKAGES}/sitecustomize.py": template.replace("frozenset(())", f"frozenset({sorted(names)})"),
     }
-    return {place: PrefixFile(content=os.fsencode(text)) for place, text in texts.items()}
+    files = {place: PrefixFile(content=os.fsencode(text)) for place, text in texts.items()}
+    package = Path(__file__).parents[3]
+    ros2 = Executable("ros2", package, module="rosidl_py_gen.ros_cli.ros2", function="main")
+    return files | {f"{PROGRAMS}/ros2": PrefixFile(content=ros2.program(), mode=PROGRAM)}
 
 
 def _posix_script(prefix: Path) -> str:

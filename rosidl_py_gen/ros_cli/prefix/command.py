@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.generator_cli.distro_option import distro
 from rosidl_py_gen.ros_cli import options, terminal_output, verb
 
@@ -48,8 +49,8 @@ def prefix(sources: tuple[str, ...], out: str, as_json: bool) -> int:
         for problem in made.problems:
             terminal_output.note(f"warning: {problem}")
         is_changed = made.created or made.removed
-        changes = f"{made.created} files written, {made.removed} removed" if is_changed else "up to date"
-        terminal_output.line(f"{display_path(made.folder)}: {len(made.packages)} packages, {changes}")
+        changes = f"{pluralize(made.created, 'file')} written, {made.removed} removed" if is_changed else "up to date"
+        terminal_output.line(f"{display_path(made.folder)}: {pluralize(len(made.packages), 'package')}, {changes}")
         if is_changed and made.skipped:
             terminal_output.lines(("C++ code is not built:", *(f"  {one.text}" for one in made.skipped)))
     return int(bool(made.problems))

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from rosidl_py_gen.base.names import is_package_name
 from rosidl_py_gen.base.scanned_paths import note
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.compiler.frontend.cmake_reader import UNKNOWN, CMakeScript, inside
 from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below, mentions_interfaces, read_text
@@ -119,7 +120,7 @@ class PackagePlan:
         launch = sum(_LAUNCH_FILE.search(place) is not None for place in share)
         programs = sum(file.mode == PROGRAM for file in self.files.values())
         counts = {"launch file": launch, "share file": len(share) - launch, "Python program": programs}
-        usable = ", ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
+        usable = ", ".join(pluralize(count, name) for name, count in counts.items() if count)
         return f"{self.name}: without {', '.join(self.missing) or 'its libraries'}; with {usable}"
 
     def _problem(self, text: str) -> None:

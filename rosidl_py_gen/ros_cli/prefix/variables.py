@@ -10,6 +10,8 @@ from rosidl_py_gen.base.distributions import ASSUMED_VARIABLE, DEFAULT, ENVIRONM
 from rosidl_py_gen.base.resources import RUN_PREFIX
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
+PROGRAMS = "lib/rosidl_py_gen/bin"
+"""Folder of a prefix with programs that a ROS installation has on PATH."""
 FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 
 
@@ -20,6 +22,8 @@ def variables(prefix: Path | None) -> dict[str, str]:
     for name, folder in folders(prefix).items() if prefix is not None else ():
         places = (str(folder), *filter(None, os.environ.get(name, "").split(os.pathsep)))
         found[name] = os.pathsep.join(dict.fromkeys(places))
+    if prefix is not None:  # at the end: programs of a ROS installation precede
+        found["PATH"] = os.pathsep.join(dict.fromkeys((*found["PATH"].split(os.pathsep), str(prefix / PROGRAMS))))
     return found
 
 

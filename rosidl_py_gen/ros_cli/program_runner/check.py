@@ -24,6 +24,7 @@ from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.base.message_packages import download_note
 from rosidl_py_gen.base.names import KINDS, did_you_mean
 from rosidl_py_gen.base.resources import missing_extra_message
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import display_path
 from rosidl_py_gen.ros_cli import CommandError, terminal_output
 from rosidl_py_gen.ros_cli.prefix.executable import Executable
@@ -73,8 +74,7 @@ def check(program: Executable, as_json: bool) -> int:
         terminal_output.document({"files": len(files), "missing": rows})
     else:
         terminal_output.lines(f"{place}:{line}: {text}" for place, line, text in missing)
-        plural = "s" if len(files) > 1 else ""
-        terminal_output.line(f"{len(missing) or 'nothing'} missing in {len(files)} file{plural}")
+        terminal_output.line(f"{len(missing) or 'nothing'} missing in {pluralize(len(files), 'file')}")
     return 1 if missing else 0
 
 

@@ -178,7 +178,10 @@ def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspac
 
 
 def roots(found: Sequence[Workspace]) -> list[Path]:
-    """Return the folders that contain all packages of some workspaces."""
+    """Return the folders that contain all packages of some workspaces; prints a note about an incomplete search."""
+    for one in found:
+        if one.packages and one.holds_others and one.limit_text:
+            terminal_output.note(f"note: {one.limit_text}")
     return [root for one in found if one.packages for root in one.roots]
 
 

@@ -16,6 +16,7 @@ from rosidl_py_gen.bags import BagTopic
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.splitting_writer import topic_of
 from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import ClosedError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, terminal_output, type_resolution
 from rosidl_py_gen.ros_cli.bag.convert import create_bag
@@ -139,7 +140,8 @@ class Recorder:
         began = now_s()
         while True:
             dropped = f", {self.dropped} dropped" if self.dropped else ""
-            text = f"{self._writer.messages} messages of {len(self.recorded)} topics, {size_text(self._writer.bytes)}"
+            counts = f"{pluralize(self._writer.messages, 'message')} of {pluralize(len(self.recorded), 'topic')}"
+            text = f"{counts}, {size_text(self._writer.bytes)}"
             retained = self._writer.retained_count
             snapshot = "" if retained is None else f", {retained} messages retained for a snapshot"
             what = "paused after" if self.is_paused else "recording for"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
     key_files.write_file(Path(path), policy_text(root).encode())
     rows = [{"name": one.fully_qualified_name, "enclave": one.enclave} for one in added]
     enclaves = ", ".join(sorted({one.enclave for one in added}))
-    text = f"wrote {policy_file}: {len(added)} nodes, enclaves {enclaves}"
+    text = f"wrote {policy_file}: {pluralize(len(added), 'node')}, enclaves {enclaves}"
     terminal_output.result([text], as_json, {"policy": policy_file, "nodes": rows})
 
 

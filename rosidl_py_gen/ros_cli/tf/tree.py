@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rosidl_py_gen.base.terminal_text import json_text
+from rosidl_py_gen.base.terminal_text import json_text, pluralize
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, options, terminal_output, verb
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str
         draw = {"json": lambda: json_text(document(frames, names), indent=2), "mermaid": lambda: mermaid(frames, names)}
         terminal_output.drawing(kind, output, lines(frames, names), draw)
     if output is not None:
-        terminal_output.note(f"wrote {output}: {len(frames.frames) + len(frames.roots())} frames")
+        terminal_output.note(f"wrote {output}: {pluralize(len(frames.frames) + len(frames.roots()), 'frame')}")
 
 
 def lines(frames: FrameStatistics, names: dict[Any, str]) -> Iterator[tuple[str, str]]:
@@ -112,7 +112,7 @@ def _problems(frames: FrameStatistics) -> Iterator[str]:
         yield f"frames that form a loop, or are below one: {', '.join(loop[:20])}"
     for frame in frames.frames.values():
         if len(frame.sources) > 1 and not frame.is_static:
-            yield f"{frame.name} comes from {len(frame.sources)} publishers"
+            yield f"{frame.name} comes from {pluralize(len(frame.sources), 'publisher')}"
 
 
 def mermaid(frames: FrameStatistics, names: dict[Any, str]) -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import options, terminal_output
 from rosidl_py_gen.ros_cli.graph_verbs import find_verb, graph_rows, type_verb
 
@@ -59,8 +60,7 @@ async def list_(
         terminal_output.line(f"{heading} topics:", "bold")
         for row in rows:
             if number := row[f"{kind}s"]:
-                plural = "s" if number > 1 else ""
-                terminal_output.line(f" * {row['name']} [{', '.join(row['types'])}] {number} {kind}{plural}")
+                terminal_output.line(f" * {row['name']} [{', '.join(row['types'])}] {pluralize(number, kind)}")
         terminal_output.line()
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic
 
 from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
@@ -23,7 +24,7 @@ from rosidl_py_gen.runtime.actions.goal_callbacks import (
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionEntity, ActionT_co, goal_id_of, server_callbacks, set_goal_id
-from rosidl_py_gen.runtime.entities.entity_scope import entity_repr, pluralize
+from rosidl_py_gen.runtime.entities.entity_scope import entity_repr
 from rosidl_py_gen.runtime.entities.message_types import raw_type
 from rosidl_py_gen.runtime.entities.server import ServiceServer
 from rosidl_py_gen.runtime.loop.async_queue import AsyncQueue

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 from rosidl_py_gen.base.callbacks import RegistrationSet, require_signature
 from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.graph.type_hashes import DEFAULT_CHECK, checked_mode
@@ -193,11 +194,6 @@ def entity_repr(entity: Entity, *details: str, peers: Callable[[], int], peer: s
     """
     state = "closed" if entity._closed or entity._scope.closed else pluralize(peers(), peer)
     return f"{type(entity).__name__}({', '.join((*details, state))})"
-
-
-def pluralize(number: int, noun: str) -> str:
-    """Return a count with its noun: ``1 server``, ``2 servers``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 class Throttle:

@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar, cast
 
 from rosidl_py_gen.base.blocking import blocking
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import Waiters, current_loop
 from rosidl_py_gen.errors import ClosedError, DecodeError
 from rosidl_py_gen.runtime.entities.entity_scope import (
@@ -23,7 +24,6 @@ from rosidl_py_gen.runtime.entities.entity_scope import (
     PollableEntity,
     Throttle,
     entity_repr,
-    pluralize,
     user_callback,
 )
 from rosidl_py_gen.runtime.entities.message_types import has_unbounded_bytes

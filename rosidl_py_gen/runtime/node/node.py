@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from rosidl_py_gen.base.latch import Latch
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.base.waiters import current_loop
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
-from rosidl_py_gen.runtime.entities.entity_scope import Entity, pluralize
+from rosidl_py_gen.runtime.entities.entity_scope import Entity
 from rosidl_py_gen.runtime.entities.message_types import DictMessage, message_type, raw_type
 from rosidl_py_gen.runtime.entities.publisher import Publisher
 from rosidl_py_gen.runtime.entities.subscription import Subscription
