@@ -19,6 +19,8 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
+BROKEN_PIPE = 141
+"""Exit code that a shell reports for a program ended by SIGPIPE."""
 REPEAT_S = 0.4
 """Time after a signal in which SIGINT is the same request. A larger value ignores a user who insists; with a smaller
 one, a second signal that a busy machine delivers late interrupts the shutdown."""

@@ -23,6 +23,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import DefinitionError, RosidlError, TypeNotFoundError
+from rosidl_py_gen.generator_cli.completion_callbacks import lazy_completion
 from rosidl_py_gen.generator_cli.diagnostics_output import (
     count,
     echo,
@@ -34,7 +35,6 @@ from rosidl_py_gen.generator_cli.diagnostics_output import (
     usage_error_text,
 )
 from rosidl_py_gen.generator_cli.distro_option import DISTRIBUTION, distro
-from rosidl_py_gen.generator_cli.lazy_completion import lazy_completion
 
 if TYPE_CHECKING:
     from rosidl_py_gen.base.names import RosName

@@ -8,11 +8,13 @@ from __future__ import annotations
 import io
 import os
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
 
+from rosidl_py_gen.base.interrupts import BROKEN_PIPE
 from rosidl_py_gen.base.terminal_text import json_text, pluralize, printable_lines
 from rosidl_py_gen.errors import Diagnostic, printable
 
@@ -38,7 +40,11 @@ def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
     """Print one or more lines: texts, or pairs of a text and its style, ``"bold"`` or a colour."""
     pairs = (part if isinstance(part, tuple) else (part, "") for part in parts)
     text = "".join(_styled(printable_lines(text), style) for text, style in pairs)
-    click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)
+    try:
+        click.echo(text, err=err, color=False if os.environ.get("NO_COLOR") else None)
+    except BrokenPipeError:  # the reader of the output has ended, as `head` does; click would end with 1
+        os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
+        raise click.exceptions.Exit(BROKEN_PIPE) from None
 
 
 def _styled(text: str, style: str) -> str:

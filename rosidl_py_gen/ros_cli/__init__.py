@@ -24,7 +24,7 @@ from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.base.interrupts import command_interrupts
+from rosidl_py_gen.base.interrupts import BROKEN_PIPE, command_interrupts
 from rosidl_py_gen.base.project import importable_current_folder, with_project_path
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.base.terminal_text import printable_line, printable_lines
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 DAMAGED = 3
 """Exit code of a command that skipped damaged parts of a recording."""
-_BROKEN_PIPE = 141
-"""Exit code that a shell reports for a program ended by SIGPIPE."""
 
 
 class CommandError(RosidlError):
@@ -93,7 +91,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
             sys.stdout.flush()
         except BrokenPipeError:  # click would end with 1
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = _BROKEN_PIPE
+            code = BROKEN_PIPE
         if code:
             raise click_module().exceptions.Exit(code)
 

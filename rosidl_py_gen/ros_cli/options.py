@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from rosidl_py_gen.generator_cli.completion_callbacks import lazy_completion
 from rosidl_py_gen.generator_cli.distro_option import distro
-from rosidl_py_gen.generator_cli.lazy_completion import lazy_completion
 from rosidl_py_gen.ros_cli import AsyncCommand, CommandError, verb
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from support.interface_packages import write
 from support.node_fixtures import until
 from support.program_processes import PACKAGE_XML
 
-from rosidl_py_gen import get_action, get_message, ros_cli
+from rosidl_py_gen import generator_cli, get_action, get_message, ros_cli
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.generator_cli import shells
 
@@ -37,6 +37,74 @@ def test_an_unknown_command_is_a_wrong_command_line(capsys: pytest.CaptureFixtur
         ros_cli.main(["topik"])
     assert end.value.code == 2
     assert 'did you mean "topic"?' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("component", "components are shared libraries of C++"),
+        ("daemon", "there is no daemon"),
+        ("multicast", "`rosidl-py doctor` checks multicast"),
+        ("pkg", "`rosidl-py run --list` prints packages"),
+        ("wtf", "`rosidl-py doctor` checks the installation"),
+    ],
+)
+def test_command_of_ros2_that_does_not_exist_has_a_hint(
+    name: str, hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        ros_cli.main([name])
+    *_, error = capsys.readouterr().err.splitlines()
+    assert end.value.code == 2 and error.startswith(f'error: no command "{name}"; {hint}')
+
+
+def commands(command: click.Command, context: click.Context) -> Iterator[click.Command]:
+    """Yield a command and the commands below it."""
+    yield command
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            assert inner is not None
+            yield from commands(inner, context)
+
+
+@pytest.mark.parametrize("group", [ros_cli.root(), generator_cli.cli], ids=["rosidl-py", "rosidl-py-gen"])
+@pytest.mark.parametrize("error", [RuntimeError("no"), TypeError("no"), SystemExit(1), KeyboardInterrupt()], ids=repr)
+def test_completion_of_every_parameter_raises_nothing(
+    group: click.Group, error: BaseException, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(name: str) -> None:
+        raise error
+
+    completed = 0
+    for command in [*commands(group, click.Context(group))]:
+        context = click.Context(command)
+        for parameter in command.params:
+            own = parameter._custom_shell_complete
+            if own is None:
+                continue
+            with monkeypatch.context() as patched:
+                patched.setattr("rosidl_py_gen.generator_cli.completion_callbacks.import_module", fail)
+                assert parameter.shell_complete(context, "a\x1b[2J") == [], (command.name, parameter.name)
+            completed += 1
+    assert completed > 20 or group is generator_cli.cli
+
+
+def test_completion_of_a_field_before_the_topic_has_no_suggestions() -> None:
+    environment = os.environ | {
+        "_ROSIDL_PY_COMPLETE": "bash_complete",
+        "COMP_WORDS": "rosidl-py topic echo --field ",
+        "COMP_CWORD": "4",
+    }
+    command = [sys.executable, "-m", "rosidl_py_gen.ros_cli"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert (done.stdout.strip(), done.stderr) == ("", "")
+
+
+def test_output_of_the_generator_that_nobody_reads_ends_quietly() -> None:
+    text = f"{shlex.quote(sys.executable)} -m rosidl_py_gen.generator_cli --list | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", text], capture_output=True, text=True, timeout=60)
+    assert done.stderr == "" and done.stdout in ("141\n", "0\n")
 
 
 def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]) -> None:

@@ -74,7 +74,6 @@ setup(
 SETUP_CFG = "[develop]\nscript_dir=$base/lib/robot\n[install]\ninstall_scripts=$base/lib/robot\n"
 HEAD = """
 import os
-import re
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription, OpaqueFunction
@@ -127,8 +126,7 @@ FILES = {
         before="    later = lambda context: [\n        Node(package='robot',\n executable='talkr')\n    ]\n",
     ),
     "include.launch.py": _file("IncludeLaunchDescription(AnyLaunchDescriptionSource('src/robot/xml.launch'))"),
-    "ros2.launch.py": _file("ExecuteProcess(cmd=['ros2', 'topic', 'list'])"),
-    "ros2_pkg.launch.py": _file("ExecuteProcess(cmd=['ros2', 'pkg'])"),
+    "ros2.launch.py": _file("ExecuteProcess(cmd=['ros2', 'pkg', 'prefix', 'robot'])"),
     "required.launch.py": _file("DeclareLaunchArgument('model', description='URDF file')"),
 }
 NODE = '  <node pkg="robot"\n    exec="talkr"/><!-- talkr -->\n'
@@ -161,8 +159,10 @@ def _settings(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
     monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
-def _launch(workspace: Path, *words: str, stub: bool = True) -> subprocess.CompletedProcess[str]:
-    return started(*LAUNCH, *words, *(FROM if stub else ()), cwd=workspace, LAUNCH_STUB_LOOKUP="1", PATH=os.defpath)
+def _launch(
+    workspace: Path, *words: str, stub: bool = True, path: str = os.defpath
+) -> subprocess.CompletedProcess[str]:
+    return started(*LAUNCH, *words, *(FROM if stub else ()), cwd=workspace, LAUNCH_STUB_LOOKUP="1", PATH=path)
 
 
 def _children() -> set[str]:
@@ -244,11 +244,6 @@ ERRORS = {
     ("src/robot/yaml.launch",): "src/robot/yaml.launch:4: missing executable talkr of robot; did you mean ",
     ("src/robot/twice.launch",): "src/robot/twice.launch: missing executable talkr of robot; did you mean ",
     ("robot", "include.launch.py"): "src/robot/xml.launch:3: missing executable talkr of robot; did you mean ",
-    (
-        "robot",
-        "ros2.launch.py",
-    ): f"{LAUNCH_DIR}/ros2.launch.py:11: missing command ros2: rosidl-py topic does what ros2 topic does; {CURE}",
-    ("robot", "ros2_pkg.launch.py"): f"{LAUNCH_DIR}/ros2_pkg.launch.py:11: missing command ros2; {CURE}",
     ("robot", "missing.launch.py"): f"{LAUNCH_DIR}/missing.launch.py:11: missing package gazebo_ros; {CURE}",
     ("robot", "imports.launch.py"): f"{LAUNCH_DIR}/imports.launch.py:1: missing Python module nav2_common; {CURE}",
     (
@@ -269,7 +264,7 @@ ERRORS = {
     "and AMENT_PREFIX_PATH",
     ("nowhere/x.launch.py",): "nowhere/x.launch.py: expected a launch file, no such file",
     ("src/robot/launch/",): "src/robot/launch/: expected a launch file, it is a folder",
-    ("robot", "robot.launch.py", "name=x"): 'Error: expected NAME:=VALUE, found "name=x"',
+    ("robot", "robot.launch.py", "name=x"): 'error: expected NAME:=VALUE, found "name=x"',
     ("robot", "robot.launch.py", "--launch-prefix-filter", "x"): "--launch-prefix-filter requires --launch-prefix",
 }
 
@@ -302,6 +297,16 @@ RETURNED = {
     "[OpaqueFunction(function=print)]": "generate_launch_description returned a value of type list; ",
     "OpaqueFunction(function=print)": "generate_launch_description returned a value of type OpaqueFunction; ",
 }
+
+
+def test_ros2_of_a_launch_file_is_rosidl_py_unless_path_has_another_one(workspace: Path, tmp_path: Path) -> None:
+    done = _launch(workspace, "robot", "ros2.launch.py")
+    assert done.returncode == 0 and "[ros2]: process has ended with 0" in done.stdout, done.stderr
+    assert any(os.path.isdir(os.path.join(line, "share/robot")) for line in done.stdout.splitlines())
+    (tmp_path / "ros2").write_text("#!/bin/sh\necho the ros2 of ROS\n")
+    (tmp_path / "ros2").chmod(0o755)
+    done = _launch(workspace, "robot", "ros2.launch.py", path=f"{os.defpath}{os.pathsep}{tmp_path}")
+    assert "the ros2 of ROS" in done.stdout
 
 
 def wrong_description(folder: Path, returned: str, *options: str) -> subprocess.CompletedProcess[str]:

@@ -143,6 +143,35 @@ def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
     assert as_json["missing"][0].keys() == {"file", "line", "text"}
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from .sub.mod import X",
+        "from .sub.deep.mod import X",
+        "from . import sub",
+        "from .sub import mod",
+        "from talker.sub.mod import X",
+        "import talker.sub.deep.mod",
+        "from .sub.nowhere import X",
+    ],
+)
+def test_folder_without_init_is_read_as_a_namespace_package(tmp_path: Path, line: str) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/talk.py": f"{line}\nimport missing_one",
+        "src/talker/talker/sub/mod.py": "X = 1\nimport missing_two",
+        "src/talker/talker/sub/deep/mod.py": "X = 1\nimport missing_three",
+    }
+    write(tmp_path, files)
+    found = run("--check", "talker", "talk", cwd=tmp_path)
+    assert "no package missing_one" in found.stdout and found.stderr == "" and found.returncode == 1
+    expected = {"from .sub.mod": "missing_two", "from .sub.deep": "missing_three", "import talker": "missing_three"}
+    for start, name in expected.items():
+        assert (name in found.stdout) or not line.startswith(start)
+
+
 def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
     files = {
         "src/talker/package.xml": PACKAGE_XML.format("talker"),

@@ -190,14 +190,14 @@ def _checked_elements(owner: Any, elements: Any) -> list[Any] | None:
     entity = import_module("launch").LaunchDescriptionEntity
     if isinstance(elements, (str, entity)) or not isinstance(elements, Iterable):
         raise TypeError(f"{name} returned {_described(elements)}; {expected} in a list")
-    elements = [*elements]
-    for number, one in enumerate(elements, 1):
+    checked = list[Any](elements)
+    for number, one in enumerate(checked, 1):
         if not isinstance(one, entity):
             # Other actions add elements of their own.
             position = f"element {number}" if name in ("LaunchDescription", "OpaqueFunction") else "an element"
             cure = "; * in front of the list unpacks it" if isinstance(one, (list, tuple)) else ""
             raise TypeError(f"{position} of {name} is {_described(one)}; {expected}{cure}")
-    return elements
+    return checked
 
 
 def _described(value: Any) -> str:
