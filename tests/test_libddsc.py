@@ -15,6 +15,7 @@ from rosidl_py_gen.generator_cli import main
 from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.library import LibraryWheel
 from rosidl_py_gen.wheels import libddsc
+from rosidl_py_gen.wheels.installer import Installer
 
 PLATFORMS = {
     ("linux", "x86_64"): "cyclonedds-11.0.1-cp313-cp313-manylinux_2_17_x86_64.manylinux2014_x86_64.whl",
@@ -45,6 +46,7 @@ def this_wheel() -> LibraryWheel:
 def test_wheel_of_the_platform_is_chosen(platform: tuple[str, str], file: str, monkeypatch: pytest.MonkeyPatch) -> None:
     wheel = on_platform(monkeypatch, *platform)
     assert wheel is not None and wheel.file == file
+    monkeypatch.setattr(library, "has_gil_build", lambda: True)
     monkeypatch.setattr("sys.version_info", (3, 14, 0, "final", 0))
     assert not library.has_wheel() and library.install_advice() == "rosidl-py-gen libddsc"
     monkeypatch.setattr("sys.version_info", (3, 13, 0, "final", 0))
@@ -89,6 +91,31 @@ def index_settings(monkeypatch: pytest.MonkeyPatch, **settings: str) -> None:
     for name, value in settings.items():
         monkeypatch.setenv(f"PIP_{name}", value)
         monkeypatch.setenv(f"UV_{'DEFAULT_INDEX' if name == 'INDEX_URL' else name}", value)
+
+
+def test_pip_of_a_free_threaded_python_selects_the_recorded_wheel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the tag of the ABI it selects wheels of free-threaded Pythons, and cyclonedds has none."""
+    wheel = this_wheel()
+    if libddsc.find_installer().name == "uv":
+        pytest.skip("uv has no option for it")
+    commands: list[tuple[str, ...]] = []
+    monkeypatch.setattr(Installer, "_run", lambda _, action, *command: commands.append(command))
+    with pytest.raises(OutputError, match="has no "):  # nothing was downloaded
+        libddsc.fetch(wheel, tmp_path)
+    assert {"--abi=cp313", "--python-version=3.13"} <= set(commands[0])
+
+
+def test_uv_of_a_free_threaded_python_is_one_line_that_names_pip(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wheel = this_wheel()
+    monkeypatch.setattr(libddsc, "find_installer", lambda: Installer("uv", (), (), ()))
+    monkeypatch.setattr("sysconfig.get_config_var", lambda name: name == "Py_GIL_DISABLED")
+    with pytest.raises(OutputError, match=r"^libddsc: uv selects only wheels .*`uv pip install pip`, then ") as error:
+        libddsc.fetch(wheel, tmp_path)
+    assert "\n" not in str(error.value) and not library.has_wheel()
 
 
 def test_wheel_of_the_index_with_another_checksum_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,20 +40,19 @@ class Installer:
         """Uninstall distributions by name; raises `OutputError` with the output of the program."""
         self._run("uninstall", *self._uninstall, *distributions)
 
-    def unpack(self, requirements: Path, target: Path, python: str, platform: str) -> None:
+    def unpack(self, requirements: Path, target: Path, python: str, abi: str, platform: str) -> None:
         """Download and unpack wheels for a Python and a platform into a folder.
 
         Args:
             requirements: file with a SHA-256 for each requirement.
             target: new folder.
             python: version of Python, such as 3.13.
+            abi: tag of the ABI, such as cp313; uv uses the one of this interpreter and that version instead.
             platform: tag of the platform, such as win_amd64; uv uses this platform instead.
 
         Raises:
             OutputError: the index cannot be reached or has other files; the text has the output of the program.
         """
-        # The abi is named, because pip of a free-threaded Python takes only wheels for free-threaded ones by default.
-        abi = f"cp{python.replace('.', '')}"
         tags = () if self.name == "uv" else (f"--abi={abi}", *(f"--platform={one}" for one in platform.split(".")))
         self._run(
             "install",

@@ -81,9 +81,15 @@ def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
 def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
     """Return library and licence of a wheel that pip or uv downloads into a folder; raises `OutputError`."""
     requirements, target = folder / "requirements.txt", folder / "wheel"
+    installer = find_installer()
+    if installer.name == "uv" and not library.has_gil_build():
+        raise OutputError(
+            "libddsc: uv selects only wheels for a free-threaded Python here, and cyclonedds has none; expected pip, "
+            f"which can select others: `uv pip install pip`, then `{LIBRARY_COMMAND}`"
+        )
     requirements.write_text(f"cyclonedds=={wheel.VERSION} --hash=sha256:{wheel.sha256}\n", encoding="utf-8")
     try:
-        find_installer().unpack(requirements, target, wheel.PYTHON, wheel.platform)
+        installer.unpack(requirements, target, wheel.PYTHON, wheel.abi, wheel.platform)
     except OutputError as error:
         raise OutputError(
             f"libddsc: {_cause(str(error), wheel)}; check the settings of the index, or get {wheel.file} in another "
@@ -114,7 +120,7 @@ def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
             if found != wheel.sha256:
                 raise OutputError(
                     f"{file}: the SHA-256 is {found}; expected {wheel.sha256} of {wheel.file}, which "
-                    f"`pip download --no-deps --only-binary=:all: --python-version {wheel.PYTHON} "
+                    f"`pip download --no-deps --only-binary=:all: --python-version {wheel.PYTHON} --abi {wheel.abi} "
                     f"--platform {wheel.platform.split('.')[0]} cyclonedds=={wheel.VERSION}` downloads"
                 )
             with ZipFile(opened) as archive:

@@ -68,10 +68,14 @@ class LibraryWheel:
     PYTHON: ClassVar[str] = "3.13"
 
     @property
+    def abi(self) -> str:
+        """Tag of the ABI; it must be named, because pip of a free-threaded Python selects wheels for such a Python."""
+        return f"cp{self.PYTHON.replace('.', '')}"
+
+    @property
     def file(self) -> str:
         """File name of the wheel."""
-        tag = f"cp{self.PYTHON.replace('.', '')}"
-        return f"cyclonedds-{self.VERSION}-{tag}-{tag}-{self.platform}.whl"
+        return f"cyclonedds-{self.VERSION}-{self.abi}-{self.abi}-{self.platform}.whl"
 
 
 _LINUX_LIBRARY, _MAC_LIBRARY = "libddsc-ad12c33a.so.11.0.1", "libddsc.11.0.1.dylib"
@@ -238,7 +242,7 @@ def library_wheel() -> LibraryWheel | None:
 def has_wheel() -> bool:
     """Return True if cyclonedds has a wheel for this Python; pyproject.toml has the same markers."""
     is_supported = sys.version_info < (3, 14) and sys.implementation.name == "cpython"
-    return is_supported and _is_gil_build() and library_wheel() is not None
+    return is_supported and has_gil_build() and library_wheel() is not None
 
 
 def _has_glibc() -> bool:
@@ -249,7 +253,7 @@ def _has_glibc() -> bool:
         return False
 
 
-def _is_gil_build() -> bool:
+def has_gil_build() -> bool:
     """Return True unless this is a free-threaded Python, which has wheels of its own kind."""
     import sysconfig
 
