@@ -112,7 +112,7 @@ class EventHandler(Waitable):
 
     async def execute(self, taken_data: Any) -> None:
         if taken_data:
-            import rclpy.executors  # it imports this module
+            import rclpy  # its `executors` is loaded, because one of them calls this method
 
             await rclpy.executors.await_or_execute(self.callback, taken_data)
 
