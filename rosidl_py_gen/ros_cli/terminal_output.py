@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -148,6 +149,12 @@ def mermaid_label(text: str) -> str:
 def note(text: str) -> None:
     """Print one line on standard error, next to the output of a command."""
     print(printable_line(text), file=sys.stderr, flush=True)
+
+
+@cache
+def note_once(text: str) -> None:
+    """Print one line on standard error, unless this process has printed it."""
+    note(text)
 
 
 def names(rows: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:

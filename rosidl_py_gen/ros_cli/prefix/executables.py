@@ -61,16 +61,18 @@ def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dic
     except UnreadableError as error:
         raise CommandError(f"{folder / 'CMakeLists.txt'}: {error.reason}") from error
     for text in setup.problems:
-        terminal_output.note(f"warning: {text}")
-    for argument in ("entry_points", "scripts"):
-        if why := setup.uncertain.get(argument):
-            terminal_output.note(f"note: {uncertain_text(argument, folder, why)}; there may be other executables")
+        terminal_output.note_once(f"warning: {text}")
+    if text := uncertain_text(setup, folder, "entry_points", "scripts"):
+        terminal_output.note_once(f"note: {text}; there may be other executables")
     return {one.name: one for one in reversed(found)}
 
 
-def uncertain_text(argument: str, folder: Path, why: str) -> str:
-    """Return a text about an argument of `setup` that is not known."""
-    return f"{argument} of {display_path(folder / 'setup.py')} are not known without running it: {why}"
+def uncertain_text(setup: PackageSetup, folder: Path, *arguments: str) -> str:
+    """Return a text about arguments of `setup` that are not known; empty if all are known."""
+    unknown = [name for name in arguments if name in setup.uncertain]
+    place = display_path(folder / "setup.py")
+    text = f"{' and '.join(unknown)} of {place} are not known without running it: "
+    return text + setup.uncertain[unknown[0]] if unknown else ""
 
 
 def console_scripts(

@@ -277,14 +277,12 @@ class PackagePlan:
     def _note_uncertain(self, setup: PackageSetup) -> None:
         """Note what is uncertain: files are linked instead, executables may be missing."""
         ask = "" if self._run is not None else "; rosidl-py run, launch and test run setup.py to know them"
-        for name, what in (("entry_points", "other executables"), ("scripts", "other executables")):
-            if why := setup.uncertain.get(name):
-                text = executables.uncertain_text(name, self._folder, why)
-                self._problem(f"{text}; {what} of it are missing{ask}")
-        if why := setup.uncertain.get("data_files"):
+        if text := executables.uncertain_text(setup, self._folder, "entry_points", "scripts"):
+            self._problem(f"{text}; executables may be missing{ask}")
+        if text := executables.uncertain_text(setup, self._folder, "data_files"):
             self._is_complete, self._links_top = False, True
-            text = executables.uncertain_text("data_files", self._folder, why)
-            self.notes.append(f"{self.name}: {text}; all files of the package are linked, at their places there{ask}")
+            linked = f"share/{self.name} has all files of the package, at their paths in the sources"
+            self.notes.append(f"{self.name}: {text}; {linked}{ask}")
 
     def _add_modules(self, setup: PackageSetup) -> None:
         """Add links to the Python packages and modules."""

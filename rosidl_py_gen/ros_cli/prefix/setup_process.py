@@ -16,7 +16,7 @@ from pathlib import Path
 from threading import Thread
 from typing import IO, Any
 
-from rosidl_py_gen.base.scanned_paths import note
+from rosidl_py_gen.base.scanned_paths import Stamp, note, stamp
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, files_below
 from rosidl_py_gen.errors import RosidlError, display_path, printable
 from rosidl_py_gen.ros_cli import terminal_output
@@ -33,23 +33,27 @@ _VARIABLES = ("ROS_DISTRO", "ROS_VERSION", "AMENT_PREFIX_PATH", "PYTHONPATH")
 """Environment variables that setup.py files read."""
 
 
+_results: dict[tuple[Path, Stamp], Any] = {}
+"""Results of this process, or error texts, by folder and stamp of setup.py."""
+
+
 class SetupRunError(RosidlError):
     """A setup.py has failed, or did not end in time."""
 
 
 def run_setup_py(folder: Path, why: str) -> SetupArguments:
-    """Return the arguments of all calls of `setup` in the setup.py of a package, which is run.
+    """Run the setup.py of a package; return the arguments of all its calls of `setup`.
 
     Args:
         folder: of the package.
-        why: the reason, for a line on standard error.
+        why: the reason, for a line on standard error; the file is run once in a process.
 
     Raises:
         SetupRunError: it has failed.
     """
 
     def run() -> Any:
-        terminal_output.note(f"note: running {display_path(folder / 'setup.py')}, which computes {printable(why, 200)}")
+        terminal_output.note(f"note: running {display_path(folder / 'setup.py')}, because {printable(why, 200)}")
         with suppress(UnreadableError):
             files_below(folder)  # notes the folders
         result = _record(folder)
@@ -58,7 +62,15 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
         return result
 
     settings = ("setup", sys.executable, str(folder), [os.environ.get(name) for name in _VARIABLES])
-    result = cached(settings, run)
+    key = folder, stamp(str(folder / "setup.py"))
+    if key not in _results:
+        try:
+            _results[key] = cached(settings, run)
+        except SetupRunError as error:
+            _results[key] = str(error)
+    result = _results[key]
+    if isinstance(result, str):
+        raise SetupRunError(result)
     # The caller may be a cached search itself.
     with suppress(UnreadableError):
         files_below(folder)

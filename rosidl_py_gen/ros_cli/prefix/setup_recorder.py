@@ -61,8 +61,9 @@ def main() -> None:
 
 def _note_file(read: dict[str, None], event: str, arguments: tuple[object, ...]) -> None:
     if event in ("open", "os.listdir", "os.scandir") and len(read) < 10 * _MAX_READ:
-        path = arguments[0] if arguments else None
-        if isinstance(path, str | bytes):
+        path, mode = (*arguments, None, None)[:2]
+        is_written = event == "open" and isinstance(mode, str) and not set(mode).isdisjoint("wax+")
+        if isinstance(path, str | bytes) and not is_written:
             read.setdefault(os.path.abspath(os.fsdecode(path)))
 
 
@@ -125,6 +126,7 @@ def _replacement(name: str) -> Any:
     """Return a module whose other names are new classes."""
     module = ModuleType(name)
     module.__path__ = []
+    module.__file__ = f"<{name}>"
 
     def get(attribute: str) -> type:
         if attribute.startswith("__"):

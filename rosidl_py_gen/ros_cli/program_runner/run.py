@@ -77,26 +77,26 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
     """Return the prefix of some workspaces in the cache, built again only if files or folders have changed."""
     built = []
 
-    def build() -> str:
+    def build() -> list[str]:
         from rosidl_py_gen.ros_cli.prefix.build import STATE, build_prefix  # slow to import
 
         for place in sys.path:
             note(place)
         copies = [replace(one) for one in workspaces]  # a workspace that was read before notes no paths
         prefix = build_prefix(roots(copies), runs_setup=True)
-        for text in prefix.notes:
-            terminal_output.note(f"warning: {text}")
         for folder in prefix.packages.values():
             with suppress(UnreadableError):
                 files_below(folder)
         note(prefix.folder / STATE)
         built.append(prefix)
-        return str(prefix.folder)
+        return [str(prefix.folder), *prefix.notes]
 
-    folder = cached(("prefix", sys.executable, sys.path, workspaces), build)
+    folder, *notes = cached(("prefix", sys.executable, sys.path, workspaces), build)
     if not built and not is_usable(Path(folder)):
         # The temporary prefix of another process, or other users have been able to enter the prefix.
-        folder = build()
+        folder, *notes = build()
+    for text in notes:
+        terminal_output.note_once(f"warning: {text}")
     return Path(folder)
 
 

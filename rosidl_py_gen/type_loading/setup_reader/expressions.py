@@ -397,7 +397,8 @@ class Expressions(Variables):
         name = getattr(node.func, "id", getattr(node.func, "attr", ""))
         is_setup = isinstance(function, Known) and function.name in SETUP_FUNCTIONS
         if is_setup or (name == "setup" and isinstance(function, Unknown)):
-            self._record(words, self._doubt() or why or ("" if is_setup else f"{name} of another module"))
+            doubt = next(filter(None, self._doubts), "")
+            self._record(words, doubt or why or ("" if is_setup else f"{name} of another module"))
             return Unknown("setup()", is_harmless=True)
         if why:
             return self._unknown_call(Unknown(why, self._reach(function)), [function, *args.items], words, name)

@@ -107,7 +107,7 @@ def _add_setup_py(found: PackageSetup, text: str, folder: Path, budget: PackageB
         arguments, error = SetupArguments(), raised
     reasons = [(name, arguments.uncertain[name]) for name in _INSTALLED if name in arguments.uncertain]
     if run is not None and (error is not None or reasons):
-        why = str(error) if error is not None else f"{reasons[0][0]}: {reasons[0][1]}"
+        why = str(error) if error is not None else f"{reasons[0][0]} are not known without it: {reasons[0][1]}"
         try:
             arguments, error = run(folder, why), None
         except RosidlError as failure:

@@ -100,12 +100,12 @@ class _Interpreter(Expressions):
         found = merge_calls([{name: value for name, (value, _) in given.items()} for given, _ in self._calls])
         doubts = [why for _, why in self._calls]
         if not self._calls:
-            doubts.append("no call of setup that can be read")
+            doubts.append(self._lost or "no call of setup that can be read")
         elif len(self._calls) > 1:
             doubts.append("several calls of setup")
         for name in ARGUMENTS:
-            reasons = (given[name][1] for given, _ in self._calls if name in given)
-            if why := next(filter(None, (self._lost, *doubts, *reasons)), ""):
+            reasons = (self._lost or given[name][1] for given, _ in self._calls if name in given)
+            if why := next(filter(None, (*doubts, *reasons)), ""):
                 found.uncertain[name] = why
         return found
 
