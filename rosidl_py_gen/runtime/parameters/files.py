@@ -59,6 +59,8 @@ _MAX_LEVELS = 500
 """Maximum depth of maps, which names of nodes and parameters may form; rcl has no limit."""
 _MAX_BYTES = 1 << 28
 """Maximum size of a parameter file: `dump_parameters` may write large texts, such as maps."""
+_MAX_NAME_CHARACTERS = 1 << 26
+"""Maximum length of all names of nodes and parameters of a file together. Nested maps repeat the names of groups."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
 _INTEGER = re.compile(r"[+-]?(?:(?P<hex>0[xX][0-9a-fA-F]+)|(?P<octal>0[0-7]*)|(?P<decimal>[1-9][0-9]*))\Z")
@@ -403,6 +405,7 @@ class _FileReader:
         self._parameter = ""
         self._value: _ValueReader | None = None
         self._empty_map: yaml.Event | None = None
+        self._name_characters = 0
 
     def read(self, event: yaml.Event) -> None:
         if isinstance(event, yaml.NodeEvent):
@@ -429,6 +432,11 @@ class _FileReader:
 
     def _fail(self, event: yaml.Event, text: str) -> NoReturn:
         _fail(self._file_name, event, text)
+
+    def _count_name(self, event: yaml.Event, name: str) -> None:
+        self._name_characters += len(name)
+        if self._name_characters > _MAX_NAME_CHARACTERS:
+            self._fail(event, f"all names together have more than {_MAX_NAME_CHARACTERS} characters")
 
     def _start_map(self, event: yaml.Event) -> None:
         if self._is_key is (self._depth > 0):
@@ -469,6 +477,7 @@ class _FileReader:
             self._section_key, self._is_in_section = event, True
         else:
             self._names.push(event.value)
+            self._count_name(event, self._names.text)
 
     def _read_parameter_name(self, event: yaml.ScalarEvent) -> None:
         assert self._node is not None
@@ -479,6 +488,7 @@ class _FileReader:
             self._parameter, slot = self._node.member_slot(self._groups.text, event.value)
         else:
             self._parameter, slot = event.value, self._node.slot(event.value)
+        self._count_name(event, self._parameter)
         self._value = _ValueReader(self._file_name, slot)
 
     def _read_value(self, event: yaml.Event) -> None:

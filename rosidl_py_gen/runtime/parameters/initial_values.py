@@ -11,7 +11,6 @@ Source: docs/internals/protocol.md 10.5.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -42,9 +41,19 @@ class ParameterOverrides:
 
     def matches(self, fully_qualified_name: str) -> bool:
         """Return True if the pattern matches: ``/*`` stands for one token of a name, ``/**`` for any number."""
-        regex = re.escape(self.pattern).replace(r"/\*", r"(/\w+)")
-        # The second star of "/**" is left, and repeats the group.
-        return re.fullmatch(regex.replace(r"\*", "*"), fully_qualified_name) is not None
+        if "*" not in self.pattern:
+            return self.pattern == fully_qualified_name
+        tokens = fully_qualified_name.split("/")[1:]
+        ends = {0}
+        """Numbers of tokens that the pattern up to here may match. A regular expression could take exponential time."""
+        for part in self.pattern.split("/")[1:]:
+            if part == "**":
+                ends = set(range(min(ends), len(tokens) + 1))
+            else:
+                ends = {end + 1 for end in ends if end < len(tokens) and part in ("*", tokens[end])}
+            if not ends:
+                return False
+        return len(tokens) in ends
 
 
 def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> dict[str, ParameterValue]:

@@ -238,6 +238,9 @@ def test_the_last_matching_entry_wins_not_the_most_specific() -> None:
         ("/ns/**", ["/ns", "/ns/a", "/ns/a/b"], ["/a/ns", "/nsx/a"]),
         ("/**/n", ["/n", "/a/n", "/a/b/n"], ["/a/nn", "/xn"]),
         ("/a.b", ["/a.b"], ["/axb"]),
+        ("/*/**/*", ["/a/b", "/a/b/c"], ["/a"]),
+        ("/**/a/**/b/**", ["/a/b", "/x/a/y/b/z"], ["/b/a", "/a", "/ab"]),
+        ("/**" * 400 + "/x", ["/x", "/a/b/c/d/x"], ["/a/b/c/d/e"]),
     ],
 )
 def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
@@ -299,6 +302,22 @@ def test_many_repeated_names_are_read_in_linear_time() -> None:
     start = time.process_time()
     assert set(parse_parameter_file(text)[0].values) == {"g.h.i"}
     assert time.process_time() - start < 20
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ["a:", *("b" * 200 + ":" for _ in range(400)), *[f"n{i}: {{ros__parameters: {{}}}}" for i in range(2000)]],
+        ["a:", "ros__parameters:", *("b" * 900 + ":" for _ in range(300)), *[f"x{i}: 1" for i in range(2000)]],
+    ],
+    ids=["nodes", "parameters"],
+)
+def test_names_that_grow_out_of_proportion_are_refused(keys: list[str]) -> None:
+    groups = [key for key in keys if key.endswith(":")]
+    lines = [f"{'  ' * level}{key}" for level, key in enumerate(groups)]
+    text = "\n".join([*lines, *("  " * len(groups) + key for key in keys[len(groups) :])])
+    with pytest.raises(ParameterFileError, match="all names together have more than"):
+        parse_parameter_file(text)
 
 
 def test_an_empty_file_has_no_parameters() -> None:
