@@ -25,6 +25,7 @@ from support.environments import cache_folder, require
 from support.example_counts import examples
 from support.without_message_packages import restart_without_message_packages
 
+from rosidl_py_gen.base.resources import WITHOUT_WHEELS, missing_extra_message
 from rosidl_py_gen.runtime.transport.cyclone import library
 
 NOT_QUICK = re.compile(
@@ -176,6 +177,8 @@ class _ModuleOfTests(pytest.Module):
             cause = error.__cause__
             if isinstance(cause, ModuleNotFoundError):
                 name = str(cause.name).partition(".")[0]
+                if sys.version_info[:2] >= WITHOUT_WHEELS.get(name, (4, 0)):
+                    pytest.skip(str(missing_extra_message(cause)), allow_module_level=True)
                 if name in ONLY_IN_TEST_ALL and "ROSIDL_TEST_REQUIRE_PEERS" not in os.environ:
                     pytest.skip(_needs(name), allow_module_level=True)
             raise

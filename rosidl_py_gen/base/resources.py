@@ -5,6 +5,7 @@ In a wheel, `templates/` and `interfaces/` are inside the package; in a checkout
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,8 @@ _EXTRA_OF = {
     "packaging": "launch",
 }
 """Modules that only extras install."""
+WITHOUT_WHEELS = {"lz4": (3, 15), "mcap": (3, 15), "zstandard": (3, 15)}
+"""Modules that extras do not install from a Python version on, because the package index has no wheels for it yet."""
 
 
 def templates_dir() -> Path:
@@ -70,6 +73,12 @@ def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
     if name not in _EXTRA_OF:
         return None
     text = f"this needs {name}, which is not installed: {install_command(_EXTRA_OF[name])}"
+    if sys.version_info[:2] >= WITHOUT_WHEELS.get(name, (4, 0)):
+        version = f"CPython {sys.version_info[0]}.{sys.version_info[1]}"
+        text = (
+            f"this needs mcap, whose dependencies lz4 and zstandard have no wheels for {version} yet: use an older "
+            "Python, or compile them by `pip install mcap`, which needs a C compiler and the headers of Python"
+        )
     return ExtraMissingError(text, name=name)
 
 
