@@ -362,7 +362,7 @@ def test_without_launch_the_error_has_the_commands_of_pip(workspace: Path) -> No
     done = _launch(workspace, "robot", "robot.launch.py", stub=False)
     assert done.returncode == 1
     assert "the package launch of ROS is neither installed nor below --path; run: pip install " in done.stderr
-    for part in ("launch@3.4.3#subdirectory=launch'", "launch_ros@0.26.6#subdirectory=launch_ros'", "[launch]"):
+    for part in ("launch@jazzy#subdirectory=launch'", "launch_ros@jazzy#subdirectory=launch_ros'", "[launch]"):
         assert part in done.stderr
     assert "pip install --no-deps 'git+https://github.com/ros2/launch@" in done.stderr
 

@@ -28,8 +28,9 @@ from rosidl_py_gen.ros_cli.prefix.build import NAME_RULE, Prefix, build_prefix, 
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, roots, workspaces
 
-_ORIGINS = dict.fromkeys(("launch", "launch_xml", "launch_yaml"), "launch@3.4.3") | {"launch_ros": "launch_ros@0.26.6"}
-"""Repositories of ros2 and versions of Jazzy. The package index has another `launch`: docs/internals/protocol.md 15."""
+ORIGINS = dict.fromkeys(("launch", "launch_xml", "launch_yaml"), "launch@jazzy") | {"launch_ros": "launch_ros@jazzy"}
+"""Repositories of ros2 with the branch of Jazzy, which gets corrections. The package index has another `launch`:
+docs/internals/protocol.md 15."""
 _PIP_FOLDERS = ("AMENT_PREFIX_PATH", sys.prefix), ("AMENT_PREFIX_PATH", site.USER_BASE)
 """Folders into which pip installs the share files of launch, and a resource index."""
 _PARSERS = {".xml": "launch_xml", ".yaml": "launch_yaml", ".yml": "launch_yaml"}
@@ -78,8 +79,8 @@ def _require_packages(*names: str) -> None:
             text = f"{spec.origin} is another package with the name launch"
         else:
             continue
-        needed = [one for one in _ORIGINS if find_spec(one) is None or one == name]
-        urls = " ".join(f"'git+https://github.com/ros2/{_ORIGINS[one]}#subdirectory={one}'" for one in needed)
+        needed = [one for one in ORIGINS if find_spec(one) is None or one == name]
+        urls = " ".join(f"'git+https://github.com/ros2/{ORIGINS[one]}#subdirectory={one}'" for one in needed)
         raise CommandError(
             f"{text}; run: {install_command('launch')} && pip install --no-deps {urls}; or clone "
             "https://github.com/ros2/launch and https://github.com/ros2/launch_ros, and pass --launch-from FOLDER"
