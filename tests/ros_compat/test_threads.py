@@ -13,7 +13,10 @@ PROGRAM = Path(__file__).resolve().parent / "semantics" / "threads.py"
 
 @pytest.mark.parametrize(
     "case",
-    ["counted_subscriptions", "services_of_services", "groups_of_what_was_destroyed", "peers_found_during_creation"],
+    [
+        *("counted_subscriptions", "services_of_services", "groups_of_what_was_destroyed"),
+        *("peers_found_during_creation", "own_endpoints_while_another_thread_spins"),
+    ],
 )
 def test_threads_lose_nothing_and_leave_nothing(case: str) -> None:
     done = run(PROGRAM, case, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")

@@ -37,6 +37,11 @@ _ADVICE = (
 )
 _NODE_NAME_GRACE_PERIOD_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
+_OWN_ENDPOINTS_TIMEOUT_S = 0.1
+"""Maximum time that another thread waits for a loop that is busy; after it, own endpoints may be missing for a moment.
+
+A longer time would delay programs that read the graph while a callback blocks the loop.
+"""
 
 
 class Discovery:
@@ -137,10 +142,30 @@ class Discovery:
         self._changed()
 
     def refresh(self) -> None:
-        """Apply received discovery data; does nothing outside the thread of a running loop."""
+        """Apply received discovery data; outside the thread of a running loop, only if own endpoints are missing.
+
+        Thread: any.
+        """
         loop = self._loop_binding.loop
         if loop is None or not loop.is_running() or self._loop_binding.in_loop_thread():
             self._participant.report_discovery()
+        elif not self._has_own_endpoints():
+            # Only the thread of the loop may apply discovery data. Without the wait, an endpoint that this thread has
+            # just created would be missing; in rmw, own endpoints are in the graph at once.
+            is_applied = threading.Event()
+
+            def apply() -> None:
+                try:
+                    self._participant.report_discovery()
+                finally:
+                    is_applied.set()
+
+            self._loop_binding.call_soon(apply)
+            is_applied.wait(_OWN_ENDPOINTS_TIMEOUT_S)
+
+    def _has_own_endpoints(self) -> bool:
+        nodes = list(self._nodes.values())
+        return all(self.graph.endpoints.keys() >= node.reader_gids | node.writer_gids for node in nodes)
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
         topics: set[TopicKey] = set()

@@ -105,6 +105,28 @@ def peers_found_during_creation(node: Node) -> None:
     assert errors == []
 
 
+def own_endpoints_while_another_thread_spins(node: Node) -> None:
+    executor, missing = MultiThreadedExecutor(2), list[str]()
+    executor.add_node(node)
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    spinning.start()
+    name, namespace = node.get_name(), node.get_namespace()
+    for number in range(100):
+        node.create_publisher(String, f"p{number}", 1)
+        if f"/p{number}" not in dict(node.get_publisher_names_and_types_by_node(name, namespace)):
+            missing.append(f"publisher {number}")
+        node.create_subscription(String, f"s{number}", print, 1)
+        if not node.get_subscriptions_info_by_topic(f"s{number}"):
+            missing.append(f"subscription {number}")
+        node.create_service(SetBool, f"v{number}", print)
+        if node.count_services(f"v{number}") != 1:
+            missing.append(f"service {number}")
+    executor.shutdown()
+    spinning.join()
+    # A loop that is busy for longer than the limit of the wait may miss one on a machine under load.
+    assert len(missing) <= 3, missing
+
+
 rclpy.init()
 one = Node("threads", start_parameter_services=False)
 globals()[sys.argv[1]](one)
