@@ -59,6 +59,8 @@ _MAX_LEVELS = 500
 """Maximum depth of maps, which names of nodes and parameters may form; rcl has no limit."""
 _MAX_BYTES = 1 << 28
 """Maximum size of a parameter file: `dump_parameters` may write large texts, such as maps."""
+_NAMESPACE_TOKEN = re.compile(r"[A-Za-z_]\w{0,199}\Z", re.ASCII)
+"""Valid token of a namespace; longer ones may be valid as well."""
 _MAX_NAME_CHARACTERS = 1 << 26
 """Maximum length of all names of nodes and parameters of a file together. Nested maps repeat the names of groups."""
 _TRUE = frozenset(["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
@@ -515,7 +517,11 @@ def node_key_fault(key: str) -> str | None:
         if "" in tokens:
             return "it has // in it" if key.find("//") >= 0 else "it begins with //"
         for token in tokens:
-            fault = None if token in ("*", "**") else find_namespace_fault(f"/{token}")
+            if token in ("*", "**") or _NAMESPACE_TOKEN.match(
+                token
+            ):  # the search for a fault is a hundred times slower
+                continue
+            fault = find_namespace_fault(f"/{token}")
             if fault is not None:
                 return f"{fault.reason} in the namespace part {token!r:.100}"
     fault = None if name in ("*", "**") else find_node_name_fault(name)
