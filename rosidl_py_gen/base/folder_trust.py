@@ -3,6 +3,7 @@
 Another user can replace a file if a folder on its path is writable for this user, or a folder with a link of the path.
 So each folder and link is checked, from the root of the file system on. Root and the user are trusted. In a folder with
 the sticky bit, as ``/tmp``, another user can create entries, but can neither rename nor delete the entries of the user.
+So such a folder may be above a folder of the user, but its own entries are not trusted.
 
 Once the check has passed, other users cannot change its result: a path may be used afterwards without a race. Windows
 has no such owners and modes: every folder passes.
@@ -95,7 +96,7 @@ def part_reason(path: str | os.PathLike[str], *, is_folder: bool) -> str:
         return ""
     try:
         found = os.lstat(path)
-        if not _is_trusted(os.fspath(path), found):
+        if not _is_trusted(os.fspath(path), found, accepts_sticky=False):
             return _distrust(os.fspath(path), found)
         if is_folder:
             return _kind_reason(path, found)
@@ -128,7 +129,8 @@ def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: boo
                     left -= 1
                     if left < 0:
                         return f"{folder} has more than {_MAX_ENTRIES} entries"
-                    if not (_is_trusted(entry.path, found) if accepts_private_group else is_own(found)):
+                    is_trusted = accepts_private_group and _is_trusted(entry.path, found, accepts_sticky=False)
+                    if not (is_trusted or is_own(found)):
                         return _distrust(entry.path, found)
                     if stat.S_ISDIR(found.st_mode):
                         waiting.append(entry.path)
@@ -167,12 +169,12 @@ def _kind_reason(path: str | os.PathLike[str], found: os.stat_result) -> str:
     return "" if stat.S_ISDIR(found.st_mode) else f"{os.fspath(path)} is not a folder"
 
 
-def _is_trusted(place: str, found: os.stat_result) -> bool:
+def _is_trusted(place: str, found: os.stat_result, *, accepts_sticky: bool = True) -> bool:
     if found.st_uid not in (0, os.geteuid()):
         return False
     if stat.S_ISLNK(found.st_mode) or not found.st_mode & _OTHERS:
         return True
-    if stat.S_ISDIR(found.st_mode) and found.st_mode & stat.S_ISVTX:
+    if accepts_sticky and stat.S_ISDIR(found.st_mode) and found.st_mode & stat.S_ISVTX:
         return True
     return not found.st_mode & stat.S_IWOTH and _is_private_group(found.st_gid) and not _has_access_list(place)
 

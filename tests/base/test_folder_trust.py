@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rosidl_py_gen.base import folder_trust
-from rosidl_py_gen.base.folder_trust import distrust_reason, entries_reason, make_folder, own_folder_reason
+from rosidl_py_gen.base.folder_trust import distrust_reason, entries_reason, make_folder, own_folder_reason, part_reason
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners and modes")
 needs_root = pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can change owners")
@@ -64,6 +64,15 @@ def test_the_sticky_bit_protects_entries_of_the_user(tmp_path: Path) -> None:
     make_folder(tmp_path / "a/b")
     (tmp_path / "a").chmod(0o1777)
     assert distrust_reason(tmp_path / "a/b") == ""
+
+
+def test_entries_of_a_folder_with_the_sticky_bit_are_not_trusted(tmp_path: Path) -> None:
+    """Another user cannot replace entries of the user, but can add entries."""
+    make_folder(tmp_path / "a/b")
+    (tmp_path / "a").chmod(0o1777)
+    text = f"other users can write into {tmp_path / 'a'} (mode 1777)"
+    assert part_reason(tmp_path / "a", is_folder=True) == own_folder_reason(tmp_path / "a") == text
+    assert {entries_reason(tmp_path, accepts_private_group=one) for one in (True, False)} == {text}
 
 
 def test_links_are_checked_with_the_folders_that_they_lead_through(tmp_path: Path) -> None:

@@ -460,6 +460,9 @@ def test_a_named_prefix_that_other_users_can_change_is_a_warning(place: str, wor
     else:
         text = f"warning: other users can write into {changed} (mode 0777): another user can run code as each user of"
         assert text in found.stderr and f"chmod -R go-w {out}" in found.stderr
+    if changed.is_dir() and changed.name != "open":  # the sticky bit protects a folder in it, not its own entries
+        changed.chmod(0o1777)
+        assert f"into {changed} (mode 1777)" in build_prefix([workspace], out).unsafe
     if os.geteuid() == 0 and changed.is_dir():
         changed.chmod(0o755)
         os.chown(changed, 65534, 65534)

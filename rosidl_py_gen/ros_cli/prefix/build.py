@@ -13,7 +13,7 @@ from pathlib import Path
 from stat import S_IMODE, S_ISREG
 
 from rosidl_py_gen.base.distributions import DISTRIBUTIONS, ENVIRONMENT_VARIABLE
-from rosidl_py_gen.base.folder_trust import PRIVATE, distrust_reason, entries_reason, make_folder
+from rosidl_py_gen.base.folder_trust import PRIVATE, distrust_reason, entries_reason, make_folder, part_reason
 from rosidl_py_gen.compiler.frontend.bundled import bundled_packages
 from rosidl_py_gen.compiler.frontend.cmake_reader import inside
 from rosidl_py_gen.compiler.frontend.workspace import MANIFEST, Workspace, workspace_around
@@ -101,13 +101,19 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
         plan.missing = [name for name in plan.missing if f"lib/{plan.name}/{name}" not in files]
     skipped = tuple(plan for plan in plans if plan.has_targets)
     notes = tuple(text for plan in plans for text in plan.notes)
-    unsafe = "" if out is None else distrust_reason(prefix) or entries_reason(prefix, accepts_private_group=True)
+    unsafe = "" if out is None else _distrust_reason(prefix)
     return Prefix(prefix, packages, skipped, tuple(problems), notes, unsafe, created, removed)
 
 
 def is_ament_name(name: str) -> bool:
     """Return True for a name of a package that ament accepts, whose rule is wider than the rule for interfaces."""
     return _NAME.fullmatch(name) is not None
+
+
+def _distrust_reason(prefix: Path) -> str:
+    """Return why other users can change files of a prefix; an empty text if they cannot."""
+    own = part_reason(os.path.realpath(prefix), is_folder=True)
+    return distrust_reason(prefix) or own or entries_reason(prefix, accepts_private_group=True)
 
 
 def _cached_prefix(searched: Iterable[Path]) -> Path:

@@ -501,7 +501,7 @@ def test_folders_that_the_user_may_not_write(readable_keystore: Path, run_here: 
     assert tree(readable_keystore) == before
 
 
-LAX = 0o777, 0o757, 0o707
+LAX = 0o777, 0o757, 0o707, 0o1777
 """Modes with which other users can write."""
 needs_modes = pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
 needs_root = pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="only root can change owners")
