@@ -14,6 +14,7 @@ import traceback
 import warnings
 from collections.abc import Iterable
 from importlib import import_module
+from inspect import iscoroutine
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -83,6 +84,11 @@ class MissingParts:
 
             cls.__init__ = create_with_place
 
+        source = import_module("launch").LaunchDescriptionSource
+        load_file = source.get_launch_description
+        source.get_launch_description = lambda one, context: _checked_description(
+            load_file(one, context), str(one.location)
+        )
         vars(packages)[_SHARE], local.prepare = share_folder, prepare_and_check
         record_places(action)
         record_places(description)
@@ -166,20 +172,36 @@ class MissingParts:
 
 def require_description(description: Any, file: str) -> None:
     """Raise `CommandError` if a launch file has returned something else than descriptions and actions."""
-    place = display_path(os.path.realpath(file))
-    if not isinstance(description, import_module("launch").LaunchDescription):
-        text = f"generate_launch_description returned {_described(description)}"
-        raise CommandError(f"{place}: {text}; expected a LaunchDescription")
-    pending = [description]
+    launch = import_module("launch")
+    try:
+        pending = [_checked_description(description, file)]
+    except TypeError as error:
+        raise CommandError(str(error)) from error
     while pending:
         entity = pending.pop()
         groups = [entity.describe_sub_entities(), *(group for _, group in entity.describe_conditional_sub_entities())]
         try:
+            if isinstance(entity, launch.actions.IncludeLaunchDescription):
+                location = entity.launch_description_source.location
+                pending += [_checked_description(one, str(location)) for one in groups[0]]
+                continue
             pending += [one for group in groups for one in _checked_elements(entity, group) or ()]
         except TypeError as error:
+            if isinstance(entity, launch.actions.IncludeLaunchDescription):
+                raise CommandError(str(error)) from error
             path, line = vars(entity).get(_PLACE) or (file, 0)
             place = display_path(os.path.realpath(path)) + (f":{line}" if line else "")
             raise CommandError(f"{place}: {error}") from error
+
+
+def _checked_description(description: Any, file: str) -> Any:
+    """Return a description; raises `TypeError` with the file if it is something else."""
+    if isinstance(description, import_module("launch").LaunchDescription):
+        return description
+    if iscoroutine(description):
+        description.close()  # or Python warns that it was never awaited
+    text = f"generate_launch_description returned {_described(description)}; expected a LaunchDescription"
+    raise TypeError(f"{display_path(os.path.realpath(file))}: {text}")
 
 
 def _checked_elements(owner: Any, elements: Any) -> list[Any] | None:
