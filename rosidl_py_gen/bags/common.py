@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen.errors import RosidlError, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
+"""Keys of rosbag2 in the metadata of MCAP channels."""
 _MAX_TEXT = 4000
 
 
@@ -38,6 +40,8 @@ class BagTopic:
         type_hash: RIHS01 text; empty if the bag does not contain it.
         offered_qos: YAML in the format of rosbag2; empty if the bag does not contain it.
         count: number of messages; None if not known, as for MCAP files without statistics.
+        metadata: all metadata of the MCAP channel; None for channels of other storages.
+        schema_data: bytes of the MCAP schema, which may be no text; None without a schema.
     """
 
     name: str
@@ -48,6 +52,22 @@ class BagTopic:
     type_hash: str = ""
     offered_qos: str = field(default="", repr=False)
     count: int | None = None
+    metadata: Mapping[str, str] | None = field(default=None, repr=False, compare=False)
+    schema_data: bytes | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def definition_bytes(self) -> bytes:
+        """Bytes of the definition: of the MCAP schema, unless `definition` is another text."""
+        data = self.schema_data
+        if data is not None and data.decode(errors="replace") == self.definition:
+            return data
+        return self.definition.encode()
+
+    @property
+    def channel_key(self) -> tuple[object, ...]:
+        """Identity of a stored channel: `key`, QoS, hash and all metadata."""
+        metadata = None if self.metadata is None else tuple(sorted(self.metadata.items()))
+        return self.key, self.type_hash, self.offered_qos, metadata, self.schema_data
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -56,10 +76,10 @@ class BagTopic:
         return self.name, self.type_name, self.message_encoding, self.encoding, self.definition, by_hash
 
 
-def checked_time(nanoseconds: int, topic: str, what: str) -> int:
+def checked_time(nanoseconds: int, topic: str, what: str, bits: int = 63) -> int:
     """Return a time that bags can store; raises `BagError` for others."""
-    if not 0 <= nanoseconds < 1 << 63:
-        raise BagError(f"{topic}: {what} time {nanoseconds} is not from 0 to 2**63-1 ns")
+    if not 0 <= nanoseconds < 1 << bits:
+        raise BagError(f"{topic}: {what} time {nanoseconds} is not from 0 to 2**{bits}-1 ns")
     return nanoseconds
 
 
@@ -78,18 +98,28 @@ def written_durably(target: Path) -> Iterator[Path]:
     partial = target.with_name(f".{target.name}")
     try:
         yield partial
-        with partial.open("r+b") as stream:  # Windows syncs only what is open for writing
-            os.fsync(stream.fileno())
+        sync_file(partial)
         partial.replace(target)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
+    sync_folder(target.parent)
+
+
+def sync_file(file: Path) -> None:
+    """Wait until a file is on the disk."""
+    with file.open("r+b") as stream:  # Windows syncs only what is open for writing
+        os.fsync(stream.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk."""
     if os.name == "posix":  # other systems cannot open a folder
-        folder = os.open(target.parent, os.O_RDONLY)
+        descriptor = os.open(folder, os.O_RDONLY)
         try:
-            os.fsync(folder)
+            os.fsync(descriptor)
         finally:
-            os.close(folder)
+            os.close(descriptor)
 
 
 class BagMessage(NamedTuple):
@@ -112,12 +142,14 @@ class RawMessage(NamedTuple):
 
     Attributes:
         channel: the topic with the definition of this message.
+        sequence: number that the recorder or publisher gave it; 0 if there is none, as in SQLite bags.
     """
 
     channel: BagTopic
     data: bytes
     log_time: int
     publish_time: int
+    sequence: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,54 +2,35 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
-
-from mcap.writer import CompressionType, Writer
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import __version__, encode
-from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, require_printable
+from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError, BagTopic, checked_time, require_printable
 from rosidl_py_gen.bags.splitting_writer import SplittingWriter, topic_of
+from rosidl_py_gen.bags.storage.mcap_output import McapOutput
 from rosidl_py_gen.bags.storage.storage_api import MAX_UNPACKED_BYTES
 from rosidl_py_gen.errors import EncodeError
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from rosidl_py_gen.bags.common import RawMessage
     from rosidl_py_gen.bags.splitting_writer import CompressionMode
+    from rosidl_py_gen.bags.storage.mcap_extras import StoredAttachment, StoredMetadata
     from rosidl_py_gen.cdr import Message
 
-_COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
+_COMPRESSIONS = "", "lz4", "zstd"
 MAX_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
 """Size from which a message gets an uncompressed chunk: readers decompress at most 1 GiB by default."""
+_MAX_KNOWN = 10_000
+"""Number of channels that `write_raw` knows by identity; more are compared again."""
 CHUNK_BYTES = 768 << 10
 """Size of a chunk in bytes, as in rosbag2.
 
 With 4 MB reading takes 20 % longer, because every chunk is in new memory.
 """
-
-
-class _Compression:
-    """Stands in for `CompressionType` in `Writer`, which compares it for each chunk; so chunks may differ."""
-
-    def __init__(self, kind: CompressionType) -> None:
-        self._usual = self._kind = kind
-
-    def __eq__(self, other: object) -> bool:
-        return self._kind == other
-
-    __hash__ = None  # type: ignore[assignment]
-
-    @contextmanager
-    def off(self) -> Iterator[None]:
-        self._kind = CompressionType.NONE
-        try:
-            yield
-        finally:
-            self._kind = self._usual
 
 
 class BagWriter(SplittingWriter):
@@ -94,11 +75,15 @@ class BagWriter(SplittingWriter):
         if target.suffix == ".db3":
             raise BagError(f"{target}: BagWriter writes MCAP files; pass a name that ends with .mcap, or a folder")
         super().__init__(target, is_folder, split_bytes, split_s, compression_mode, compression_threads, custom_data)
-        self._compression = _Compression(_COMPRESSIONS[compression])
+        self._compression = compression
         self._numbers: dict[str, int] = {}
-        self._channels: dict[tuple[str, ...], int] = {}
+        self._added: dict[tuple[str, ...], int] = {}  # channels of `add_topic`
+        self._channels: dict[tuple[object, ...], int] = {}
+        self._raw: dict[int, tuple[BagTopic, int]] = {}  # channels of `write_raw` by identity, as comparing takes long
         self._registered: list[BagTopic] = []
-        self._schemas: dict[tuple[str, str], int] = {}
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._profile = "ros2"
+        self._rosbag2_values: dict[str, str] = {}
         if is_folder:
             self.path.mkdir(parents=True)
         self._open()
@@ -109,11 +94,11 @@ class BagWriter(SplittingWriter):
         if before is not None and (before.type_name, before.type_hash) != (known.type_name, known.type_hash):
             raise BagError(f"{topic} has the type {before.type_name} {before.type_hash}, not {known.type_name}")
         if before is None:
-            self._add(known)
+            self._added[known.key] = self._add(known)
 
     def _add(self, known: BagTopic) -> int:
         require_printable(known.name)
-        number = self._channels[known.key] = self._register(known)
+        number = self._channels[known.channel_key] = self._register(known)
         self._registered.append(known)
         if known.name not in self._topics:
             self._topics[known.name] = known
@@ -166,20 +151,35 @@ class BagWriter(SplittingWriter):
             BagError: the bag is closed.
         """
         self._require_open()
-        if known.key not in self._channels:
-            self._add(known)
+        self._number_of(known)
 
-    def write_raw(self, message: RawMessage) -> None:
+    def _number_of(self, known: BagTopic) -> int:
+        entry = self._raw.get(id(known))
+        if entry is not None:
+            return entry[1]
+        number = self._added.get(known.key, self._channels.get(known.channel_key))
+        if number is None:
+            number = self._add(known)
+        if len(self._raw) >= _MAX_KNOWN:
+            self._raw.clear()
+        self._raw[id(known)] = known, number  # the reference retains the identity
+        return number
+
+    def write_raw(self, message: RawMessage, channel: BagTopic | None = None) -> None:
         """Write a message of `BagReader.raw_messages` with the definition of its channel.
 
         A topic can have messages of several definitions this way, as in the bag that is copied.
 
+        Args:
+            channel: the channel to write to; None is the message's own.
+
         Raises:
             BagError, OSError: as `write`.
         """
-        known, data, log_time_ns, publish_time_ns = message
-        self.add_raw_topic(known)
-        self._write(known.name, data, log_time_ns, publish_time_ns, self._channels[known.key])
+        known, data, log_time_ns, publish_time_ns, sequence = message
+        known = channel or known
+        self._require_open()
+        self._write(known.name, data, log_time_ns, publish_time_ns, self._number_of(known), sequence)
 
     def _write(
         self,
@@ -188,20 +188,24 @@ class BagWriter(SplittingWriter):
         log_time_ns: int | None,
         publish_time_ns: int | None,
         channel: int | None = None,
+        sequence: int = 0,
     ) -> None:
-        log_time = self._log_time(topic, log_time_ns)
-        published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
+        if channel is None or log_time_ns is None or self._is_folder:
+            log_time = self._log_time(topic, log_time_ns)  # rosbag2 reads times from metadata.yaml as int64
+        else:
+            log_time = checked_time(log_time_ns, topic, "log", 64)
+        bits = 63 if channel is None else 64
+        published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish", bits)
         self._split_if_full(log_time)
         number = self._numbers[topic] if channel is None else channel
         self._add_message(topic, log_time, len(data))
         data = self._compress_message(data)
         if len(data) <= MAX_COMPRESSED_BYTES:
-            self._writer.add_message(number, log_time, data, published)
+            self._output.add_message(number, sequence, log_time, published, data)
             return
         self.flush()
-        with self._compression.off():
-            self._writer.add_message(number, log_time, data, published)
-            self.flush()
+        self._output.add_message(number, sequence, log_time, published, data, is_compressed=False)
+        self.flush()
 
     def flush(self) -> None:
         """Pass buffered messages to the operating system, so that they survive this process; compression gets worse.
@@ -210,26 +214,53 @@ class BagWriter(SplittingWriter):
             OSError: the disk is full.
         """
         if not self._stream.closed:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._output.flush()
 
     @property
     def _is_open(self) -> bool:
         return not self._stream.closed  # False also if a full disk prevented the next file
 
     def _register(self, topic: BagTopic) -> int:
-        key = topic.type_name, topic.definition
+        has_schema = topic.metadata is None or topic.schema_data is not None or topic.type_name or topic.definition
+        schema = self._add_schema(topic) if has_schema else 0
+        metadata = dict(topic.metadata or {})
+        for key, value in ((OFFERED_QOS, topic.offered_qos), (TYPE_HASH, topic.type_hash)):
+            if value or key in metadata or topic.metadata is None:
+                metadata[key] = value
+        return self._output.add_channel(schema, topic.name, topic.message_encoding, metadata)
+
+    def _add_schema(self, topic: BagTopic) -> int:
+        key = topic.type_name, topic.encoding, topic.definition_bytes
         if key not in self._schemas:
-            self._schemas[key] = self._writer.register_schema(
-                topic.type_name, topic.encoding, topic.definition.encode()
-            )
-        metadata = {"offered_qos_profiles": topic.offered_qos, "topic_type_hash": topic.type_hash}
-        return self._writer.register_channel(topic.name, topic.message_encoding, self._schemas[key], metadata)
+            self._schemas[key] = self._output.add_schema(*key)
+        return self._schemas[key]
+
+    def _copy_metadata(self, record: StoredMetadata) -> None:
+        """Copy a metadata record as it is."""
+        self._output.copy_metadata(record.name, record.pieces())
+
+    def _copy_attachment(self, attachment: StoredAttachment) -> None:
+        """Copy an attachment as it is."""
+        self._output.copy_attachment(attachment.head, attachment.pieces())
+
+    def _inherit(
+        self, profile: str, ros_distro: str, custom_data: Mapping[str, str], values: Mapping[str, str]
+    ) -> None:
+        super()._inherit(profile, ros_distro, custom_data, values)
+        self._rosbag2_values = dict(values)
+        if profile != self._profile:
+            self._profile = profile
+            self._stream.seek(0)
+            self._stream.truncate()
+            self._start_file()
 
     def _open(self) -> None:
         self._stream = self._next_path().open("xb", buffering=1 << 16)
-        compression = cast("CompressionType", self._compression)
-        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=compression)
-        self._writer.start("ros2", f"rosidl-py-gen {__version__}")
+        self._start_file()
+
+    def _start_file(self) -> None:
+        library = f"rosidl-py-gen {__version__}"
+        self._output = McapOutput(self._stream, self._profile, library, self._compression, CHUNK_BYTES)
         self._stream.flush()  # an empty bag from now on
         self._schemas = {}
         for topic in self._registered:
@@ -237,7 +268,7 @@ class BagWriter(SplittingWriter):
 
     def _close_file(self, metadata: str) -> None:
         try:
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": metadata})
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._output.add_metadata("rosbag2", {**self._rosbag2_values, "serialized_metadata": metadata})
+            self._output.finish()
         finally:
             self._stream.close()

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, written_durably
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
-from rosidl_py_gen.base.yaml_text import MAX_BYTES, YamlError, load_yaml
+from rosidl_py_gen.base.yaml_text import MAX_BYTES, YamlError, compose_yaml, load_yaml
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
 FILE = "metadata.yaml"
+_ROOT = "rosbag2_bagfile_information"
 _MAX_QOS_BYTES = 1 << 20
 """Size limit of a topic's QoS text: one publisher takes about 400 bytes."""
 PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
@@ -36,6 +37,7 @@ class BagMetadata:
         files: names in the folder, in the order of recording.
         compression: of whole files or of messages (``zstd``), empty for none; not of chunks inside MCAP files.
         ros_distro: distribution of the recorder; empty if it is not known.
+        custom_data: texts of the user.
     """
 
     storage: str
@@ -44,6 +46,11 @@ class BagMetadata:
     compression: str = ""
     compression_mode: str = ""
     ros_distro: str = ""
+    custom_data: Mapping[str, str] = field(default_factory=dict)
+
+    def by_name(self) -> dict[tuple[str, str], BagTopic]:
+        """Return the topics by their names and types."""
+        return {(topic.name, topic.type_name): topic for topic in self.topics}
 
 
 def read_metadata(folder: Path) -> BagMetadata:
@@ -59,7 +66,8 @@ def read_metadata(folder: Path) -> BagMetadata:
     except YamlError as error:
         raise BagError(f"{path}: not YAML: {error}") from None
     try:
-        return _parse_metadata(value["rosbag2_bagfile_information"])
+        value = value[_ROOT]
+        return _parse_metadata(value, _custom_data(text, value))
     except Exception as error:  # KeyError, TypeError, OverflowError of infinity, RecursionError while dumping QoS
         reason = f"not in the format of rosbag2: {type(error).__name__} {str(error)[:200]}"
         raise BagError(f"{path}: {reason}; recreate it with `rosidl-py bag reindex`") from None
@@ -83,7 +91,7 @@ def _file_name(value: Any) -> str:
     return name
 
 
-def _parse_metadata(value: Any) -> BagMetadata:
+def _parse_metadata(value: Any, custom: dict[str, str]) -> BagMetadata:
     files = tuple(map(_file_name, value["relative_file_paths"]))
     topics = []
     for entry in value.get("topics_with_message_count") or ():
@@ -101,18 +109,53 @@ def _parse_metadata(value: Any) -> BagMetadata:
         )
     storage, mode = _text(value["storage_identifier"]), _text(value.get("compression_mode") or "").lower()
     compression = _text(value.get("compression_format") or "").lower()
-    return BagMetadata(storage, files, tuple(topics), compression, mode, _text(value.get("ros_distro") or ""))
+    distro = _text(value.get("ros_distro") or "")
+    return BagMetadata(storage, files, tuple(topics), compression, mode, distro, custom)
 
 
-def distro_of_metadata_text(text: str) -> str:
-    """Return the distribution in metadata that are stored inside a file; empty if they do not have it.
+def _custom_data(text: str | bytes, value: Any) -> dict[str, str]:
+    """Return the user's texts as they are written: rosbag2 writes ``1.50`` and ``yes`` without quotes.
 
-    Raises `YamlError` or `TypeError` if the text has another format.
+    What rosbag2 does not read, a list or mapping, becomes its YAML.
     """
-    value = load_yaml(text)
-    if isinstance(value, dict) and isinstance(value.get("rosbag2_bagfile_information"), dict):
-        value = value["rosbag2_bagfile_information"]
-    return _text(value.get("ros_distro") or "") if isinstance(value, dict) else ""
+    values = value.get("custom_data")
+    if not isinstance(values, dict) or not values:
+        return {}
+    texts = {key: one if isinstance(one, str) else yaml.safe_dump(one).strip() for key, one in values.items()}
+    try:
+        node: Any = compose_yaml(text, anchors=True)
+    except YamlError:  # it has aliases
+        return texts
+    for key in (_ROOT, "custom_data"):
+        node = next((one for name, one in node.value if name.value == key), node)
+    for key, scalar in node.value:
+        if isinstance(scalar.value, str):
+            is_null = scalar.style is None and scalar.value in ("~", "null")
+            texts[key.value] = "" if is_null else scalar.value
+    return texts
+
+
+class RecorderData(NamedTuple):
+    """Data of the recorder in metadata that are stored inside a file."""
+
+    ros_distro: str = ""
+    custom_data: Mapping[str, str] = {}
+
+
+def recorder_data(text: str) -> RecorderData:
+    """Return the data of the recorder in metadata that are stored inside a file; empty if they do not have it.
+
+    Raises `BagError` if the text has another format.
+    """
+    try:
+        value = load_yaml(text)
+        if isinstance(value, dict) and isinstance(value.get(_ROOT), dict):
+            value = value[_ROOT]
+        if not isinstance(value, dict):
+            return RecorderData()
+        return RecorderData(_text(value.get("ros_distro") or ""), _custom_data(text, value))
+    except Exception as error:  # the same as in `read_metadata`
+        raise BagError(f"not in the format of rosbag2: {type(error).__name__} {str(error)[:200]}") from None
 
 
 @dataclass(slots=True)
@@ -142,6 +185,7 @@ def metadata_text(
     *,
     compression_mode: str = "",
     custom_data: Mapping[str, str] | None = None,
+    ros_distro: str = "",
 ) -> str:
     """Return the text of a metadata file; `compression_mode` is ``file``, ``message`` or empty."""
     files = list(files)
@@ -179,9 +223,9 @@ def metadata_text(
             for file in files
         ],
         "custom_data": dict(custom_data) if custom_data else None,
-        "ros_distro": "",
+        "ros_distro": ros_distro,
     }
-    return yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
+    return yaml.safe_dump({_ROOT: information}, sort_keys=False)
 
 
 def write_metadata(folder: Path, text: str) -> None:

@@ -10,7 +10,6 @@ import asyncio
 import warnings
 from contextlib import ExitStack
 from dataclasses import replace
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from rosidl_py_gen.bags.common import (
@@ -39,12 +38,14 @@ from rosidl_py_gen.bags.storage.storage_api import (
     RawTuple,
     ReadingProgress,
     TableInput,
+    as_bag_messages,
+    as_raw_messages,
     as_table_input,
     merge_by_time,
     merge_channels,
+    merge_stored_channels,
     split_times,
     topics_by_name,
-    with_bytes,
 )
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
@@ -111,7 +112,7 @@ class BagReader:
         self.skipped: dict[str, SkippedMessages] = {}
         """Topics whose messages `messages` could not decode and skipped so far, with their number and the reason."""
         try:
-            self.files, self._files, hashes, distro = open_files(
+            self.files, self._files, self._metadata = open_files(
                 self.path,
                 self._resources,
                 validate_crcs,
@@ -120,8 +121,14 @@ class BagReader:
                 ReadingProgress(on_progress),
             )
             """Files of the bag."""
-            self._definitions = Definitions(self.path, search_path, typestore, hashes, lambda: self._ros_distro(distro))
-            self.channels: list[BagTopic] = merge_channels(topic for file in self._files for topic in file.channels())
+            listed = self._metadata.topics if self._metadata is not None else ()
+            hashes = {(topic.name, topic.type_name): topic.type_hash for topic in listed if topic.type_hash}
+            self._definitions = Definitions(self.path, search_path, typestore, hashes, self._ros_distro)
+            self._stored_channels: list[BagTopic] = merge_stored_channels(
+                channel for file in self._files for channel in file.stored_channels()
+            )
+            # Of one topic and definition there are several if their QoS or metadata differ.
+            self.channels: list[BagTopic] = merge_channels(self._stored_channels)
             """Recorded topics, with an entry for each definition of a topic."""
             self.topics: dict[str, BagTopic] = topics_by_name(self.channels)
             """Recorded topics by name; the first definition of a topic that has several."""
@@ -170,8 +177,9 @@ class BagReader:
         channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
         return self._definitions.class_of(channels[0])
 
-    def _ros_distro(self, stated: str) -> str:
+    def _ros_distro(self) -> str:
         """Return the distribution of the recorder: of ``metadata.yaml``, else of a file; empty if none states it."""
+        stated = "" if self._metadata is None else self._metadata.ros_distro
         return stated or next((name for name in (file.ros_distro() for file in self._files) if name), "")
 
     def definition(self, topic: str | BagTopic) -> TopicDefinition:
@@ -224,7 +232,7 @@ class BagReader:
         names = self._names(topics)
         messages = self._merged(names, start_ns, end_ns)
         if raw:
-            return with_bytes(messages, BagMessage, attrgetter("topic"))
+            return as_bag_messages(messages)
         for name in names or ():
             for channel in self._channels_of(name):
                 self.message_class(channel)
@@ -238,7 +246,12 @@ class BagReader:
         end_ns: int | None = None,
     ) -> Iterator[RawMessage]:
         """Yield serialized messages by log time, with their channels; arguments as for `messages`."""
-        return with_bytes(self._merged(self._names(topics), start_ns, end_ns), RawMessage, attrgetter("info"))
+        return as_raw_messages(self._merged(self._names(topics), start_ns, end_ns))
+
+    def _messages_as_stored(self) -> Iterator[RawMessage]:
+        """Yield all messages of a bag of one file, compressed if rosbag2 has compressed each of them."""
+        (file,) = self._files
+        return as_raw_messages(file.stored_messages())
 
     def _names(self, topics: Iterable[str] | str | None) -> list[str] | None:
         names = [topics] if isinstance(topics, str) else None if topics is None else list(topics)
@@ -254,7 +267,7 @@ class BagReader:
     ) -> Iterator[BagMessage]:
         decoders: dict[BagChannel, Callable[[bytes | memoryview], Any] | None] = {}
         make = tuple.__new__  # twice as fast as BagMessage()
-        for channel, data, log_time, publish_time in messages:
+        for channel, data, log_time, publish_time, _ in messages:
             try:
                 decode = decoders[channel]
             except KeyError:
@@ -440,6 +453,11 @@ class BagReader:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        count = sum(topic.count or 0 for topic in self.topics.values())
+        messages = f"{count} messages" if all(topic.count is not None for topic in self.topics.values()) else "messages"
+        return f"<BagReader {str(self.path)!r}: {messages} of {len(self.topics)} topics>"
 
 
 def _may_skip(on_error: str) -> bool:

@@ -7,6 +7,7 @@ that (`mcap_writer.py`).
 from __future__ import annotations
 
 import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
@@ -97,6 +98,8 @@ class SplittingWriter:
         self._split_ns = None if split_s is None else round(split_s * NS_PER_S)
         self._compression_mode: CompressionMode = compression_mode
         self._custom_data = dict(custom_data or {})
+        self._ros_distro = ""
+        self._omitted: Counter[str] = Counter()  # what was given to `write_raw`, and the files have no place for
         self._zstd = None if compression_mode == "none" else ZstdCompressor(_ZSTD_LEVEL, threads=compression_threads)
         self._topics: dict[str, BagTopic] = {}
         self._statistics: list[FileStatistics] = []
@@ -114,6 +117,17 @@ class SplittingWriter:
 
     def _close_file(self, metadata: str) -> None:
         raise NotImplementedError
+
+    def _inherit(
+        self, profile: str, ros_distro: str, custom_data: Mapping[str, str], values: Mapping[str, str]
+    ) -> None:
+        """Set what a copy has of the metadata of a recording, before anything else is written.
+
+        Args:
+            profile: of MCAP files.
+            values: further values in the metadata record of rosbag2.
+        """
+        self._ros_distro, self._custom_data = ros_distro, dict(custom_data)
 
     @property
     def _is_open(self) -> bool:
@@ -216,7 +230,14 @@ class SplittingWriter:
     def _metadata(self, files: Iterable[FileStatistics]) -> str:
         mode = "" if self._compression_mode == "none" else self._compression_mode
         topics = self._topics.values()
-        return metadata_text(self._storage, files, topics, compression_mode=mode, custom_data=self._custom_data)
+        return metadata_text(
+            self._storage,
+            files,
+            topics,
+            compression_mode=mode,
+            custom_data=self._custom_data,
+            ros_distro=self._ros_distro,
+        )
 
     def close(self) -> None:
         """Finish the current file, and write ``metadata.yaml`` of a folder; may be called repeatedly.

@@ -74,6 +74,7 @@ class SqliteWriter(SplittingWriter):
             self._database = sqlite3.connect(self._next_path(), isolation_level=None, check_same_thread=False)
             self._database.executescript(_TABLES)
             self._database.execute("begin")
+        self._insert_distro()
         for topic in self._topics.values():
             self._insert(topic)
 
@@ -113,23 +114,55 @@ class SqliteWriter(SplittingWriter):
             )
             self._ids[known.name] = int(added.lastrowid or 0)
             if known.definition and known.type_name not in self._described:
-                self._database.execute(
-                    "insert into message_definitions"
-                    "(topic_type, encoding, encoded_message_definition, type_description_hash) values (?, ?, ?, ?)",
-                    (known.type_name, known.encoding, known.definition, known.type_hash),
-                )
-                self._described.add(known.type_name)
+                self._insert_definition(known)
+
+    def _insert_definition(self, known: BagTopic) -> None:
+        data = known.definition_bytes
+        text = known.definition if data == known.definition.encode() else data
+        with self._as_bag_error():
+            self._database.execute(
+                "insert into message_definitions"
+                "(topic_type, encoding, encoded_message_definition, type_description_hash) values (?, ?, ?, ?)",
+                (known.type_name, known.encoding, text, known.type_hash),
+            )
+        self._described.add(known.type_name)
 
     def add_raw_topic(self, known: BagTopic) -> None:
         """Register one of `BagReader.channels`; errors as in `add_topic`."""
         self.add_topic(known.name, known)
 
-    def write_raw(self, message: RawMessage) -> None:
-        """Write a message of `BagReader.raw_messages`; errors as in `add_topic` and `write`."""
-        known, data, log_time_ns, publish_time_ns = message
+    def write_raw(self, message: RawMessage, channel: BagTopic | None = None) -> None:
+        """Write a message of `BagReader.raw_messages`, without its publish time and sequence number.
+
+        Arguments are those of `BagWriter.write_raw`, errors those of `add_topic` and `write`.
+        """
+        known, data, log_time_ns, publish_time_ns, sequence = message
+        known = channel or known
         if self._topics.get(known.name) is not known:
             self.add_topic(known.name, known)
-        self.write(known.name, data, log_time_ns, publish_time_ns)
+        self._require_open()
+        self._write(known.name, data, log_time_ns, publish_time_ns)
+        if sequence:
+            self._omitted["sequence_numbers"] += 1
+        if publish_time_ns != log_time_ns:
+            self._omitted["publish_times"] += 1
+
+    def _inherit(
+        self, profile: str, ros_distro: str, custom_data: Mapping[str, str], values: Mapping[str, str]
+    ) -> None:
+        super()._inherit(profile, ros_distro, custom_data, values)
+        self._insert_distro()
+
+    def _insert_distro(self) -> None:
+        with self._as_bag_error():
+            self._database.execute("update schema set ros_distro = ?", (self._ros_distro,))
+
+    def _add_schema(self, schema: BagTopic) -> None:
+        """Add a definition that no topic uses; it is omitted if its type has another one."""
+        if schema.type_name in self._described:
+            self._omitted["schemas"] += 1
+        else:
+            self._insert_definition(schema)
 
     def _write(self, topic: str, data: bytes, log_time_ns: int | None, publish_time_ns: int | None) -> None:
         log_time = self._log_time(topic, log_time_ns)

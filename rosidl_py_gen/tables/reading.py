@@ -233,7 +233,7 @@ class _MessageList:
         return concatenate([message[1] for message in self._messages])
 
     def times(self) -> tuple[Times, Times]:
-        _, _, log_times, publish_times = zip(*self._messages, strict=True)
+        _, _, log_times, publish_times, _ = zip(*self._messages, strict=True)
         return np.array(log_times, np.uint64), np.array(publish_times, np.uint64)
 
 
@@ -248,7 +248,7 @@ class _MessageBlocks:
 
     def raw(self) -> Sequence[RawTuple]:
         return [
-            (block.channel, *row)
+            (block.channel, *row, 0)
             for block in self._blocks
             for row in zip(_slices(block), block.log_times.tolist(), block.publish_times.tolist(), strict=True)
         ]
@@ -310,9 +310,9 @@ def _detach_block(block: MessageBlock) -> MessageBlock:
 
 def _detach_message(message: RawTuple) -> RawTuple:
     """Return the message, with copied bytes if they are a view of a much larger chunk."""
-    channel, data, log_time, publish_time = message
+    data = message[1]
     if type(data) is memoryview and len(data.obj) > _MAX_RATIO * len(data):  # type: ignore[arg-type]
-        return channel, bytes(data), log_time, publish_time
+        return message[0], bytes(data), *message[2:]
     return message
 
 

@@ -99,7 +99,15 @@ def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
             assert len(read(cut)) == 0
             with BagReader(cut) as reader:
                 assert reader.unread_bytes == end - begin
-    for end in (begin, *range(after, len(data))):  # only of the index something is missing
+    metadata = after
+    while data[metadata] != 12:
+        metadata += 9 + struct.unpack_from("<Q", data, metadata + 1)[0]
+    name_end = metadata + 9 + len(b"\x07\0\0\0rosbag2")
+    for end in range(metadata + 1, name_end):  # it may be a metadata record of the user
+        cut.write_bytes(data[:end])
+        with pytest.warns(BagWarning, match=f"its last {end - metadata} bytes are lost"):
+            assert len(read(cut)) == 3
+    for end in (begin, *range(after, metadata + 1), *range(name_end, len(data))):  # only records of the index are cut
         cut.write_bytes(data[:end])
         with warnings.catch_warnings():
             warnings.simplefilter("error")

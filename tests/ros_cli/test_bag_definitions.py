@@ -347,13 +347,16 @@ def test_a_file_without_index_gets_one_and_is_kept(run_here: Any, tmp_path: Path
     assert (code, err) == (1, f"error: {path} already has an index, and no damage; it needs no reindexing\n")
 
 
-def test_a_folder_with_a_file_without_index_says_so(run_here: Any, tmp_path: Path) -> None:
+def test_reindex_of_a_folder_adds_missing_indexes(run_here: Any, tmp_path: Path) -> None:
     path = split(tmp_path / "bag", files=2)
     (path / "metadata.yaml").unlink()
     without_index(path / "bag_2.mcap", cut=0)
     code, out, err = run_here("bag", "reindex", str(path))
     assert code == 0 and out.startswith("53 messages of 2 topics in 3 files")
-    assert err.startswith("bag_2.mcap has no index") and "`rosidl-py bag reindex` adds an index" in err
+    backup = path / "bag_2.mcap.unindexed"
+    assert err == f"bag_2.mcap had no index and is rewritten; the old file is renamed to {backup}\n"
+    with BagReader(path) as reader:
+        assert reader.has_index
     assert [one["message_count"] for one in told(path)["files"]] == [2, 1, 50]
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from contextlib import ExitStack
 
     from rosidl_py_gen.bags.common import DamagedPart
+    from rosidl_py_gen.bags.metadata import BagMetadata
     from rosidl_py_gen.bags.storage.storage_api import MessageBlock, RawTuple, Storage
 
 SUFFIX = ".zstd"
@@ -50,12 +51,11 @@ def open_files(
     max_bytes: int,
     on_skipped: Callable[[DamagedPart], None] | None = None,
     progress: ReadingProgress | None = None,
-) -> tuple[list[Path], list[Storage], dict[tuple[str, str], str], str]:
+) -> tuple[list[Path], list[Storage], BagMetadata | None]:
     """Open the files of a bag; `resources` closes them.
 
     Returns:
-        Paths of the files, their readers, known type hashes by topic and type, and the distribution that
-        ``metadata.yaml`` states.
+        Paths of the files, their readers, and the contents of ``metadata.yaml``; None without such a file.
 
     Raises:
         BagError: the bag is damaged beyond reading, or of an unknown kind.
@@ -64,7 +64,7 @@ def open_files(
     storages: list[Storage] = []
     progress = progress or ReadingProgress()
     with unreachable_as_error(path):
-        files, may_compress_messages, hashes, distro = _files_of(path)
+        files, may_compress_messages, metadata = _files_of(path)
         progress.total += sum(file.stat().st_size for file in files if file.suffix == SUFFIX and file.exists())
         for file in files:
             plain = _decompressed(file, resources, max_bytes, progress)
@@ -76,25 +76,20 @@ def open_files(
             if may_compress_messages:
                 storage = cast("Storage", _CompressedMessages(storage, file, max_bytes))
             storages.append(storage)
-    return files, storages, hashes, distro
+    return files, storages, metadata
 
 
-def _files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str], str]:
-    """Return the files, True if their messages may be compressed, known hashes, and the distribution."""
+def _files_of(path: Path) -> tuple[list[Path], bool, BagMetadata | None]:
+    """Return the files, True if their messages may be compressed, and the metadata."""
     if not path.is_dir():
-        return [path], True, {}, ""
+        return [path], True, None
     if not (path / FILE).exists():  # the recorder was killed
-        return bag_files(path), True, {}, ""
+        return bag_files(path), True, None
     metadata = read_metadata(path)
     mode = metadata.compression_mode if metadata.compression else "none"
     if mode not in ("none", "file", "message") or metadata.compression not in ("", "zstd"):
         raise BagError(f"{path}: {metadata.compression} in rosbag2's {mode} mode is unknown; expected zstd")
-    return (
-        [_find_file(path, name) for name in metadata.files],
-        mode == "message",
-        {(topic.name, topic.type_name): topic.type_hash for topic in metadata.topics if topic.type_hash},
-        metadata.ros_distro,
-    )
+    return [_find_file(path, name) for name in metadata.files], mode == "message", metadata
 
 
 def bag_files(folder: Path) -> list[Path]:
@@ -114,7 +109,7 @@ def compression_of(file: Path) -> str | None:
     if file.suffix == SUFFIX:
         return "file"
     with closing(SqliteFile(file) if file.suffix == ".db3" else McapFile(file, False)) as storage:
-        for _, data, _, _ in storage.messages(None, 0, MAX_TIME):
+        for _, data, _, _, _ in storage.messages(None, 0, MAX_TIME):
             return "message" if bytes(data[:4]) == _MAGIC else ""
     return None
 
@@ -235,9 +230,12 @@ class _CompressedMessages:
         if first is None or bytes(first[1][:4]) != _MAGIC:  # all messages are compressed, or none
             return messages if first is None else chain([first], messages)
         return (
-            (channel, self._decompress_message(bytes(data), channel.topic, log_time), log_time, publish_time)
-            for channel, data, log_time, publish_time in chain([first], messages)
+            (channel, self._decompress_message(bytes(data), channel.topic, log_time), log_time, publish_time, sequence)
+            for channel, data, log_time, publish_time, sequence in chain([first], messages)
         )
+
+    def stored_messages(self) -> Iterator[RawTuple]:
+        return self._storage.messages(None, 0, MAX_TIME + 1)
 
     def _decompress_message(self, data: bytes, topic: str, log_time: int) -> bytes:
         if not data.startswith(_MAGIC):

@@ -6,6 +6,7 @@ chunk is decompressed in blocks of whole records, about a megabyte each, or one 
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import threading
 import zlib
@@ -16,6 +17,7 @@ import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 from mcap.opcode import Opcode
 from zstandard import ZstdDecompressor, frame_content_size
+from zstandard import compress as zstd_compress
 
 from rosidl_py_gen.bags.common import BagError
 
@@ -42,6 +44,8 @@ Read = Callable[[int, int], bytes]
 MESSAGE = struct.Struct("<BQHIQQ")
 """Start of a message record: opcode, length, channel, sequence, log time and publish time; the data follow."""
 MIN_MESSAGE_BYTES = MESSAGE.size - RECORD.size
+IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+"""Kinds of records in chunks; others are of unknown kinds."""
 IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 _HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("log", "<u8"), ("publish", "<u8")]
@@ -52,12 +56,34 @@ _LARGE = 8
 """A message is large if its chunk has at most this many times its size."""
 _MAX_FRAME_HEAD = 18
 """Size of the header of a zstd frame."""
+_MAX_COMPRESSION_NAME = 4
+_HOLE = bytes(512)
+"""A sector of a disk; compressed data have no such zeros."""
 _MAX_LZ4 = 255
 """Maximum compression ratio of LZ4."""
 
 
+def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
+    """Return the records of a chunk compressed with ``zstd`` or ``lz4``; unchanged without a name."""
+    if compression == "zstd":
+        return zstd_compress(data)
+    if compression == "lz4":
+        compressed: bytes = lz4.frame.compress(data)
+        return compressed
+    return data
+
+
 class TooLargeError(BagError):
     """Raised when a chunk is larger than allowed; it may be intact."""
+
+
+class Tally:
+    """Counter of the records of a chunk that is read in several blocks."""
+
+    __slots__ = ("count",)
+
+    def __init__(self) -> None:
+        self.count = 0
 
 
 class ChunkHeader(NamedTuple):
@@ -156,6 +182,26 @@ class ChunkDecompressor:
         if validate_crcs and head.crc and crc != head.crc:
             raise BagError(f"{self.where}: damaged: the checksum of a chunk is wrong")
 
+    def unfinished(self, body: int, end: int) -> tuple[bytes, int]:
+        """Return the whole records of a chunk whose file ends at `end`, and the size of the missing records.
+
+        The chunk has no checksum then. So nothing is returned if blocks of a compressed chunk were not written.
+        """
+        _, _, size, crc, name = _HEAD.unpack(self.read(body, _HEAD.size))
+        at = body + _HEAD.size + name + 8
+        stored = end - at
+        if name > _MAX_COMPRESSION_NAME or stored <= 0 or size > self._max_bytes:
+            return b"", 0
+        head = ChunkHeader(at, end, self.read(body + _HEAD.size, name).decode(), size, crc)
+        if head.compression and _has_hole(self.read, at, end):
+            return b"", 0
+        unpack, data = self._block_reader(head), bytearray()
+        with contextlib.suppress(Exception):  # decompression libraries raise various ones where the data end
+            while len(data) < size and (piece := unpack(min(BLOCK_BYTES, size - len(data)))):
+                data += piece
+        whole, _ = _end_of_whole_records(data)
+        return bytes(data[:whole]), size - whole
+
     def _block_reader(self, head: ChunkHeader) -> Callable[[int], bytes]:
         """Return a function that reads at most `n` decompressed bytes, and none at the end."""
         source = _Stored(self.read, head)
@@ -203,9 +249,21 @@ class ChunkDecompressor:
             )
 
     def messages(
-        self, data: bytes | bytearray, requested: Mapping[int, BagChannel], known: Container[int], size: int = -1
+        self,
+        data: bytes | bytearray,
+        requested: Mapping[int, BagChannel],
+        known: Container[int],
+        size: int = -1,
+        unknown: Tally | None = None,
     ) -> list[RawTuple]:
-        """Return the messages of the channels in `requested`; `known` are all channels, `size` that of the records."""
+        """Return the messages of some channels.
+
+        Args:
+            requested: the channels.
+            known: ids of all channels.
+            size: size of the records; -1 for all data.
+            unknown: counts records of unknown kinds.
+        """
         view = memoryview(data)
         size, messages, at = (len(data) if size < 0 else size), [], 0
         while at < size:
@@ -216,14 +274,18 @@ class ChunkDecompressor:
             if opcode == IS_MESSAGE:
                 if length < MIN_MESSAGE_BYTES:
                     raise BagError(f"{self.where}: damaged: a message of {length} bytes, shorter than its times")
-                _, _, channel, _, log_time, publish_time = MESSAGE.unpack_from(data, at)
+                _, _, channel, sequence, log_time, publish_time = MESSAGE.unpack_from(data, at)
                 if channel in requested:
                     whole: Any = view if length * _LARGE > size else data
-                    messages.append((requested[channel], whole[at + MESSAGE.size : end], log_time, publish_time))
+                    messages.append(
+                        (requested[channel], whole[at + MESSAGE.size : end], log_time, publish_time, sequence)
+                    )
                 elif channel not in known:
                     raise BagError(
                         f"{self.where}: damaged: a message refers to channel {channel}, which is not defined"
                     )
+            elif unknown is not None and opcode not in IN_CHUNKS:
+                unknown.count += 1
             at = end
         return messages
 
@@ -287,6 +349,14 @@ def _end_of_whole_records(data: bytes | bytearray) -> tuple[int, int]:
             return at, end - size
         at = end
     return at, RECORD.size - (size - at) if at < size else 0
+
+
+def _has_hole(read: Read, at: int, end: int) -> bool:
+    """Return True if a range has a sector of zeros, or ends with zeros, as after a power cut."""
+    for start in range(at, end, BLOCK_BYTES):
+        if _HOLE in read(start, min(BLOCK_BYTES + len(_HOLE), end - start)):
+            return True
+    return not any(read(max(at, end - 8), min(8, end - at)))
 
 
 class _Stored:

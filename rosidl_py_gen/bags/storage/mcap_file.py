@@ -7,6 +7,7 @@ the package `mcap` sorts message by message, and its objects cost twice as much 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from dataclasses import replace
 from functools import cached_property
 from heapq import heapify, heappop, heappush
 from io import SEEK_END
@@ -18,15 +19,17 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
-from rosidl_py_gen.bags.common import BagError, BagTopic, DamagedPart
+from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError, BagTopic, DamagedPart
 from rosidl_py_gen.bags.remote import BagUnreachableError, opened
 from rosidl_py_gen.bags.storage.mcap_chunks import (
     MAX_WHOLE_CHUNK_BYTES,
     MIN_MESSAGE_BYTES,
     RECORD,
     ChunkDecompressor,
+    Tally,
     TooLargeError,
 )
+from rosidl_py_gen.bags.storage.mcap_extras import read_attachment, read_metadata, read_profile
 from rosidl_py_gen.bags.storage.mcap_index import Index, MessageSegment, read_index, recorded_distro
 from rosidl_py_gen.bags.storage.storage_api import (
     LOG_TIME,
@@ -34,19 +37,20 @@ from rosidl_py_gen.bags.storage.storage_api import (
     BagChannel,
     MessageBlock,
     ReadingProgress,
+    Storage,
     library_errors_as_bag_error,
-    merge_channels,
 )
 from rosidl_py_gen.bags.storage.walk import DamagedRange, Walk
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Container, Iterator, Mapping
+    from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from mcap.records import Channel as ChannelRecord
     from mcap.records import Schema
 
     from rosidl_py_gen.bags.storage.mcap_chunks import ChunkHeader
+    from rosidl_py_gen.bags.storage.mcap_extras import StoredAttachment, StoredMetadata
     from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
 T = TypeVar("T")
@@ -54,7 +58,7 @@ _MESSAGE_BYTES = 200
 """Memory of a message in addition to its data: a tuple, two integers and a slice."""
 
 
-class McapFile:
+class McapFile(Storage):
     """MCAP file. Without an index, as after a crash, it is read from start to end.
 
     Args:
@@ -108,7 +112,7 @@ class McapFile:
         """All segments with messages. An index lists chunks only, but messages may be outside of chunks."""
         index = self._index
         if index.unindexed_ranges:
-            unchunked = Index(channels=index.channels, schemas=index.schemas, segments=index.segments)
+            unchunked = Index(index.segments, index.channels, index.schemas, other=index.other)
             for start, end in index.unindexed_ranges:
                 if start < end:
                     self._progress.total += end - start
@@ -174,16 +178,68 @@ class McapFile:
         with library_errors_as_bag_error(self._path), self._lock:
             return recorded_distro(self._stream, self._size)
 
-    def channels(self) -> list[BagTopic]:
+    def stored_channels(self) -> list[BagTopic]:
         index = self._index
         with library_errors_as_bag_error(self._path):
-            return merge_channels(channel.info for channel in self._channels(index).values())
+            return [channel.info for channel in self._channels(index).values()]
+
+    def unused_schemas(self) -> list[BagTopic]:
+        index = self._walked_index()
+        used = {channel.schema_id for channel in index.channels.values()}
+        return [_described("", one) for number, one in index.schemas.items() if number not in used]
+
+    def profile(self) -> str | None:
+        other = self._walked_index().other
+        return None if other.header is None else read_profile(self._read, other.header)
+
+    def chunk_compression(self) -> str:
+        with library_errors_as_bag_error(self._path):
+            for segment in self._segments:
+                if segment.is_chunk and segment.is_finished:
+                    return self._chunks.header(segment.offset, segment.end).compression
+        return ""
+
+    def metadata_records(self) -> Iterator[StoredMetadata]:
+        return self._intact(self._walked_index().other.metadata, lambda at: read_metadata(self._read, at))
+
+    def attachments(self) -> Iterator[StoredAttachment]:
+        validates = self._chunks.validate_crcs
+        offsets = self._walked_index().other.attachments
+        return self._intact(offsets, lambda at: read_attachment(self._read, at, validates))
+
+    def unknown_records(self) -> int:
+        other = self._walked_index().other
+        return other.unknown + sum(other.unknown_in_chunks.values())
+
+    def _walked_index(self) -> Index:
+        """Return the index after the ranges between chunks were read."""
+        with library_errors_as_bag_error(self._path):
+            _ = self._segments
+        return self._index
+
+    def _intact(self, offsets: Iterable[int], read: Callable[[int], T]) -> Iterator[T]:
+        """Yield the records at some offsets, and report those that are damaged."""
+        for at in offsets:
+            try:
+                with library_errors_as_bag_error(self._path):
+                    record = read(at)
+            except BagUnreachableError:
+                raise
+            except BagError as error:
+                end = min(self._size, at + RECORD.size + RECORD.unpack(self._read(at, RECORD.size))[1])
+                self._report_damage(DamagedRange(at, end, error, channels=()), self._index)
+            else:
+                yield record
 
     def _channels(self, index: Index) -> dict[int, BagChannel]:
         counts = index.counts
         return {
             number: BagChannel(
-                _topic_of(one, index.schemas.get(one.schema_id), None if counts is None else counts.get(number, 0))
+                _topic_of(
+                    one,
+                    index.schemas.get(one.schema_id) if one.schema_id else None,
+                    None if counts is None else counts.get(number, 0),
+                )
             )
             for number, one in index.channels.items()
         }
@@ -299,6 +355,9 @@ class McapFile:
 
         Each comes with the size of its whole records, -1 for all of it, and True if more may follow.
         """
+        if not segment.is_finished:
+            yield self._chunks.unfinished(segment.offset, segment.end)[0], -1, False
+            return
         head = self._chunks.header(segment.offset, segment.end) if segment.is_chunk else None
         if head is None:
             yield self._read(segment.offset, max(0, segment.end - segment.offset)), -1, False
@@ -312,13 +371,16 @@ class McapFile:
         self, segment: MessageSegment, requested: Mapping[int, BagChannel], known: Container[int]
     ) -> Iterator[tuple[list[RawTuple], int, bool]]:
         """Yield the messages of a segment in blocks by log time, each with its size and True if more may follow."""
+        unknown = Tally()
         for data, whole, has_more in self._contents(segment, known):
-            messages = self._chunks.messages(data, requested, known, whole)
+            messages = self._chunks.messages(data, requested, known, whole, unknown)
             size = len(data)
             del data
             if messages:
                 messages.sort(key=LOG_TIME)
                 self._require_span(segment, messages[0][2], messages[-1][2])
+            if unknown.count and segment.is_chunk:  # outside of chunks, the walk counts them
+                self._index.other.unknown_in_chunks[segment.offset] = unknown.count
             yield messages, size, has_more
 
     def _reads_in_blocks(self, head: ChunkHeader, known: Container[int]) -> bool:
@@ -330,7 +392,7 @@ class McapFile:
             last, is_ordered = 0, True
             everything = self._channels(self._index)
             for some, whole in self._chunks.blocks(head, self._chunks.validate_crcs):
-                for _, _, log_time, _ in self._chunks.messages(some, everything, known, whole):
+                for _, _, log_time, _, _ in self._chunks.messages(some, everything, known, whole):
                     is_ordered, last = is_ordered and log_time >= last, log_time
             self._is_ordered[head.at] = is_ordered
         return is_ordered
@@ -351,16 +413,22 @@ class McapFile:
         self._stream.close()
 
 
+def _described(topic: str, schema: Schema | None) -> BagTopic:
+    if schema is None:
+        return BagTopic(topic, "", "", "")
+    text = schema.data.decode(errors="replace")
+    return BagTopic(topic, schema.name, text, schema.encoding, schema_data=schema.data)
+
+
 def _topic_of(channel: ChannelRecord, schema: Schema | None, count: int | None) -> BagTopic:
     stated = channel.metadata
-    of_schema = (schema.name, schema.data.decode(errors="replace"), schema.encoding) if schema else ("", "", "")
-    return BagTopic(
-        channel.topic,
-        *of_schema,
-        channel.message_encoding,
-        stated.get("topic_type_hash", ""),
-        stated.get("offered_qos_profiles", ""),
-        count,
+    return replace(
+        _described(channel.topic, schema),
+        message_encoding=channel.message_encoding,
+        type_hash=stated.get(TYPE_HASH, ""),
+        offered_qos=stated.get(OFFERED_QOS, ""),
+        count=count,
+        metadata=stated,
     )
 
 

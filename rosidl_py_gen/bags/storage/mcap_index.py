@@ -22,9 +22,10 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.metadata import distro_of_metadata_text
+from rosidl_py_gen.bags.metadata import recorder_data
 from rosidl_py_gen.bags.remote import BagUnreachableError
 from rosidl_py_gen.bags.storage.mcap_chunks import RECORD
+from rosidl_py_gen.bags.storage.mcap_extras import OtherRecords
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -53,6 +54,7 @@ class MessageSegment(NamedTuple):
         end: end of the segment.
         first, last: log times.
         channels: channels of its messages; None if not known.
+        is_finished: False for a chunk within which the file breaks off.
     """
 
     offset: int
@@ -61,6 +63,7 @@ class MessageSegment(NamedTuple):
     first: int
     last: int
     channels: Collection[int] | None = None
+    is_finished: bool = True
 
 
 @dataclass(slots=True)
@@ -72,6 +75,7 @@ class Index:
         time_range: log times of the first and the last message; None if there is none.
         unindexed_ranges: ranges that the index does not describe; they may contain messages.
         truncated_bytes: size of an unfinished record at the end of the file.
+        other: records that are not messages and describe none.
     """
 
     segments: list[MessageSegment] = field(default_factory=list)
@@ -81,6 +85,7 @@ class Index:
     time_range: tuple[int, int] | None = None
     unindexed_ranges: list[tuple[int, int]] = field(default_factory=list)
     truncated_bytes: int = 0
+    other: OtherRecords = field(default_factory=OtherRecords)
 
     def add_records(self, records: Iterable[tuple[int, bytes | bytearray]]) -> None:
         """Add schema and channel records, or none of them if one contradicts a known one."""
@@ -184,8 +189,9 @@ def recorded_distro(stream: IO[bytes], size: int) -> str:
             record = Metadata.read(ReadDataStream(BytesIO(body)))
             if record.name != _METADATA_NAME:
                 continue
-            distro = record.metadata.get("ROS_DISTRO") or distro_of_metadata_text(
-                record.metadata.get("serialized_metadata", "")
+            distro = (
+                record.metadata.get("ROS_DISTRO")
+                or recorder_data(record.metadata.get("serialized_metadata", "")).ros_distro
             )
             if distro:
                 return distro

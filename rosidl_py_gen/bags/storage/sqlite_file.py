@@ -11,22 +11,27 @@ import sqlite3
 from io import SEEK_END
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
-from rosidl_py_gen.bags.storage.storage_api import BagChannel, Storage, library_errors_as_bag_error, merge_channels
+from rosidl_py_gen.bags.storage.storage_api import BagChannel, Storage, library_errors_as_bag_error
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
     from rosidl_py_gen.bags.storage.storage_api import RawTuple
 
-_TABLES = "messages", "topics", "message_definitions", "schema"
+_TABLES = "messages", "topics", "message_definitions", "schema", "metadata"
 """Tables that are read."""
-_JOURNALS = "-wal", "-journal"
+_MAX_METADATA_BYTES = 1 << 20
+"""Maximum size of contents of ``metadata.yaml``, as in MCAP files."""
+JOURNALS = "-wal", "-journal"
+"""Endings of files next to a database, which contain its last changes."""
 _JOURNAL_MAGIC = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
 """Start of a journal, and end of one that names a journal of several databases."""
 _MAX_TIME = (1 << 63) - 1
+_Definition: TypeAlias = "tuple[str, str, str, bytes | None]"
+"""Hash, text and encoding of a definition, and its bytes if they are no text."""
 
 
 class SqliteFile(Storage):
@@ -50,8 +55,9 @@ class SqliteFile(Storage):
 
     def _open_database(self) -> sqlite3.Connection:
         real = self._path.resolve()  # SQLite expects journals next to it
-        ends = [end for end in _JOURNALS if Path(f"{real}{end}").is_file()]
-        if not any(Path(f"{real}{end}").stat().st_size for end in ends):
+        ends = [end for end in JOURNALS if Path(f"{real}{end}").is_file()]
+        self._has_journal = any(Path(f"{real}{end}").stat().st_size for end in ends)
+        if not self._has_journal:
             return _connect(self._path, "mode=ro&immutable=1")
         base = _connect(self._path, "mode=ro")
         try:
@@ -75,14 +81,18 @@ class SqliteFile(Storage):
             if any(row[6] for row in self._database.execute(f"pragma table_xinfo({name})")):
                 raise BagError(f"{self._path}: {name} has generated columns; expected a plain table")
 
-    def channels(self) -> list[BagTopic]:
+    @property
+    def has_journal(self) -> bool:
+        return self._has_journal
+
+    def stored_channels(self) -> list[BagTopic]:
         with library_errors_as_bag_error(self._path):
             counts = dict(self._database.execute("select topic_id, count(*) from messages group by topic_id"))
             topics = self._topics(counts)
             self._without_topic = {
                 key: _placeholder_topic(key, count) for key, count in counts.items() if key not in topics
             }
-            return merge_channels([*topics.values(), *self._without_topic.values()])
+            return [*topics.values(), *self._without_topic.values()]
 
     def _topics(self, counts: dict[Any, int]) -> dict[Any, BagTopic]:
         texts = self._definitions()
@@ -92,14 +102,16 @@ class SqliteFile(Storage):
         topics = {}
         for row in rows.fetchall():
             key, (name, type_name, options, qos, type_hash) = row[0], map(str, row[1:])
-            text, encoding = _pick_definition(texts.get(type_name, []), type_hash)
-            topics[key] = BagTopic(name, type_name, text, encoding, options, type_hash, qos, counts.get(key, 0))
+            text, encoding, data = _pick_definition(texts.get(type_name, []), type_hash)
+            topics[key] = BagTopic(
+                name, type_name, text, encoding, options, type_hash, qos, counts.get(key, 0), schema_data=data
+            )
         return topics
 
     def _columns(self, table: str) -> set[str]:
         return {row[1] for row in self._database.execute(f"pragma table_info({table})")}
 
-    def _definitions(self) -> dict[str, list[tuple[str, str, str]]]:
+    def _definitions(self) -> dict[str, list[_Definition]]:
         columns = self._columns("message_definitions")
         if not columns:
             return {}
@@ -107,10 +119,53 @@ class SqliteFile(Storage):
         rows = self._database.execute(
             f"select topic_type, {hashes}, encoded_message_definition, encoding from message_definitions"
         )
-        definitions: dict[str, list[tuple[str, str, str]]] = {}
+        definitions: dict[str, list[_Definition]] = {}
         for name, type_hash, text, encoding in rows:
-            definitions.setdefault(str(name), []).append((str(type_hash), str(text), str(encoding)))
+            data = text if isinstance(text, bytes) else None
+            text = str(text) if data is None else data.decode(errors="replace")
+            definitions.setdefault(str(name), []).append((str(type_hash), text, str(encoding), data))
         return definitions
+
+    def unused_schemas(self) -> list[BagTopic]:
+        with library_errors_as_bag_error(self._path):
+            used = {(one.type_name, one.definition, one.encoding) for one in self._topics({}).values()}
+            return [
+                BagTopic("", name, text, encoding, "cdr", type_hash, schema_data=data)
+                for name, texts in self._definitions().items()
+                for type_hash, text, encoding, data in texts
+                if (name, text, encoding) not in used
+            ]
+
+    def metadata_texts(self) -> list[str]:
+        with library_errors_as_bag_error(self._path):
+            if "metadata" not in self._columns("metadata"):
+                return []
+            rows = self._database.execute(
+                "select metadata from metadata where length(metadata) <= ? order by id", (_MAX_METADATA_BYTES,)
+            )
+            return [str(row[0]) for row in rows]
+
+    def unknown_tables(self) -> int:
+        with library_errors_as_bag_error(self._path):
+            rows = self._database.execute(
+                "select count(*) from sqlite_master where type = 'table' and name not like 'sqlite\\_%' escape '\\' "
+                f"and lower(name) not in ({','.join('?' * len(_TABLES))})",
+                _TABLES,
+            )
+            count: int = rows.fetchone()[0]
+        return count
+
+    def copy_to(self, target: Path) -> None:
+        """Write a complete database without journal; raises `BagError` if it cannot be written."""
+        try:
+            copied = sqlite3.connect(target)
+            try:
+                self._database.backup(copied)
+                copied.execute("pragma journal_mode=delete")
+            finally:
+                copied.close()
+        except sqlite3.Error as error:
+            raise BagError(f"{target}: cannot be written: {error}") from None
 
     def ros_distro(self) -> str:
         with library_errors_as_bag_error(self._path):
@@ -145,7 +200,7 @@ class SqliteFile(Storage):
                     raise BagError(
                         f"{self._path}: a message on {known[key].topic} does not consist of bytes and a time"
                     )
-                yield known[key], data, stamp, stamp
+                yield known[key], data, stamp, stamp, 0
 
     def close(self) -> None:
         self._database.close()
@@ -153,10 +208,10 @@ class SqliteFile(Storage):
             self._copy.cleanup()
 
 
-def _pick_definition(texts: list[tuple[str, str, str]], type_hash: str) -> tuple[str, str]:
-    """Return text and encoding of the definition with a hash; of one without hash only if unambiguous."""
+def _pick_definition(texts: list[_Definition], type_hash: str) -> tuple[str, str, bytes | None]:
+    """Return the definition with a hash; one without hash only if unambiguous."""
     fitting = [one for one in texts if one[0] == type_hash] or [one for one in texts if not (one[0] and type_hash)]
-    return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "")
+    return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "", None)
 
 
 def _placeholder_topic(key: object, count: int | None = None) -> BagTopic:

@@ -11,9 +11,9 @@ import heapq
 from dataclasses import replace
 from itertools import chain, pairwise
 from operator import attrgetter, itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, TypeVar
 
-from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, RawMessage
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
@@ -23,10 +23,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.bags.common import BagMessage
+    from rosidl_py_gen.bags.storage.mcap_extras import StoredAttachment, StoredMetadata
 
 K = TypeVar("K")
-M = TypeVar("M")
 MAX_TIME = (1 << 64) - 1
 """Largest log time of MCAP; SQLite stores half of the range."""
 MAX_UNPACKED_BYTES = 1 << 30
@@ -70,8 +69,8 @@ class BagChannel:
 
 _NO_CHANNEL = BagChannel(BagTopic("", ""))
 """Channel of a placeholder message at the first log time of a file."""
-RawTuple: TypeAlias = "tuple[BagChannel, bytes | memoryview, int, int]"
-"""Contents of a `BagMessage` before decoding; a plain tuple takes a third of the time.
+RawTuple: TypeAlias = "tuple[BagChannel, bytes | memoryview, int, int, int]"
+"""Contents of a `BagMessage` before decoding, and its sequence number; a plain tuple takes a third of the time.
 
 Large messages are views of their chunk, and so are arrays that are decoded from them.
 """
@@ -108,17 +107,58 @@ class Storage(Protocol):
         """Size of an unfinished record at the end of the file."""
         return 0
 
-    def channels(self) -> list[BagTopic]:
-        """Return the channels, with counts if there is an index; one for each definition of a topic."""
+    @property
+    def has_journal(self) -> bool:
+        """True if messages are in another file next to it, as SQLite's journal after a crash."""
+        return False
+
+    def stored_channels(self) -> list[BagTopic]:
+        """Return the channels, with counts if there is an index; a topic may have several."""
 
     def ros_distro(self) -> str:
         """Return the distribution of the recorder; empty if the file does not have it."""
+
+    def unused_schemas(self) -> list[BagTopic]:
+        """Return the schemas that no channel uses, without the name of a topic."""
+        return []
+
+    def profile(self) -> str | None:
+        """Return the profile of an MCAP file; None for others, and without a header."""
+        return None
+
+    def chunk_compression(self) -> str:
+        """Return the compression of the chunks of an MCAP file."""
+        return ""
+
+    def metadata_texts(self) -> list[str]:
+        """Return the contents of ``metadata.yaml`` that the file has in tables of its own."""
+        return []
+
+    def metadata_records(self) -> Iterator[StoredMetadata]:
+        """Yield the metadata records of an MCAP file, without the damaged ones, which are reported."""
+        return iter(())
+
+    def attachments(self) -> Iterator[StoredAttachment]:
+        """Yield the attachments of an MCAP file, without the damaged ones, which are reported."""
+        return iter(())
+
+    def unknown_records(self) -> int:
+        """Return the number of records of unknown kinds, after all messages were read."""
+        return 0
+
+    def unknown_tables(self) -> int:
+        """Return the number of tables of a SQLite file that rosbag2 does not know."""
+        return 0
 
     def span(self) -> tuple[int, int] | None:
         """Return the log times of the first and the last message; None without messages."""
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[RawTuple]:
         """Yield raw messages with ``start <= log_time < end``, by log time; None means all topics."""
+
+    def stored_messages(self) -> Iterator[RawTuple]:
+        """Yield all messages by log time as they are stored: compressed, if rosbag2 has compressed each of them."""
+        return self.messages(None, 0, MAX_TIME + 1)
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[MessageBlock] | None:
         """Yield messages in blocks; None if the messages of a topic would not be in order then."""
@@ -145,11 +185,21 @@ def library_errors_as_bag_error(path: Path) -> Iterator[None]:
         raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
 
 
-def with_bytes(messages: Iterable[RawTuple], kind: type[M], first: Callable[[BagChannel], Any]) -> Iterator[M]:
-    """Yield messages as named tuples that begin with `first`, without a reference to a chunk while the next is read."""
-    make = tuple.__new__  # in half the time of a call of `kind`
-    for channel, data, log_time, publish_time in messages:
-        made = make(kind, (first(channel), bytes(data), log_time, publish_time))  # type: ignore[type-var]
+def as_bag_messages(messages: Iterable[RawTuple]) -> Iterator[BagMessage]:
+    """Yield messages with their bytes, without a reference to a chunk while the next is read."""
+    make = tuple.__new__  # in half the time of a call of the class
+    for channel, data, log_time, publish_time, _ in messages:
+        made = make(BagMessage, (channel.topic, bytes(data), log_time, publish_time))
+        del data
+        yield made
+        del made
+
+
+def as_raw_messages(messages: Iterable[RawTuple]) -> Iterator[RawMessage]:
+    """Yield messages with their bytes and channels; see `as_bag_messages`."""
+    make = tuple.__new__
+    for channel, data, log_time, publish_time, sequence in messages:
+        made = make(RawMessage, (channel.info, bytes(data), log_time, publish_time, sequence))
         del data
         yield made
         del made
@@ -163,7 +213,7 @@ def merge_by_time(files: list[Storage], topics: Collection[str] | None, start: i
     for file in files:
         span = file.span()
         if span is not None and span[0] < end and span[1] >= start:
-            each.append(chain(((_NO_CHANNEL, b"", span[0], 0),), _open_when_due(file, topics, start, end)))
+            each.append(chain(((_NO_CHANNEL, b"", span[0], 0, 0),), _open_when_due(file, topics, start, end)))
     return (one for one in heapq.merge(*each, key=LOG_TIME) if one[0] is not _NO_CHANNEL)
 
 
@@ -209,6 +259,11 @@ def split_times(files: Iterable[Storage], size: int) -> list[int]:
             slice_bytes, slice_start = 0, first
         slice_bytes += stored
     return times
+
+
+def merge_stored_channels(channels: Iterable[BagTopic]) -> list[BagTopic]:
+    """Return one entry for each channel that differs from the others, of several files."""
+    return list(_merged(channels, attrgetter("channel_key")).values())
 
 
 def merge_channels(channels: Iterable[BagTopic]) -> list[BagTopic]:

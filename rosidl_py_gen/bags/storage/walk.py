@@ -42,8 +42,13 @@ _PROGRESS_BYTES = 1 << 20
 _MAX_SEGMENT_BYTES = 1 << 20
 """Maximum size of a segment of messages outside of chunks."""
 _CRC = struct.Struct("<I")
+_ROSBAG2_NAME = b"\x07\0\0\0rosbag2"
 _SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
-_HOLD_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
+_DATA = (
+    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK),
+    *(Opcode.ATTACHMENT, Opcode.METADATA),
+)
+"""Records that are lost if the file breaks off within them; those of an index are not."""
 _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
 """Possible first bytes after the data; empty if the file ends there."""
 _HEAD = struct.Struct("<BQQQQII")
@@ -112,12 +117,14 @@ class Walk:
                 self._on_progress(at - start)
             head = self._read(at, MESSAGE.size)
             if len(head) < RECORD.size:
-                self._index.truncated_bytes = _truncated_size(head, at, self._size)
+                self._index.truncated_bytes = self._truncated_size(at)
                 break
             opcode, length = RECORD.unpack_from(head)
             after = at + RECORD.size + length
             if after > self._size or not is_known(opcode):
                 if self._breaks_off(opcode, at):
+                    if opcode == Opcode.CHUNK:
+                        self._add_unfinished_chunk(at)
                     break
                 at = self._skip(at, self._next_chunk(at), BagError(f"no valid record at byte {at}"))
                 continue
@@ -172,10 +179,15 @@ class Walk:
             self._unchunked.drop_unfinished(self._read(at - 1, 1))
         elif not is_known(opcode) or self._continues(at):
             return False
-        self._index.truncated_bytes = (
-            self._size - at if not opcode else _truncated_size(bytes([opcode]), at, self._size)
-        )
+        self._index.truncated_bytes = self._truncated_size(at) if opcode else self._size - at
         return True
+
+    def _truncated_size(self, at: int) -> int:
+        """Return the size of the unfinished record at the end; 0 for a record of an index, and rosbag2's metadata."""
+        start = self._read(at, RECORD.size + len(_ROSBAG2_NAME))
+        if start[:1] == bytes([Opcode.METADATA]) and start[RECORD.size :] == _ROSBAG2_NAME:
+            return 0
+        return self._size - at if start and (start[0] in _DATA or start[0] >= _FIRST_PRIVATE) else 0
 
     def _is_closed(self) -> bool:
         return self._read(self._size - len(MCAP0_MAGIC), len(MCAP0_MAGIC)) == MCAP0_MAGIC
@@ -212,12 +224,15 @@ class Walk:
         try:
             with library_errors_as_bag_error(self._chunks.path):
                 if opcode == Opcode.CHUNK:
-                    _add_chunk(self._chunk_blocks(body, after), body, after, self._index)
+                    segment = MessageSegment(body, after, True, 0, 0)
+                    _add_chunk(self._chunk_blocks(body, after), segment, self._index)
                     self._is_doubtful = False
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._index.add_records([(opcode, self._read(body, after - body))])
                 elif head is not None:
                     raise BagError(f"a chunk at byte {at} with the opcode {opcode}")
+                else:
+                    self._index.other.add(opcode, at)
         except (BagUnreachableError, TooLargeError):
             raise
         except BagError as error:
@@ -229,6 +244,21 @@ class Walk:
             return self._skip(at, after, error, head)
         return after
 
+    def _add_unfinished_chunk(self, at: int) -> None:
+        """Add the whole records of the chunk within which the file breaks off; nothing if one is damaged."""
+        body = at + RECORD.size
+        segment = MessageSegment(body, self._size, True, 0, 0, is_finished=False)
+        try:
+            with library_errors_as_bag_error(self._chunks.path):
+                data, missing = self._chunks.unfinished(body, self._size)
+                if data:
+                    _add_chunk(iter([data]), segment, self._index)
+                    self._index.truncated_bytes = missing
+        except BagUnreachableError:
+            raise
+        except BagError:  # its beginning is missing, too
+            return
+
     def _chunk_blocks(self, body: int, end: int) -> Iterator[bytes | bytearray]:
         head = self._chunks.header(body, end)
         if not self._chunks.is_large(head):
@@ -236,11 +266,6 @@ class Walk:
             return
         for data, whole in self._chunks.blocks(head, self._chunks.validate_crcs):
             yield data if whole == len(data) else data[:whole]
-
-
-def _truncated_size(head: bytes, at: int, size: int) -> int:
-    """Return the size of an unfinished record at the end of a file; 0 for a record of an index."""
-    return size - at if head[:1] and head[0] in _HOLD_MESSAGES else 0
 
 
 def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
@@ -254,9 +279,9 @@ def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
         at = end
 
 
-def _add_chunk(some: Iterator[bytes | bytearray], offset: int, end: int, index: Index) -> None:
-    """Add a chunk, or nothing of it if it is damaged."""
-    first, last, counts = MAX_TIME, -1, dict[int, int]()
+def _add_chunk(some: Iterator[bytes | bytearray], segment: MessageSegment, index: Index) -> None:
+    """Add a chunk, or nothing of it if it is damaged; `segment` has its place."""
+    first, last, counts, unknown = MAX_TIME, -1, dict[int, int](), 0
     definitions: list[tuple[int, bytes | bytearray]] = []
     for data in some:
         for opcode, at, after in _records(data):
@@ -268,10 +293,14 @@ def _add_chunk(some: Iterator[bytes | bytearray], offset: int, end: int, index: 
                 first, last = min(first, log_time), max(last, log_time)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 definitions.append((opcode, data[at + RECORD.size : after]))
+            else:
+                unknown += 1
     index.add_records(definitions)
+    if unknown:
+        index.other.unknown_in_chunks[segment.offset] = unknown
     if counts:
         index.count(counts)
-        _add_segment(index, MessageSegment(offset, end, True, first, last, counts.keys()))
+        _add_segment(index, segment._replace(first=first, last=last, channels=counts.keys()))
 
 
 def _add_segment(index: Index, segment: MessageSegment) -> None:

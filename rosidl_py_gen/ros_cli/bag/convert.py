@@ -12,6 +12,7 @@ import click
 from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 
 if TYPE_CHECKING:
+    from collections import Counter
     from collections.abc import Callable, Iterator, Mapping
 
     from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage, SqliteWriter
@@ -57,6 +58,7 @@ def convert(
     rosidl-py bag convert humble_bag new_bag --path ~/ws/src
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
+    from rosidl_py_gen.bags.copying import omission_lines
     from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.selection import channels_with_definitions, select_part
 
@@ -64,17 +66,21 @@ def convert(
         part = select_part(reader, topics, offset_s, duration_s)
         channels = channels_with_definitions(reader, part.topics, without_definitions)
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:
-            count = copy_messages(
-                reader,
-                writer,
-                part,
-                channels,
-                lambda channel: lambda item: item._replace(channel=channels[channel.key]),
-            )
+            count, omitted = copy_bag(reader, writer, part, channels)
     if as_json:
-        damaged = damaged_rows(reader.damaged)
-        terminal_output.document({"path": output, "messages": count, "topics": len(part.topics), "damaged": damaged})
+        terminal_output.document(
+            {
+                "path": output,
+                "messages": count,
+                "topics": len(part.topics),
+                "damaged": damaged_rows(reader.damaged),
+                "unread_bytes": reader.unread_bytes,
+                "not_carried_over": dict(omitted),
+            }
+        )
     else:
+        for line in omission_lines(omitted):
+            terminal_output.note(line)
         terminal_output.line(f"{count} messages of {len(part.topics)} topics in {output}")
     return DAMAGED if reader.damaged else 0
 
@@ -105,33 +111,43 @@ def new_bag(
         raise
 
 
-def copy_messages(
+def copy_bag(
     reader: BagReader,
     writer: BagWriter | SqliteWriter,
     selection: BagSelection,
     channels: Mapping[tuple[str, ...], BagTopic],
-    converter_of: Callable[[BagTopic], Callable[[RawMessage], RawMessage]],
-) -> int:
-    """Copy messages, and return their number.
+    converter_of: Callable[[BagTopic], Callable[[RawMessage], RawMessage] | None] = lambda _: None,
+) -> tuple[int, Counter[str]]:
+    """Copy a bag with the selected messages.
 
     Args:
-        channels: channels of the copy, by the key of the original.
-        converter_of: returns the function that converts the messages of a channel.
+        channels: topics of the copy, by the key of the original.
+        converter_of: returns the function that converts the messages of a channel; None if they are copied.
+
+    Returns:
+        Number of messages, and of things that the copy has no place for, by kind.
     """
+    from rosidl_py_gen.bags.copying import BagCopy
     from rosidl_py_gen.ros_cli.bag.display import ProgressBar
 
-    for channel in channels.values():
-        writer.add_raw_topic(channel)
+    copy = BagCopy(reader, writer)
+    targets = copy.begin(channels)
     total = sum(channel.count or 0 for channel in channels.values())
     expected = total * selection.part_of(reader)
     count = 0
-    converters: dict[int, tuple[BagTopic, Callable[[RawMessage], RawMessage]]] = {}
-    items = reader.raw_messages(selection.topics, start_ns=selection.start_ns, end_ns=selection.end_ns)
+    known: dict[int, tuple[BagTopic, BagTopic, Callable[[RawMessage], RawMessage] | None]] = {}
+    if selection.is_all(reader):
+        items = reader.raw_messages()  # also reads chunks without messages
+    else:
+        items = reader.raw_messages(selection.topics, start_ns=selection.start_ns, end_ns=selection.end_ns)
     with ProgressBar("messages") as show:
         for item in show.each(items, expected):
-            key = id(item.channel)  # comparing definitions for each message takes long; the tuple retains the channel
-            if key not in converters:
-                converters[key] = item.channel, converter_of(item.channel)
-            writer.write_raw(converters[key][1](item))
+            channel = item.channel
+            key = id(channel)  # comparing definitions for each message takes long; the tuple retains the channel
+            if key not in known:
+                known[key] = channel, targets[channel.channel_key], converter_of(channel)
+            _, target, convert = known[key]
+            writer.write_raw(item if convert is None else convert(item), target)
             count += 1
-    return count
+    copy.end()
+    return count, copy.omitted

@@ -6,6 +6,7 @@ types whose hash is equal keep their bytes. An incomplete output is removed.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -98,12 +99,14 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
+    from rosidl_py_gen.bags.copying import omission_lines
     from rosidl_py_gen.compiler.compatibility.migration import MigrationRules
-    from rosidl_py_gen.ros_cli.bag.convert import copy_messages, new_bag
-    from rosidl_py_gen.ros_cli.bag.display import opened_bag
+    from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
+    from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.migration_rules import read_rules
     from rosidl_py_gen.ros_cli.bag.selection import select_part
 
+    omitted: Counter[str] = Counter()
     rules = read_rules(rules_file) if rules_file else MigrationRules()
     with opened_bag(path, search_path=old_paths) as reader:
         selection = select_part(reader, topics, 0.0, None)
@@ -114,12 +117,23 @@ def migrate(
         if output is not None and not dry_run:
             channels = {key: topic.new for key, topic in planned.items()}
             with new_bag(output, "mcap", compression, split_bytes, split_s) as writer:
-                copy_messages(reader, writer, selection, channels, lambda one: _converter(reader, planned[one.key]))
+                _, omitted = copy_bag(
+                    reader, writer, selection, channels, lambda one: _converter(reader, planned[one.key])
+                )
     carried = sum(one.count for one in planned.values() if one.convert)
     count = sum(one.count for one in planned.values())
     if as_json:
-        terminal_output.document(_document(output, planned, None if dry_run else count))
+        terminal_output.document(
+            {
+                **_document(output, planned, None if dry_run else count),
+                "damaged": damaged_rows(reader.damaged),
+                "unread_bytes": reader.unread_bytes,
+                "not_carried_over": dict(omitted),
+            }
+        )
     elif not dry_run:
+        for line in omission_lines(omitted):
+            terminal_output.note(line)
         names = {one.old.name for one in planned.values()}
         terminal_output.line(f"{count} messages of {len(names)} topics in {output}, {carried} of them converted")
     return DAMAGED if reader.damaged else 0
@@ -227,7 +241,7 @@ def _converter(reader: BagReader, topic: _Topic) -> Callable[[RawMessage], RawMe
     def convert(item: RawMessage) -> RawMessage:
         topic.count += 1
         if topic.convert is None or topic.decode is None:
-            return item._replace(channel=topic.new)
+            return item
         place = f"{reader.path}: {topic.old.name} at {item.log_time} ns"
         try:
             data = topic.convert(topic.decode(item.data)).encode()
@@ -235,7 +249,7 @@ def _converter(reader: BagReader, topic: _Topic) -> Callable[[RawMessage], RawMe
             raise DecodeError(f"{place}: {error.path}", error.offset_bytes, error.reason) from None
         except EncodeError as error:
             raise CommandError(f"{place}: {error.path}: {error.reason}") from None
-        return item._replace(channel=topic.new, data=data)
+        return item._replace(data=data)
 
     return convert
 

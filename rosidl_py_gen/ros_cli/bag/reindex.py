@@ -14,14 +14,15 @@ from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 @options.as_json
 @verb
 def reindex(path: str, as_json: bool) -> int:
-    """Recreate the metadata.yaml of a bag folder, as after a crash; add an index to a single MCAP file.
+    """Recreate the metadata.yaml of a bag folder, and repair files without an index, as after a crash.
 
-    A file that gets an index is rewritten; the old file is renamed to FILE.unindexed.
+    A repaired file is rewritten; the old file is renamed to FILE.unindexed. Stop the recorder first.
 
     \b
     rosidl-py bag reindex my_bag
     rosidl-py bag reindex my_bag/my_bag_3.mcap
     """
+    from rosidl_py_gen.bags.copying import omission_lines
     from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
     from rosidl_py_gen.ros_cli.bag.display import ProgressBar, damaged_rows
 
@@ -36,16 +37,18 @@ def reindex(path: str, as_json: bool) -> int:
                 "messages": result.messages,
                 "topics": result.topics,
                 "without_index": list(result.unindexed_files),
-                "kept": None if result.backup is None else str(result.backup),
+                "kept": None if len(result.repaired) != 1 else str(result.repaired[0].backup),
+                "repaired": [{"file": str(one.path), "kept": str(one.backup)} for one in result.repaired],
                 "damaged": damaged_rows(result.damaged),
+                "unread_bytes": result.unread_bytes,
+                "not_carried_over": dict(result.omitted),
             }
         )
         return DAMAGED if result.damaged else 0
-    for name in result.unindexed_files:
-        terminal_output.note(
-            f"{name} has no index, so that it is read completely when opened; `rosidl-py bag reindex` adds an index"
-        )
-    if result.backup is not None:
-        terminal_output.note(f"the old file is renamed to {result.backup}")
+    for one in result.repaired:
+        reason = "had no index and is" if one.path.name in result.unindexed_files else "is"
+        terminal_output.note(f"{one.path.name} {reason} rewritten; the old file is renamed to {one.backup}")
+    for line in omission_lines(result.omitted):
+        terminal_output.note(line)
     terminal_output.line(f"{result.messages} messages of {result.topics} topics in {result.files} files: {result.path}")
     return DAMAGED if result.damaged else 0

@@ -31,6 +31,11 @@ class BagSelection(NamedTuple):
     start_ns: int
     end_ns: int
 
+    def is_all(self, reader: BagReader) -> bool:
+        """Return True if all messages of the bag are selected."""
+        has_all_topics = len(set(self.topics)) == len(reader.topics)
+        return has_all_topics and self.start_ns <= reader.start_ns and self.end_ns > reader.end_ns
+
     def part_of(self, reader: BagReader) -> float:
         """Return the part of the bag's duration that is selected, from 0 to 1."""
         return min(1.0, (self.end_ns - self.start_ns) / (reader.end_ns - reader.start_ns + 1))
