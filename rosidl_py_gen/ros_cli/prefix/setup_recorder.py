@@ -103,6 +103,7 @@ def _replace_setup(record: Callable[..., None]) -> None:
     try:
         core: Any = importlib.import_module("distutils.core")
     except ImportError:
+        sys.modules["distutils"] = _replacement("distutils")
         if not any(isinstance(one, _ReplacementFinder) for one in sys.meta_path):
             sys.meta_path.append(_ReplacementFinder())
         core = importlib.import_module("distutils.core")

@@ -55,7 +55,7 @@ class Expressions(Variables):
             return method(node, scope)
         why = self._at(f"an expression of type {type(node).__name__.lower()}")
         self._distrust(node, scope, why)
-        return Unknown(why, self._names_in(node))
+        return Unknown(why, self._scoped_names(node, scope))
 
     def _attempt(self, compute: Callable[[], object], used: Iterable[object], what: str) -> object:
         """Return the result of a computation; if it is uncertain, so are the values that it has used."""
@@ -132,6 +132,7 @@ class Expressions(Variables):
             return Unknown(test) if isinstance(test, str) else not test
         if isinstance(node.op, ast.USub) and isinstance(value, int):
             return -value
+        self._touch(value, self._at("an operator"))
         return Unknown(self._at("an operator"))
 
     def _value_BoolOp(self, node: ast.BoolOp, scope: Scope) -> object:
@@ -165,7 +166,8 @@ class Expressions(Variables):
     def _value_Compare(self, node: ast.Compare, scope: Scope) -> object:
         values = [self._value(one, scope) for one in (node.left, *node.comparators)]
         for operator, left, right in zip(node.ops, values, values[1:], strict=False):
-            result = self._attempt(partial(self._comparison, operator, left, right), (), "a comparison")
+            used = [one for one in (left, right) if isinstance(one, Unknown)]
+            result = self._attempt(partial(self._comparison, operator, left, right), used, "a comparison")
             if result is not True:
                 return result
         return True
@@ -198,7 +200,8 @@ class Expressions(Variables):
 
     def _value_JoinedStr(self, node: ast.JoinedStr, scope: Scope) -> object:
         parts = [self._value(one, scope) for one in node.values]
-        return self._attempt(lambda: self._functions.joined(map(self._functions.text_of, parts)), (), "a text")
+        used = [one for one in parts if isinstance(one, Unknown)]
+        return self._attempt(lambda: self._functions.joined(map(self._functions.text_of, parts)), used, "a text")
 
     def _value_FormattedValue(self, node: ast.FormattedValue, scope: Scope) -> object:
         value = self._value(node.value, scope)
@@ -210,7 +213,8 @@ class Expressions(Variables):
         return self._attribute(self._value(node.value, scope), node.attr)
 
     def _attribute(self, base: object, name: str) -> object:
-        if isinstance(base, Unknown):
+        if isinstance(base, Unknown):  # the attribute may be a property
+            self._touch(base, base.why)
             return base
         try:
             return self._functions.attribute(base, name)
@@ -416,7 +420,8 @@ class Expressions(Variables):
                     return self._lose(f"{name}()")
                 if function.name in _EXITS and not self._doubt():
                     raise Stop(self._at(f"{name}()"))
-                if function.name.removeprefix("builtins.") in PURE_BUILTINS:
+                is_pure = function.name.removeprefix("builtins.") in PURE_BUILTINS
+                if is_pure and not self._reach(*args, *words.values()):
                     return Unknown(self._at(f"{name}()"), is_harmless=True)
             elif isinstance(function, Bound):
                 return self._functions.call_method(function, args, words, self._doubt())
@@ -473,17 +478,14 @@ class Expressions(Variables):
             result = self._joined(other, result, self._at(f"the result of {name}()"))
         return result
 
-    def _function(self, node: ast.FunctionDef | ast.Lambda, scope: Scope) -> object:
+    def _function(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda, scope: Scope) -> object:
         defaults = tuple(self._value(one, scope) for one in node.args.defaults)
         words = zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True)
         keyword_defaults = {word.arg: self._value(one, scope) for word, one in words if one is not None}
-        if isinstance(node, ast.FunctionDef):
-            is_generator = any(isinstance(one, ast.Yield | ast.YieldFrom | ast.Await) for one in ast.walk(node))
-            if node.decorator_list or is_generator:
-                for one in node.decorator_list:
-                    self._value(one, scope)
-                kind = "the generator" if is_generator else "the decorated function"
-                return Unknown(self._at(f"{kind} {node.name}"), self._names_in(node) | self._reach(*defaults))
+        is_generator = any(isinstance(one, ast.Yield | ast.YieldFrom | ast.Await) for one in ast.walk(node))
+        if isinstance(node, ast.AsyncFunctionDef) or is_generator:
+            reached = self._reach(*defaults, *keyword_defaults.values())
+            return Unknown(self._at("a generator"), self._scoped_names(node, scope) | reached)
         return FunctionValue(node, scope, defaults, keyword_defaults)
 
     def _record(self, words: Words, why: str) -> None:

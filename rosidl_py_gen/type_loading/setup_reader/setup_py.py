@@ -216,16 +216,26 @@ class _Interpreter(Expressions):
         return why
 
     def _run_FunctionDef(self, node: ast.FunctionDef, scope: Scope) -> None:
-        self._bind(node.name, self._function(node, scope), scope)
+        decorators = [self._value(one, scope) for one in node.decorator_list]
+        value = self._function(node, scope)
+        for decorator in reversed(decorators):
+            value = self._call(decorator, [value], {}, "a decorator")
+        self._bind(node.name, value, scope)
 
-    def _run_AsyncFunctionDef(self, node: ast.AsyncFunctionDef, scope: Scope) -> None:
-        self._bind(node.name, Unknown(self._at(f"async {node.name}"), self._names_in(node)), scope)
+    _run_AsyncFunctionDef = _run_FunctionDef
 
     def _run_ClassDef(self, node: ast.ClassDef, scope: Scope) -> None:
+        why = self._at(f"the class {node.name}")
         for one in (*node.decorator_list, *node.bases, *(word.value for word in node.keywords)):
-            self._value(one, scope)
-        self._run(node.body, Scope(outer=scope))
-        self._bind(node.name, Unknown(self._at(f"the class {node.name}"), self._names_in(node)), scope)
+            self._touch(self._value(one, scope), why)
+        inner = Scope(outer=scope)
+        self._run(node.body, inner)
+        for value in inner.names.values():
+            if isinstance(value, Unknown):  # its class may have __set_name__
+                self._touch(value, why)
+        if "__del__" in inner.names:  # it is called at any time
+            self._lose("__del__")
+        self._bind(node.name, Unknown(self._at(f"the class {node.name}"), self._scoped_names(node, scope)), scope)
 
     def _run_If(self, node: ast.If, scope: Scope) -> None:
         test = self._truth(self._value(node.test, scope))
@@ -304,6 +314,8 @@ class _Interpreter(Expressions):
             self._returned[-1].append(signal.value)
 
     def _run_Raise(self, node: ast.Raise, scope: Scope) -> None:
+        if node.exc is not None:
+            self._touch(self._value(node.exc, scope), self._at("raise"))
         if not self._doubt():
             raise Stop(self._at("raise"))
 

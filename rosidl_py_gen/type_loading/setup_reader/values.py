@@ -27,21 +27,6 @@ class UncertainError(RosidlError):
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
-    """Value that cannot be determined.
-
-    Attributes:
-        why: the reason.
-        names: variables of the module that a call of the value may change.
-        is_harmless: a call of the value changes no files.
-    """
-
-    why: str
-    names: frozenset[str] = frozenset()
-    is_harmless: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class Gap:
     """Element of an iteration that represents an unknown number of other elements; `why` is the reason."""
 
@@ -120,6 +105,24 @@ class Scope:
                 return scope
             scope = scope.outer
         return None
+
+
+Names = frozenset[tuple[str, Scope]]
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """Value that cannot be determined.
+
+    Attributes:
+        why: the reason.
+        names: variables, with scopes in which they are found, that a use of the value may change.
+        is_harmless: a call of the value changes no files.
+    """
+
+    why: str
+    names: Names = frozenset()
+    is_harmless: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,7 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
     IteratorValue,
     Known,
     ListValue,
+    Names,
     Scope,
     UncertainError,
     Unknown,
@@ -110,16 +111,16 @@ class Variables:
                 waiting += elements
                 one.elements = iter([Gap(why)])
             elif isinstance(one, FunctionValue):
-                waiting += self._touch_names(self._names_in(one.node), one.scope, why)
+                waiting += self._values_of((name, one.scope) for name in self._names_in(one.node))
                 waiting += one.defaults
                 waiting += one.keyword_defaults.values()
                 self._forget_globals(one.node, why)
             elif isinstance(one, Unknown):
-                waiting += self._touch_names(one.names, self._module, why)
+                waiting += self._values_of(one.names)
 
-    def _touch_names(self, names: Iterable[str], scope: Scope, why: str) -> list[object]:
+    def _values_of(self, names: Iterable[tuple[str, Scope]]) -> list[object]:
         found = []
-        for name in names:
+        for name, scope in names:
             self._budget.step()
             if (holder := scope.holder(name)) is not None:
                 found.append(holder.names[name])
@@ -136,7 +137,7 @@ class Variables:
 
     def _distrust(self, node: ast.AST, scope: Scope, why: str) -> None:
         """Make everything uncertain that a statement may change."""
-        for value in self._touch_names(self._names_in(node), scope, why):
+        for value in self._values_of((name, scope) for name in self._names_in(node)):
             self._touch(value, why)
         for inner in ast.walk(node):
             self._budget.step()
@@ -163,14 +164,19 @@ class Variables:
             return DictValue({**old.items, **new.items}, why=why)
         return Unknown(why, self._reach(old, new))
 
-    def _reach(self, *values: object) -> frozenset[str]:
+    def _scoped_names(self, node: ast.AST, scope: Scope) -> Names:
+        names = self._names_in(node)
+        self._budget.spend(len(names))
+        return frozenset((name, scope) for name in names)
+
+    def _reach(self, *values: object) -> Names:
         """Return the names of variables that a call of unknown code may change that has some values."""
-        names: frozenset[str] = frozenset()
+        names: Names = frozenset()
         for value in values:
             if isinstance(value, Unknown):
                 names |= value.names
             elif isinstance(value, FunctionValue):
-                names |= self._names_in(value.node)
+                names |= self._scoped_names(value.node, value.scope)
             elif isinstance(value, Bound | ViewValue):
                 names |= self._reach(value.base)
             elif isinstance(value, ListValue | DictValue):
@@ -213,6 +219,7 @@ class Variables:
         if isinstance(value, FunctionValue | FileValue | Known | IteratorValue):
             return True
         why = getattr(value, "why", "")
+        self._touch(value, why)
         return located(why, self._line) if why else self._at("a condition")
 
     def _iterate(self, value: object) -> Iterator[object]:
@@ -254,6 +261,7 @@ class Variables:
             lines = self._functions.call_method(Bound(value, "readlines"), [], {}, "")
             yield from self._iterate(lines)
         else:
+            self._touch(value, getattr(value, "why", ""))
             yield Gap(located(getattr(value, "why", "") or "an iteration", self._line))
 
 
