@@ -257,6 +257,17 @@ while index_N < len(waiting_N):
             data_files.append((share + "/" + waiting_N[index_N], [path_N]))
     index_N += 1
 """,
+    "decorator": """
+def twice_N(function):
+    def call(folder):
+        data_files.append((share + "/d1", ["README.md"]))
+        return function(folder)
+    return call
+@twice_N
+def add_N(folder):
+    data_files.append((share + "/d2", glob(folder + "/*")))
+add_N("urdf")
+""",
     "renamed": "data_files += [('share/foo/renamed', ['params/a.yaml']), ('lib/foo', ['scripts/bar.py'])]",
     "text row": "data_files.append('README.md')",
     "console scripts of a comprehension": "scripts_lines += [f'{n}__N = foo.{n}:main' for n in ('n1', 'n2')]",
@@ -325,17 +336,6 @@ match os.name:
         data_files.append((share + "/posix", ["README.md"]))
     case _:
         data_files.append((share + "/other", ["README.md"]))
-""",
-    "decorator": """
-def twice_N(function):
-    def call(folder):
-        data_files.append((share + "/d1", ["README.md"]))
-        return function(folder)
-    return call
-@twice_N
-def add_N(folder):
-    data_files.append((share + "/d2", glob(folder + "/*")))
-add_N("urdf")
 """,
     "environment": "data_files += [(share + '/env', ['README.md'])] if os.environ.get('HOME') else []",
     "local function with the name of another": """

@@ -72,7 +72,7 @@ _KNOWN = st.lists(st.sampled_from([*STATIC]), min_size=2, max_size=6)
 _MIXED = st.lists(st.sampled_from([*STATIC, *DYNAMIC]), min_size=2, max_size=6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(names=st.one_of(_KNOWN, _MIXED), end=st.sampled_from([*ENDS]))
 def test_combined_idioms_install_the_files_of_setuptools_or_are_uncertain(
     names: list[str], end: str, compare: Case

@@ -1,6 +1,6 @@
 """Program that runs the setup.py of the current folder with a `setup` that records its arguments.
 
-It writes them as JSON to its standard output; output of setup.py goes to standard error. It imports nothing of this
+colcon does the same (docs/internals/protocol.md 14.2). It writes them as JSON to its standard output; output of setup.py goes to standard error. It imports nothing of this
 package. Without setuptools, a replacement has what setup.py files import.
 """
 
