@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -101,7 +102,12 @@ def test_pip_of_a_free_threaded_python_selects_the_recorded_wheel(
     if libddsc.find_installer().name == "uv":
         pytest.skip("uv has no option for it")
     commands: list[tuple[str, ...]] = []
-    monkeypatch.setattr(Installer, "_run", lambda _, action, *command: commands.append(command))
+
+    def download_nothing(command: tuple[str, ...], **_: object) -> subprocess.CompletedProcess[str]:
+        commands.append(command)
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr("subprocess.run", download_nothing)
     with pytest.raises(OutputError, match="has no "):  # nothing was downloaded
         libddsc.fetch(wheel, tmp_path)
     assert {"--abi=cp313", "--python-version=3.13"} <= set(commands[0])

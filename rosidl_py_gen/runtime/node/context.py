@@ -333,14 +333,6 @@ class Context:
             return cls._default
 
     @classmethod
-    def _reserve_default(cls) -> Context:
-        """Return the default context, which stays open until the reservation ends; see `ContextCore.adopt`."""
-        with cls._default_lock:
-            context = cls.default()
-            context._core.reservations += 1
-            return context
-
-    @classmethod
     def _forget_default(cls, core: ContextCore) -> None:
         """Make the next node without a context open another one. Lock: _default_lock must be held."""
         if cls._default is not None and cls._default._core is core:
@@ -385,6 +377,14 @@ class Context:
     def shutdown(self) -> None:
         """Do the same as `close`; the name in rclpy."""
         self.close()
+
+
+def reserve_default_context() -> Context:
+    """Return the default context, which stays open until the reservation ends; see `ContextCore.adopt`."""
+    with Context._default_lock:
+        context = Context.default()
+        context._core.reservations += 1
+        return context
 
 
 def attach_all() -> None:

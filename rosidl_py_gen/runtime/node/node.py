@@ -29,7 +29,7 @@ from rosidl_py_gen.runtime.names.remapping import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.adaptive_subscription import MessageMethods
 from rosidl_py_gen.runtime.node.arguments import parse_node_arguments
-from rosidl_py_gen.runtime.node.context import Context
+from rosidl_py_gen.runtime.node.context import Context, reserve_default_context
 from rosidl_py_gen.runtime.node.graph_methods import GraphMethods
 from rosidl_py_gen.runtime.node.parameter_methods import ParameterMethods
 from rosidl_py_gen.runtime.node.service_methods import ServiceMethods
@@ -124,7 +124,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         mode = checked_mode(type_hash_check)
         own_arguments = parse_node_arguments(cli_args)
         # A reservation retains the default context, which another thread may close with its last node.
-        self.context = Context._reserve_default() if context is None else context
+        self.context = reserve_default_context() if context is None else context
         core = self.context._core
         try:
             rules = (*own_arguments.remap_rules, *(core.ros_arguments.remap_rules if use_global_arguments else ()))
