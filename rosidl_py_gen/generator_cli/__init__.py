@@ -199,12 +199,13 @@ def _install(action: str, paths: tuple[str, ...], selection: str, force: bool, a
     """Install or uninstall message packages of this environment."""
     from rosidl_py_gen.compiler.frontend.registry import split_filter
     from rosidl_py_gen.wheels import environment
+    from rosidl_py_gen.wheels.build import with_bundled
 
     wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
     if action == "uninstall":
         changed = environment.uninstall(wanted, force=force)
     else:
-        search = _search(paths)
+        search = with_bundled(_search(paths), wanted)
         changed = environment.install(search, wanted or [*search.packages], force=force)
     if not as_json:
         place = f"{'into' if action == 'install' else 'from'} {sys.prefix}: "
@@ -456,10 +457,13 @@ def wheel(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependenc
     rosidl-py-gen wheel --path ~/robot_ws/src/my_msgs --out dist
     pip install dist/*.whl
     """
-    from rosidl_py_gen.wheels.build import build, selected_packages
+    from rosidl_py_gen.wheels.build import build, selected_packages, with_bundled
 
     search = _search(paths)
-    built = build(search, selected_packages(search, [*names]), Path(out), dependencies=not no_dependencies)
+    selected = selected_packages(search, [*names])
+    if not names and len(selected) == len(search.packages):
+        search = with_bundled(search, selected)
+    built = build(search, selected, Path(out), dependencies=not no_dependencies)
     if as_json or _group_option("as_json", False):
         print_json([{"package": one.package, "path": str(one.path), "requires": list(one.requires)} for one in built])
         return

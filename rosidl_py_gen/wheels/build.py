@@ -10,7 +10,7 @@ Equal contents give equal bytes with the same version of flit_core.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -51,6 +51,21 @@ def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
             raise DefinitionError(Diagnostic(name, 0, 0, f"there is no package of this name; expected one of {known}"))
     own = [name for name, one in search.packages.items() if one.origin not in (BUNDLED, INSTALLED)]
     return sorted(wanted or own or search.packages)
+
+
+def with_bundled(search: SearchPath, names: list[str]) -> SearchPath:
+    """Return a search path in which bundled packages precede installed ones of these names, or of all names.
+
+    Otherwise a new installation would repeat the old one: its own wheels precede the bundled definitions, also after a
+    change of ROS_DISTRO or an update of this package.
+    """
+    bundled = {
+        one.name: one for one in search.hidden if one.origin == BUNDLED and one.name in (names or search.packages)
+    }
+    packages = {
+        name: bundled.get(name, one) if one.origin == INSTALLED else one for name, one in search.packages.items()
+    }
+    return replace(search, packages=packages)
 
 
 def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: bool = True) -> list[BuiltWheel]:

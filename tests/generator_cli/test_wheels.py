@@ -330,6 +330,28 @@ def test_modules_of_the_current_folder_are_not_run_by_an_installation(clean: Pat
         assert "turtlesim" in said(clean, program, "--filter", "turtlesim", action, cwd=tmp_path)
 
 
+def test_a_new_installation_has_the_bundled_definitions_of_the_selected_distribution(
+    clean: Path, tmp_path: Path
+) -> None:
+    shows = "from sensor_msgs.msg import Range; print('variance' in Range.__slots__)"
+    install = *GENERATOR, "--filter", "sensor_msgs", "--install"
+    try:
+        for distro, has_variance in (("jazzy", True), ("humble", False), ("jazzy", True)):
+            said(clean, *install, cwd=tmp_path, ROS_DISTRO=distro)
+            assert said(clean, "-c", shows, cwd=tmp_path) == f"{has_variance}\n", distro
+        # A definition of the user stays, unless its package is named.
+        source(tmp_path / "src", "sensor_msgs", "9.0.0", "std_msgs", Range="int8 mine\n")
+        source(tmp_path / "src", "my_msgs", "1.0.0", "sensor_msgs", Mine="sensor_msgs/Range range\n")
+        said(
+            clean, *GENERATOR, "--path", tmp_path / "src", "--filter", "sensor_msgs:my_msgs", "--install", cwd=tmp_path
+        )
+        source(tmp_path / "other", "your_msgs", "1.0.0", "sensor_msgs", Yours="sensor_msgs/Range range\n")
+        said(clean, *GENERATOR, "--path", tmp_path / "other", "--filter", "your_msgs", "--install", cwd=tmp_path)
+        assert said(clean, "-c", "from sensor_msgs.msg import Range; print(Range().mine)", cwd=tmp_path) == "0\n"
+    finally:
+        said(clean, *GENERATOR, "--uninstall", "--force")
+
+
 def test_packages_of_others_are_left_alone(clean: Path, tmp_path: Path) -> None:
     site = site_of(clean)
     for name, words in (("std_msgs", "std_msgs is importable from"), ("rclpy", "rclpy is importable from")):
