@@ -31,7 +31,7 @@ from rosidl_py_gen.runtime.transport.cyclone import library
 NOT_QUICK = re.compile(
     r"interop|oracle|test_code_blocks|test_site|test_stress|test_wheel|test_two_processes|test_examples"
     r"|test_notebooks|test_scale|test_packages|_typing|test_pytest_plugin|process|test_runner|transport/|test_foxglove"
-    r"|tests/ros_compat/|test_zenoh|a_thread_that_reads_on|test_command_line|test_install_hints|test_libddsc|test_completion|tests/generator_cli/|cmake_agrees|type_checkers|importing"
+    r"|tests/ros_compat/|test_zenoh|a_thread_that_reads_on|test_command_line|test_install_hints|test_libddsc|test_setup_py|test_setup_idioms|test_package_bounds|test_completion|tests/generator_cli/|cmake_agrees|type_checkers|importing"
     r"|forked_child|broken_cyclonedds_uri|cyclonedds_itself|ctrl_c|prototypes_survive|comes_from_standard_input"
     r"|needs_neither_lark|foreign_package_of_the_same_name|clean_code|formatted_and_clean|left_alone_by_the_formatter"
     r"|every_byte|need_little_memory|ten_thousand_fields|every_error_class|bytes_of_a_database_may_be_wrong"

@@ -52,7 +52,7 @@ def test_the_filter_may_come_from_the_environment(shell: Shell, world: str, monk
     assert {name.split("/")[0] for name in shell.written()} == {"a_msgs"}
     assert shell("--path", world, "--filter", "b_msgs").code == 0  # the option wins
     assert "b_msgs/srv/_ask.py" in shell.written()
-    assert "2 interfaces in 1 packages: no problems" in shell("check", "--path", world).out
+    assert "2 interfaces in 1 package: no problems" in shell("check", "--path", world).out
 
 
 def test_one_interface(shell: Shell, world: str) -> None:

@@ -98,7 +98,7 @@ async def test_a_type_nobody_installed_has_the_definition_of_its_node(node: Node
     await wait_for_lines(process, "recording /odd [nobody_has/msg/Odd]")
     await until(lambda: count_of(tmp_path / "bag") == 1, 20)
     ended = await tool.interrupt(process)
-    assert ended.code == 0 and "recorded 1 messages of 1 topics" in ended.err
+    assert ended.code == 0 and "recorded 1 message of 1 topic" in ended.err
     script = (
         "import sys\nfrom rosidl_py_gen.bags import BagReader\n"
         "for item in BagReader(sys.argv[1]): print(item.topic, item.message.name, item.message.inner.numbers.dtype)\n"
@@ -319,7 +319,7 @@ async def test_keys_step_pause_and_change_the_rate(dds: World, terminal: Termina
     terminal.press(SPACE)
     assert await terminal.ended() == 0
     assert terminal.state() == terminal.before
-    assert "published 3 messages of 1 topics" in terminal.seen
+    assert "published 3 messages of 1 topic" in terminal.seen
 
 
 @pytest.mark.parametrize(

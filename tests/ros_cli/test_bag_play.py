@@ -93,7 +93,7 @@ async def test_messages_come_as_far_apart_as_then(node: Node, tool: Any, words: 
     ended = await played(tool, words, "--rate", rate)
     assert heard.data == [f"w{number}" for number in range(10)]
     assert heard.times == pytest.approx([number * step_s for number in range(10)])
-    assert ended.err == "published 10 messages of 1 topics\n"
+    assert ended.err == "published 10 messages of 1 topic\n"
 
 
 async def test_a_topic_begins_as_long_after_the_bag_as_then_and_delay_waits_before(
@@ -456,7 +456,7 @@ async def test_recorded_requests_are_sent_to_the_service(
     assert [number for _, number in asked] == [1, 2]
     assert asked[0][0] - heard.items[0][0] == pytest.approx(first_s)
     assert asked[1][0] - asked[0][0] == pytest.approx(1)
-    assert "published 1 messages of 2 topics and sent 2 requests\n" in ended.err
+    assert "published 1 message of 2 topics and sent 2 requests\n" in ended.err
     kept = (
         "/add/_service_event: service_introspection events were recorded without request contents; no request is sent\n"
     )

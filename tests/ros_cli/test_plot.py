@@ -382,7 +382,7 @@ async def test_a_live_plot_ends_after_messages_or_seconds(node: Node, tool: Any,
     process = await tool.start("topic", "plot", "/f", *options)
     await send_numbers(publisher, 1, 0)
     ended = await tool.end(process)
-    assert (ended.code, ended.out) == (0, f"1 messages of /f in {tmp_path / 'a.png'}\n")
+    assert (ended.code, ended.out) == (0, f"1 message of /f in {tmp_path / 'a.png'}\n")
 
 
 async def test_a_window_is_redrawn_until_it_is_closed(node: Node, tool: Any, monkeypatch: Any) -> None:

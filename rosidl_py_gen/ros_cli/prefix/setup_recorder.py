@@ -1,7 +1,8 @@
 """Program that runs the setup.py of the current folder with a `setup` that records its arguments.
 
-colcon does the same (docs/internals/protocol.md 14.2). It writes them as JSON to its standard output; output of setup.py goes to standard error. It imports nothing of this
-package. Without setuptools, a replacement has what setup.py files import.
+colcon does the same (docs/internals/protocol.md 14.3). The arguments are written as JSON to standard output; output of
+setup.py goes to standard error. The program imports nothing of this package. Without setuptools, a replacement has what
+setup.py files import.
 """
 
 from __future__ import annotations
