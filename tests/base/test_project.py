@@ -90,7 +90,7 @@ def test_both_command_lines_use_the_folders_of_the_project(
     ros_cli.main(["interface", "show", "project_msgs/msg/A", "--path", "../src"])
     assert capsys.readouterr().out == "uint8 x\n"
     generator_cli.main(["check", "project_msgs"])
-    assert "1 interfaces in 1 packages" in capsys.readouterr().out
+    assert "1 interface in 1 package" in capsys.readouterr().out
     ros_cli.main(["run", "--list", "robot"])
     assert "talker" in capsys.readouterr().out
 

@@ -189,7 +189,7 @@ def test_generated_files_below_the_path_are_not_a_package(shell: Shell) -> None:
     write(shell.folder / "src/robot_msgs", files)
     for out in ("generated", "generated", "src", "src"):  # next to the definitions, and among them
         answer = shell("--path", ".", "--filter", "robot_msgs", "--out", out)
-        assert (answer.code, answer.out[:27]) == (0, "1 interfaces in 1 packages:"), answer.err
+        assert (answer.code, answer.out[:25]) == (0, "1 interface in 1 package:"), answer.err
 
 
 # --- the other commands -----------------------------------------------------------------------------------------------

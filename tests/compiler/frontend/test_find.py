@@ -126,7 +126,7 @@ def test_loops_of_links_end(tmp_path: Path) -> None:
 
 
 def test_very_deep_folders_end(tmp_path: Path) -> None:
-    deep = tmp_path / "/".join("d" * 60) / "a_msgs" / "msg"
+    deep = tmp_path / "/".join("d" * 120) / "a_msgs" / "msg"
     deep.mkdir(parents=True)
     write(tmp_path, {"b_msgs/msg/A.msg": ""})
     assert set(packages(only(tmp_path))) == {"b_msgs"}
