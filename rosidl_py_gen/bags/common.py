@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import GenericAlias
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.errors import RosidlError, printable
@@ -12,6 +13,11 @@ from rosidl_py_gen.errors import RosidlError, printable
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
+    from typing import Generic
+
+    from typing_extensions import TypeVar
+
+    T = TypeVar("T", default=Any)
 
 OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
 """Keys of rosbag2 in the metadata of MCAP channels."""
@@ -122,19 +128,31 @@ def sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-class BagMessage(NamedTuple):
-    """Message of a bag; times are nanoseconds since 1970.
+if TYPE_CHECKING:
 
-    Attributes:
-        message: an instance of the topic's class; bytes if read with `raw`.
-        log_time: when the message was recorded.
-        publish_time: when the message was published, as far as the recorder knew.
-    """
+    class BagMessage(NamedTuple, Generic[T]):
+        topic: str
+        message: T
+        log_time: int
+        publish_time: int
 
-    topic: str
-    message: Any
-    log_time: int
-    publish_time: int
+else:  # Python 3.10 has no generic named tuples
+
+    class BagMessage(NamedTuple):
+        """Message of a bag; times are nanoseconds since 1970.
+
+        Attributes:
+            message: an instance of the topic's class; bytes if read with `raw`.
+            log_time: when the message was recorded.
+            publish_time: when the message was published, as far as the recorder knew.
+        """
+
+        topic: str
+        message: Any
+        log_time: int
+        publish_time: int
+
+        __class_getitem__ = classmethod(GenericAlias)
 
 
 class RawMessage(NamedTuple):

@@ -10,8 +10,9 @@ import asyncio
 import warnings
 from contextlib import ExitStack
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
+from rosidl_py_gen import type_hash
 from rosidl_py_gen.bags.common import (
     BagError,
     BagMessage,
@@ -49,6 +50,7 @@ from rosidl_py_gen.bags.storage.storage_api import (
 )
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import DecodeError, RosidlError
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.definition_lookup import Typestore
     from rosidl_py_gen.type_loading.class_lookup import SearchFolders
 
+MessageT = TypeVar("MessageT", bound=Message)
 _END = 1 << 64
 _MAX_DAMAGE_WARNINGS = 20
 
@@ -202,21 +205,41 @@ class BagReader:
             raise BagError(f"{self.path} has no topic {name}{did_you_mean(name, self.topics)}")
         return [one for one in self.channels if one.name == name]
 
+    @overload
+    def messages(
+        self, topics: Iterable[str] | str, message_class: type[MessageT], *, start_ns: int | None = ...,
+        end_ns: int | None = ..., raw: Literal[False] = ..., arrays: bool = ...,
+        on_error: Literal["raise", "skip"] = ...,
+    ) -> Iterator[BagMessage[MessageT]]: ...  # fmt: skip
+    @overload
+    def messages(
+        self, topics: Iterable[str] | str | None = ..., message_class: None = ..., *, raw: Literal[True],
+        start_ns: int | None = ..., end_ns: int | None = ..., arrays: bool = ...,
+        on_error: Literal["raise", "skip"] = ...,
+    ) -> Iterator[BagMessage[bytes]]: ...  # fmt: skip
+    @overload
+    def messages(
+        self, topics: Iterable[str] | str | None = ..., message_class: None = ..., *, start_ns: int | None = ...,
+        end_ns: int | None = ..., raw: bool = ..., arrays: bool = ..., on_error: Literal["raise", "skip"] = ...,
+    ) -> Iterator[BagMessage]: ...  # fmt: skip
     def messages(
         self,
         topics: Iterable[str] | str | None = None,
+        message_class: type[Message] | None = None,
         *,
         start_ns: int | None = None,
         end_ns: int | None = None,
         raw: bool = False,
         arrays: bool = False,
         on_error: Literal["raise", "skip"] = "raise",
-    ) -> Iterator[BagMessage]:
+    ) -> Iterator[BagMessage[Any]]:
         """Yield messages by log time, each decoded with the definition it was written with.
 
         Args:
             topics: names of topics. None means all topics with a known type, and all if `raw`; skipped messages are
                 counted in `skipped`, and a `BagWarning` reports each such topic.
+            message_class: class of the messages of `topics`, which type checkers then know. It must have the recorded
+                definition.
             start_ns: first log time.
             end_ns: end of the log times, exclusive.
             raw: messages stay CDR bytes, without decoding.
@@ -224,19 +247,42 @@ class BagReader:
             on_error: ``"skip"`` skips damaged messages; ``"raise"`` raises an error.
 
         Raises:
+            TypeError: `message_class` is not a message class, or is passed without topics or with `raw`.
             ValueError: `on_error` has another value.
-            BagError: the bag is damaged, a topic does not exist, or one of `topics` cannot be decoded.
+            BagError: the bag is damaged, a topic does not exist, one of `topics` cannot be decoded, or it has another
+                type or definition than `message_class`.
             DecodeError: a message is damaged; names the topic and the time.
         """
         may_skip = _may_skip(on_error)
         names = self._names(topics)
+        if message_class is not None:
+            if names is None or raw:
+                raise TypeError("message_class: passed without topics or with raw=True; expected decoded topics")
+            for name in names:
+                self._require_class(name, message_class)
         messages = self._merged(names, start_ns, end_ns)
         if raw:
             return as_bag_messages(messages)
         for name in names or ():
             for channel in self._channels_of(name):
                 self.message_class(channel)
-        return self._decoded(messages, arrays, names is None, may_skip)
+        return self._decoded(messages, arrays, names is None, may_skip, message_class)
+
+    def _require_class(self, topic: str, message_class: type[Message]) -> None:
+        """Raise an error if a topic has messages of another type or definition than a class."""
+        if not (isinstance(message_class, type) and issubclass(message_class, Message)):
+            raise TypeError(f"message_class: got {message_class!r}; expected a message class")
+        expected = message_class._TYPE.name
+        for channel in self._channels_of(topic):
+            recorded = self.message_class(channel)
+            name = recorded._TYPE.name
+            if name != expected:
+                raise BagError(f"{self.path}: {topic} has messages of {name}; expected {expected}, as passed")
+            if recorded is not message_class and type_hash(recorded) != type_hash(message_class):
+                raise BagError(
+                    f"{self.path}: {topic} was recorded with another definition of {name} than the class passed; omit "
+                    "the class to read the recorded fields, or convert the bag with `rosidl-py bag migrate`"
+                )
 
     def raw_messages(
         self,
@@ -263,7 +309,12 @@ class BagReader:
         return merge_by_time(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
 
     def _decoded(
-        self, messages: Iterable[RawTuple], arrays: bool, may_skip_topic: bool, may_skip: bool
+        self,
+        messages: Iterable[RawTuple],
+        arrays: bool,
+        may_skip_topic: bool,
+        may_skip: bool,
+        message_class: type[Message] | None = None,
     ) -> Iterator[BagMessage]:
         decoders: dict[BagChannel, Callable[[bytes | memoryview], Any] | None] = {}
         make = tuple.__new__  # twice as fast as BagMessage()
@@ -271,7 +322,9 @@ class BagReader:
             try:
                 decode = decoders[channel]
             except KeyError:
-                decode = decoders[channel] = self._decoder(channel, data, arrays, may_skip_topic, may_skip)
+                decode = decoders[channel] = self._decoder(
+                    channel, data, arrays, may_skip_topic, may_skip, message_class
+                )
             if decode is None:
                 self._count_skipped(channel.topic)
                 continue
@@ -293,7 +346,13 @@ class BagReader:
             yield make(BagMessage, (channel.topic, message, log_time, publish_time))
 
     def _decoder(
-        self, channel: BagChannel, first: bytes | memoryview, arrays: bool, may_skip_topic: bool, may_skip: bool
+        self,
+        channel: BagChannel,
+        first: bytes | memoryview,
+        arrays: bool,
+        may_skip_topic: bool,
+        may_skip: bool,
+        message_class: type[Message] | None,
     ) -> Callable[[bytes | memoryview], Any] | None:
         """Return the decoder of a channel, of which `first` is a message; None if it must be skipped."""
         topic = channel.info
@@ -306,7 +365,7 @@ class BagReader:
                 raise
             self._count_skipped(channel.topic, error, 0)
             return None
-        decode = decoder_of(cls, arrays)
+        decode = decoder_of(message_class or cls, arrays)
         return decode if definition.is_recorded else checked_decoder(topic, definition, decode, may_skip)
 
     def _count_skipped(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:

@@ -12,7 +12,7 @@ from collections import Counter
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
 from rosidl_py_gen.bags.common import BagError, sync_file, sync_folder
 from rosidl_py_gen.bags.copying import BagCopy, RecordingData, listed_topics, with_listed_values
@@ -27,11 +27,12 @@ from rosidl_py_gen.bags.storage.storage_api import ReadingProgress, topics_by_na
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from rosidl_py_gen.bags.common import BagTopic, DamagedPart, RawMessage
     from rosidl_py_gen.bags.metadata import BagMetadata
 
+T = TypeVar("T")
 UNINDEXED = ".unindexed"
 """Ending of a file whose repaired form has its name."""
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
@@ -86,8 +87,12 @@ def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:
     """Yield all messages as they are stored, and report progress from the present position to `end`."""
+    return _with_progress(reader._messages_as_stored(), reader, progress, end)
+
+
+def _with_progress(messages: Iterable[T], reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[T]:
     start, total = None, max(1, sum(channel.count or 0 for channel in reader.channels))
-    for count, message in enumerate(reader._messages_as_stored()):
+    for count, message in enumerate(messages):
         if start is None:  # before the first message, ranges outside of the index are read, which is progress too
             start = progress.position
         if not count % _MESSAGES_PER_REPORT:
@@ -200,13 +205,14 @@ class _Survey:
             self._write(reader, file, size)
         else:
             counted = FileStatistics(file.name, counts=dict.fromkeys(reader.topics, 0))
-            for message in _messages(reader, self._progress, size):  # all: some may be damaged
-                counted.add(message.channel.name, message.log_time)
-            for file_storage in reader._files:
-                for _ in file_storage.attachments():
-                    pass
-                for _ in file_storage.metadata_records():
-                    pass
+            (storage,) = reader._files
+            stored = _with_progress(storage.stored_messages(), reader, self._progress, size)
+            for channel, _, log_time, _, _ in stored:  # all: some may be damaged
+                counted.add(channel.topic, log_time)
+            for _ in storage.attachments():
+                pass
+            for _ in storage.metadata_records():
+                pass
             needs_repair = bool(reader.damaged)
             if needs_repair:
                 self._write(reader, file, size)

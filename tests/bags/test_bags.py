@@ -18,12 +18,12 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Imu
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_msgs.msg import UInt8MultiArray as Bytes
-from support.bag_samples import file_size_limit, require_error
+from support.bag_samples import file_size_limit, require_error, write_strings
 
 from rosidl_py_gen import compile_definition, get_message, type_hash
-from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, DecoderFactory
+from rosidl_py_gen.bags import BagError, BagMessage, BagReader, BagTopic, BagWriter, DecoderFactory
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import Durability, QoSProfile
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
@@ -329,3 +329,27 @@ def test_names_of_other_things_are_refused(tmp_path: Path) -> None:
         require_error(path, text)
     with pytest.raises(OSError, match=r"none\.mcap"):
         BagReader(tmp_path / "none.mcap")
+
+
+def test_messages_of_a_class_are_of_that_class_or_an_error_names_the_difference(tmp_path: Path) -> None:
+    path = write_strings(tmp_path / "a.mcap", ["x", "y"])
+    same = compile_definition("std_msgs/msg/String", "string data")
+    other = compile_definition("std_msgs/msg/String", "string data\nint32 number")
+    with BagReader(path) as reader:
+        for cls in (String, same):
+            items = list(reader.messages("/s", cls))
+            assert [(type(item.message), item.message.data) for item in items] == [(cls, "x"), (cls, "y")]
+        with pytest.raises(BagError, match="/s has messages of std_msgs/msg/String; expected std_msgs/msg/Bool"):
+            reader.messages("/s", Bool)
+        with pytest.raises(BagError, match="/s was recorded with another definition of std_msgs/msg/String"):
+            reader.messages("/s", other)
+        for arguments, options in [((None, String), {}), (("/s", String), {"raw": True}), (("/s", str), {})]:
+            with pytest.raises(TypeError, match="message_class"):
+                reader.messages(*arguments, **options)  # type: ignore[call-overload]
+        assert BagMessage[String](*items[0]) == items[0]
+
+
+def test_repr_of_a_reader_has_path_and_numbers(tmp_path: Path) -> None:
+    path = write_strings(tmp_path / "a.mcap", ["x", "y"])
+    with BagReader(path) as reader:
+        assert repr(reader) == f"<BagReader {str(path)!r}: 2 messages of 1 topics>"

@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from typing_extensions import assert_type
 
 from rosidl_py_gen import decode, dtype, messages, records
+from rosidl_py_gen.bags import BagMessage, BagReader
 from rosidl_py_gen.runtime import (
     SENSOR_DATA,
     Client,
@@ -86,12 +87,30 @@ def arrays(polygon: Polygon) -> None:
     assert_type(Polygon(points=[Point32()]), Polygon)
     assert_type(Polygon.decode(polygon.encode(), arrays=True), Polygon)
     assert_type(decode(Polygon, b"", arrays=True, copy=True), Polygon)
+
+
+def bags(reader: BagReader, item: BagMessage) -> None:
+    for typed in reader.messages("/a", String, start_ns=1):
+        assert_type(typed, BagMessage[String])
+        assert_type(typed.message, String)
+        topic, message, log_time, _ = typed
+        assert_type(message, String)
+    for serialized in reader.messages(raw=True):
+        assert_type(serialized.message, bytes)
+    for decoded in reader.messages(["/a", "/b"], arrays=True):
+        assert_type(decoded.message, Any)
+    assert_type(item.log_time, int)
 """
 WRONG = """
 
 def wrong(node: Node) -> None:
     node.create_publisher(String, "a").publish(AddTwoInts.Request())
     Polygon(points=[Point()])
+
+
+def wrong_bag(reader: BagReader) -> None:
+    for item in reader.messages("/a", Polygon):
+        print(item.message.data)
 """
 
 
@@ -103,4 +122,4 @@ def test_inference_and_wrong_types_under_strict_mypy(tmp_path: Path) -> None:
     environment = {**os.environ, "MYPYPATH": f"{GENERATED.name}{os.pathsep}{ROOT}"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     errors = [line for line in done.stdout.splitlines() if ": error: " in line]
-    assert [line.split()[-1] for line in errors] == ["[arg-type]", "[list-item]"], done.stdout
+    assert [line.split()[-1] for line in errors] == ["[arg-type]", "[list-item]", "[attr-defined]"], done.stdout

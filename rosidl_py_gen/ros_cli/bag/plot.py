@@ -113,7 +113,7 @@ def _panels(
     on_error = "skip" if skips else "raise"
     total = sum(bag.topics[name].count or 0 for name in lines)
     with ProgressBar("messages") as show:
-        messages = bag.messages(part.topics, start_ns=part.start_ns, end_ns=part.end_ns, on_error=on_error)  # type: ignore[arg-type]
+        messages = bag.messages(part.topics, start_ns=part.start_ns, end_ns=part.end_ns, on_error=on_error)  # type: ignore[call-overload]
         for message in show.each(messages, total):
             lines[message.topic].add(message.message, message.log_time)
     for name, one in lines.items():
