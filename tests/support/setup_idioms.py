@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -167,6 +168,18 @@ data_files += [(os.path.join(share, place), glob(pattern)) for place, pattern in
 rows_N = lambda folder, pattern="*.yaml": (os.path.join(share, folder), glob(os.path.join(folder, pattern)))
 data_files += [rows_N("config"), rows_N("urdf", "*.urdf")]
 """,
+    "union of dicts": """
+rows_N = {share + "/w": ["worlds/w.world"]}
+alias_N = rows_N
+rows_N |= {share + "/u": ["urdf/r.urdf"]}
+data_files += alias_N.items()
+""",
+    "view of a dict": """
+rows_N = {}
+view_N = rows_N.items()
+rows_N[share + "/w"] = ["worlds/w.world"]
+data_files += list(view_N) + list(view_N)
+""",
     "map": "data_files += map(lambda d: (share + '/' + d, glob(d + '/*.yaml')), ['config', 'params'])",
     "filter": "data_files.append((share + '/config', list(filter(os.path.isfile, glob('config/*')))))",
     "condition": """
@@ -307,6 +320,12 @@ def rows_N():
         yield share + "/" + folder, glob(folder + "/*.yaml")
 data_files += rows_N()
 """,
+    "repeated list": """
+rows_N = [(share + "/w", ["worlds/w.world"])]
+other_N = rows_N
+rows_N *= 2
+data_files += other_N
+""",
     "pop": "data_files.append((share, ['README.md']))\ndata_files.append((share, ['top.launch.py']))\ndata_files.pop()",
     "remove": "row_N = (share, ['README.md'])\ndata_files.append(row_N)\ndata_files.remove(row_N)",
     "del": "data_files.insert(0, (share, ['README.md']))\ndel data_files[0]",
@@ -359,6 +378,74 @@ scripts_lines += Names_N([f"m__N = foo.n1:main"])
 """,
 }
 """Idioms that are not understood: they are reported as uncertain."""
+_GLOBAL = "global data_files, scripts, scripts_lines"
+_FUNCTION = f"def _f_N(*_):\n    {_GLOBAL}\n    CODE\n    return 1\n"
+_METHOD = f"class _C_N:\n    def METHOD(self, *_):\n        {_GLOBAL}\n        CODE\n        return RESULT\n"
+
+
+def _method(name: str, use: str, result: str = "1") -> str:
+    """Return the definition of a class with a method, and code that calls the method."""
+    return _METHOD.replace("METHOD", name).replace("RESULT", result) + use
+
+
+AROUND: dict[str, str] = {
+    "none": "CODE",
+    "known condition": "if True:\n    CODE",
+    "dead code": "if False:\n    CODE",
+    "unknown condition": "if os.environ.get('PATH'):\n    CODE",
+    "unknown else": "if os.environ.get('NO_SUCH_VARIABLE'):\n    pass\nelse:\n    CODE",
+    "try": "try:\n    CODE\nexcept OSError:\n    raise",
+    "except": "try:\n    raise ValueError\nexcept ValueError:\n    CODE",
+    "loop": "for _w_N in (1,):\n    CODE",
+    "unknown loop": "for _w_N in os.environ:\n    CODE\n    break",
+    "else of a loop": "for _w_N in []:\n    pass\nelse:\n    CODE",
+    "while": "while True:\n    CODE\n    break",
+    "function": _FUNCTION + "_f_N()",
+    "function that is not called": _FUNCTION,
+    "function that may return before": "_p_N = 'PATH'\n"
+    + _FUNCTION.replace("CODE", "if not os.environ.get(_p_N):\n        return 1\n    CODE")
+    + "_f_N()",
+    "callback of unknown code": _FUNCTION + "re.sub('a', lambda match: str(_f_N()), 'a')",
+    "key of sort": _FUNCTION + "[1].sort(key=_f_N)",
+    "partial": _FUNCTION + "functools.partial(_f_N, 1)()",
+    "decorator": "def _d_N(function):\n    function()\n    return function\n@_d_N\n" + _FUNCTION,
+    "default": _FUNCTION + "def _g_N(x=_f_N()):\n    return x",
+    "unknown and": _FUNCTION + "os.environ.get('PATH') and _f_N()",
+    "function of a dict": _FUNCTION + "{'a': _f_N}[os.environ.get('NO_SUCH_VARIABLE', 'a')]()",
+    "lazy map": _FUNCTION + "_m_N = map(_f_N, [1])\nlist(_m_N)",
+    "lazy map that is not used": _FUNCTION + "_m_N = map(_f_N, [1])",
+    "generator": _FUNCTION.replace("return", "yield") + "list(_f_N())",
+    "iterator in a comparison": _FUNCTION + "1 in (_f_N(x) for x in [1])",
+    "type": _FUNCTION + "type('T', (), dict(run=_f_N))().run()",
+    "method": _method("run", "_C_N().run()"),
+    "property": _method("run", "_C_N().run").replace("    def", "    @property\n    def"),
+    "operator": _method("__add__", "_C_N() + 1"),
+    "text": _method("__str__", "f'{_C_N()}'", "''"),
+    "iteration": _method("__iter__", "a_N, b_N = _C_N()", "iter([1, 2])"),
+    "truth": _method("__bool__", "if _C_N():\n    pass", "True"),
+    "comparison": _method("__eq__", "1 in [_C_N()]", "True"),
+    "item": _method("__setitem__", "_C_N()[1] = 1"),
+    "deletion": _method("__del__", "_c_N = _C_N()\ndel _c_N"),
+    "subclass": _method("__init_subclass__", "class _D_N(_C_N):\n    pass"),
+    "exception": _method("__init__", "try:\n    raise _C_N\nexcept _C_N:\n    pass", "None").replace(
+        "class _C_N", "class _C_N(Exception)"
+    ),
+    "class in a function": f"""
+def _g_N():
+    {_GLOBAL}
+    rows, old = [], data_files
+    class _C_N:
+        def add(self):
+            rows.append((share + "/in", ["README.md"]))
+    _C_N().add()
+    data_files = rows + old
+_g_N()
+CODE
+""",
+}
+"""Code around an idiom, which is executed once or never."""
+
+
 ENDS: dict[str, str] = {
     "plain": """
 setup(name=package_name, version="0.0.1", packages=find_packages(exclude=["test"]), data_files=data_files,
@@ -385,8 +472,15 @@ if __name__ == "__main__":
 """Calls of `setup`."""
 
 
-def write_package(folder: Path, names: Sequence[str], end: str = "plain") -> None:
-    """Write a package whose setup.py consists of some idioms."""
+def placed(code: str, around: str, number: int) -> str:
+    """Return an idiom, with a number in its names, inside of other code."""
+    margin = next((line for line in AROUND[around].split("\n") if "CODE" in line), "").partition("CODE")[0]
+    inner = code.strip("\n").replace("\n", f"\n{margin}")
+    return AROUND[around].replace("CODE", inner).replace("_N", f"_{number}")
+
+
+def write_package(folder: Path, names: Sequence[str], end: str = "plain", around: Sequence[str] = ()) -> None:
+    """Write a package whose setup.py consists of some idioms, each with other code around it."""
     for path, text in {**{path: path for path in FILES}, **TEXTS}.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_text(text)
@@ -398,7 +492,8 @@ def write_package(folder: Path, names: Sequence[str], end: str = "plain") -> Non
     (folder / "foo/n2.py").write_text("def main():\n    print('foo/n2.py')\n")
     (folder / "package.xml").write_text("<package><name>foo</name></package>")
     code = {**STATIC, **DYNAMIC}
-    text = "\n".join(code[name].replace("_N", f"_{number}") for number, name in enumerate(names))
+    pairs = enumerate(zip_longest(names, around, fillvalue="none"))
+    text = "\n".join(placed(code[name], other, number) for number, (name, other) in pairs)
     (folder / "setup.py").write_text(f"{IMPORTS}\n{text}\n{ENDS[end]}")
 
 

@@ -100,7 +100,7 @@ def _deep_folders(folder: Path) -> None:
     here = os.getcwd()
     try:
         os.chdir(folder)
-        for _ in range(1200):
+        for _ in range(300):
             os.mkdir("a")
             os.chdir("a")
     finally:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.setup_idioms import DYNAMIC, ENDS, STATIC, Installer, is_compared, is_program, write_package
+from support.setup_idioms import AROUND, DYNAMIC, ENDS, STATIC, Installer, is_compared, is_program, write_package
 
 from rosidl_py_gen.ros_cli.prefix.package_plan import PackagePlan
 from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
@@ -17,7 +18,14 @@ pytestmark = [
     pytest.mark.real_time("setup.py runs in processes"),
     pytest.mark.skipif(os.name == "nt", reason="there is no prefix"),
 ]
-Case = Callable[[Sequence[str], str], None]
+EXCLUSIVE = ("local function with the name of another", "own package", "console scripts of a comprehension")
+"""Idioms that other code cannot contain, or that would repeat a name."""
+
+
+class Case(Protocol):
+    """Comparison of a package of some idioms with what setuptools installs; returns True for a certain reading."""
+
+    def __call__(self, names: Sequence[str], end: str, around: Sequence[str] = ()) -> bool: ...
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +35,9 @@ def compare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Case]:
     top = tmp_path_factory.mktemp("idioms")
     count = iter(range(10_000))
 
-    def compare(names: Sequence[str], end: str) -> None:
+    def compare(names: Sequence[str], end: str, around: Sequence[str] = ()) -> bool:
         place = top / str(next(count))
-        write_package(place / "foo", names, end)
+        write_package(place / "foo", names, end, around)
         static = PackagePlan("foo", place / "foo")  # first, before setup.py can create files
         exact = PackagePlan("foo", place / "foo", run_setup_py)
         installed = installer.install(place / "foo", place / "out")
@@ -39,11 +47,10 @@ def compare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Case]:
         is_certain = not static.notes and not static.problems
         if is_certain:
             assert contents == installed
-        else:
+        elif "created files" not in names:
             known = {*contents.values()}
-            is_created = "created files" in names
-            assert all(text in known for path, text in installed.items() if path.startswith("share/")) or is_created
-        assert is_certain is set(names).isdisjoint(DYNAMIC)
+            assert all(text in known for path, text in installed.items() if path.startswith("share/"))
+        return is_certain
 
     yield compare
     installer.close()
@@ -60,12 +67,12 @@ def _contents(plan: PackagePlan) -> dict[str, str]:
 
 @pytest.mark.parametrize("name", [*STATIC, *DYNAMIC])
 def test_each_idiom_installs_the_files_of_setuptools_or_is_uncertain(name: str, compare: Case) -> None:
-    compare([name], "plain")
+    assert compare([name], "plain") is (name in STATIC)
 
 
 @pytest.mark.parametrize("end", ENDS)
 def test_calls_of_setup_are_understood(end: str, compare: Case) -> None:
-    compare(["append", "console scripts of files"], end)
+    assert compare(["append", "console scripts of files"], end)
 
 
 _KNOWN = st.lists(st.sampled_from([*STATIC]), min_size=2, max_size=6)
@@ -77,4 +84,18 @@ _MIXED = st.lists(st.sampled_from([*STATIC, *DYNAMIC]), min_size=2, max_size=6)
 def test_combined_idioms_install_the_files_of_setuptools_or_are_uncertain(
     names: list[str], end: str, compare: Case
 ) -> None:
-    compare(names, end)
+    assert compare(names, end) is {*names}.isdisjoint(DYNAMIC)
+
+
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_idioms_in_other_code_are_never_lost(data: st.DataObject, compare: Case) -> None:
+    idioms = [name for name, code in {**STATIC, **DYNAMIC}.items() if name not in EXCLUSIVE and "global " not in code]
+    names = data.draw(st.lists(st.sampled_from(idioms), min_size=1, max_size=3, unique=True))
+    around = [data.draw(st.sampled_from([*AROUND])) for _ in names]
+    compare(names, "plain", around)
+
+
+@pytest.mark.parametrize("around", AROUND)
+def test_code_around_an_idiom_never_loses_it(around: str, compare: Case) -> None:
+    compare(["augmented by a call", "console scripts of files"], "plain", [around, around])

@@ -22,7 +22,18 @@ from typing import Any
 
 _FILE = "setup.py"
 _NAMES = (
-    *("data_files", "packages", "package_dir", "py_modules", "scripts", "entry_points", "name", "version", "cmdclass"),
+    *(
+        "data_files",
+        "packages",
+        "package_dir",
+        "py_modules",
+        "scripts",
+        "entry_points",
+        "name",
+        "version",
+        "cmdclass",
+        "options",
+    ),
 )
 _MAX_READ = 1000
 """Maximum number of files that setup.py has read, for the cache of its result."""

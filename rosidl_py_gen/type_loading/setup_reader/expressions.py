@@ -166,7 +166,7 @@ class Expressions(Variables):
     def _value_Compare(self, node: ast.Compare, scope: Scope) -> object:
         values = [self._value(one, scope) for one in (node.left, *node.comparators)]
         for operator, left, right in zip(node.ops, values, values[1:], strict=False):
-            used = [one for one in (left, right) if isinstance(one, Unknown)]
+            used = [one for one in (left, right) if isinstance(one, Unknown | IteratorValue)]
             result = self._attempt(partial(self._comparison, operator, left, right), used, "a comparison")
             if result is not True:
                 return result
@@ -455,7 +455,7 @@ class Expressions(Variables):
                 return self._value(node.body, scope)
             finally:
                 self._starts.pop()
-        for inner in ast.walk(node):
+        for inner in _statements_of(node):
             self._budget.spend(1)
             if isinstance(inner, ast.Global):
                 scope.redirected.update(dict.fromkeys(inner.names, self._module))
@@ -491,6 +491,16 @@ class Expressions(Variables):
     def _record(self, words: Words, why: str) -> None:
         """Record a call of `setup` with the current values."""
         self._calls.append(({name: known_part(value, self._budget) for name, value in words.items()}, why))
+
+
+def _statements_of(node: ast.FunctionDef) -> Iterator[ast.AST]:
+    """Yield the nodes of a function without the nodes of functions and classes in it."""
+    waiting: list[ast.AST] = [*node.body]
+    while waiting:
+        inner = waiting.pop()
+        yield inner
+        if not isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.expr):
+            waiting += ast.iter_child_nodes(inner)
 
 
 def _bound_arguments(function: FunctionValue, args: list[object], words: Words) -> dict[str, object] | None:

@@ -115,7 +115,7 @@ class Functions:
             "os.path.realpath": self._real,
             "os.path.relpath": self._relative,
             "os.fspath": self._text,
-            "os.getcwd": lambda: self._folder.path,
+            "os.getcwd": lambda: self._folder.real,
             "os.listdir": lambda path=".": self._list(self._folder.names(_text(path))),
             "os.walk": self._walk,
             "os.chdir": self._chdir,
@@ -133,7 +133,7 @@ class Functions:
                 *args, **words, is_namespace=True
             ),
             "pathlib.Path": self._path,
-            "pathlib.Path.cwd": lambda: self._path(self._folder.path),
+            "pathlib.Path.cwd": lambda: self._path(self._folder.real),
             "collections.defaultdict": self._default_dict,
             "builtins.print": lambda *parts, **words: None,
             "builtins.str": self._text,
@@ -304,7 +304,7 @@ class Functions:
         return posixpath.join(*texts)
 
     def _absolute(self, path: object) -> str:
-        return posixpath.normpath(self._join_path(self._folder.path, path))
+        return posixpath.normpath(self._join_path(self._folder.real, path))
 
     def _real(self, path: object) -> str:
         self._budget.access()
@@ -379,7 +379,7 @@ class Functions:
         return base.relative_to(_text(other))
 
     def _path_absolute(self, base: PurePosixPath) -> object:
-        return self._path(self._folder.path, base)
+        return self._path(self._folder.real, base)
 
     def _path_resolve(self, base: PurePosixPath) -> object:
         return self._path(self._real(base))

@@ -31,12 +31,14 @@ class PackageFolder:
     """Read access to the files below a package folder, which is the working folder of its setup.py.
 
     Attributes:
+        path: absolute path of the folder.
+        real: path without links, which `os.getcwd` returns.
         changes: reason why the files may differ while setup.py runs, or empty.
     """
 
     def __init__(self, folder: Path, budget: PackageBudget) -> None:
         self.path = os.path.abspath(folder)
-        self._real = os.path.realpath(folder)
+        self.real = os.path.realpath(folder)
         self._budget = budget
         self.changes = ""
 
@@ -45,7 +47,7 @@ class PackageFolder:
         if len(path) > _MAX_PATH or "\0" in path:
             return None
         if path.startswith("/"):
-            for top in (self.path, self._real):
+            for top in (self.path, self.real):
                 if path == top or path.startswith(f"{top}/"):
                     path = path[len(top) :].strip("/") or "."
                     break
@@ -108,7 +110,7 @@ class PackageFolder:
         yield from self._gap()
         base, shown = ".", ""
         if pattern.startswith("/"):
-            top = next((top for top in (self.path, self._real) if pattern.startswith(f"{top}/")), None)
+            top = next((top for top in (self.path, self.real) if pattern.startswith(f"{top}/")), None)
             if top is None:
                 yield Gap(f"{pattern[:80]} is not in the package folder")
                 return
@@ -202,7 +204,7 @@ class PackageFolder:
         self._budget.access()
 
     def _is_inside(self, real: str) -> bool:
-        return real == self._real or real.startswith(f"{self._real}/")
+        return real == self.real or real.startswith(f"{self.real}/")
 
     def _gap(self) -> Iterator[Gap]:
         if self.changes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -115,17 +115,15 @@ def _add_setup_py(found: PackageSetup, text: str, folder: Path, budget: PackageB
     if error is not None:
         raise error
     found.values.update(arguments.values)
+    options = arguments.values.get("options")
+    if isinstance(options, dict):
+        found.scripts_folder = _scripts_folder(options) or found.scripts_folder
     found.uncertain.update(arguments.uncertain)
 
 
 def _add_setup_cfg(found: PackageSetup, text: str, folder: PackageFolder) -> None:
     sections = parse_ini(text)
-    for section, name in (("develop", "script_dir"), ("install", "install_scripts")):
-        options = {key.replace("-", "_"): value for key, value in sections.get(section, {}).items()}
-        place = options.get(name, "")
-        for base in ("$base/", "${base}/"):
-            place = place.removeprefix(base)
-        found.scripts_folder = place.partition("\n")[0].strip() or found.scripts_folder
+    found.scripts_folder = _scripts_folder(sections) or found.scripts_folder
     options = {key.replace("-", "_").lower(): value for key, value in sections.get("options", {}).items()}
     given: dict[str, Any] = {name: _words(options[name]) for name in ("scripts", "py_modules") if name in options}
     if "packages" in options:
@@ -175,6 +173,19 @@ def _add_pyproject(found: PackageSetup, text: str, folder: PackageFolder) -> Non
         rows = {place: [str(one) for one in paths] for place, paths in tool["data-files"].items() if paths}
         given["data_files"] = _data_files(folder, rows)
     _complete(found, given)
+
+
+def _scripts_folder(sections: Mapping[str, Any]) -> str:
+    """Return the folder of the prefix for scripts in the options of commands, or an empty text."""
+    found = ""
+    for section, name in (("develop", "script_dir"), ("install", "install_scripts")):
+        given = sections.get(section)
+        options = {str(key).replace("-", "_"): value for key, value in given.items()} if isinstance(given, dict) else {}
+        place = str(options.get(name) or "").strip().partition("\n")[0]
+        for base in ("$base/", "${base}/"):
+            place = place.removeprefix(base)
+        found = place or found
+    return found
 
 
 def _complete(found: PackageSetup, given: dict[str, Any]) -> None:

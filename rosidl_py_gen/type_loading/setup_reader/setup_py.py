@@ -22,7 +22,7 @@ from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.expressions import Expressions
 from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_MODULES, MODULES
-from rosidl_py_gen.type_loading.setup_reader.values import FileValue, Gap, Known, ListValue, Scope, Unknown
+from rosidl_py_gen.type_loading.setup_reader.values import DictValue, FileValue, Gap, Known, ListValue, Scope, Unknown
 from rosidl_py_gen.type_loading.setup_reader.variables import Return, Stop
 
 MAX_BYTES = 128 << 10
@@ -166,7 +166,13 @@ class _Interpreter(Expressions):
             self._attempt(lambda: self._functions.extend(old, more, self._doubt()), (old, more), "an addition")
             self._assign(node.target, old, scope)
         else:
-            self._assign(node.target, self._operation(type(node.op).__name__, old, more), scope)
+            result = self._operation(type(node.op).__name__, old, more)
+            if isinstance(old, DictValue) and isinstance(result, DictValue):  # in place
+                old.items, old.why = result.items, result.why or self._doubt()
+                result = old
+            elif isinstance(old, DictValue) or (isinstance(old, ListValue) and not old.is_tuple):
+                self._touch(old, self._at("an operator"))
+            self._assign(node.target, result, scope)
 
     def _run_Delete(self, node: ast.Delete, scope: Scope) -> None:
         for target in node.targets:

@@ -46,7 +46,7 @@ class Variables:
         self._budget = budget
         self._folder = PackageFolder(folder, budget)
         self._functions = Functions(self._folder, budget, self._iterate, self._call)
-        self._module = Scope({"__name__": "__main__", "__file__": f"{self._folder.path}/setup.py", "__doc__": ""})
+        self._module = Scope({"__name__": "__main__", "__file__": f"{self._folder.real}/setup.py", "__doc__": ""})
         self._doubts: list[str] = []  # reasons of the blocks that are executed; empty texts for loops and calls
         self._loops: list[int] = []  # positions in `_doubts` of the loops and calls that are executed
         self._starts: list[int] = []  # positions in `_doubts` of the calls that are executed
