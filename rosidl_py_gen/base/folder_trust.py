@@ -176,7 +176,7 @@ def _is_trusted(place: str, found: os.stat_result, *, accepts_sticky: bool = Tru
         return True
     if accepts_sticky and stat.S_ISDIR(found.st_mode) and found.st_mode & stat.S_ISVTX:
         return True
-    return not found.st_mode & stat.S_IWOTH and _is_private_group(found.st_gid) and not _has_access_list(place)
+    return not found.st_mode & stat.S_IWOTH and is_private_group(found.st_gid) and not _has_access_list(place)
 
 
 def _has_access_list(place: str) -> bool:
@@ -189,7 +189,7 @@ def _has_access_list(place: str) -> bool:
         return False
 
 
-def _is_private_group(number: int) -> bool:
+def is_private_group(number: int) -> bool:
     """Return True for the group with the name of the user that has no other member."""
     import grp
     import pwd

@@ -111,8 +111,8 @@ def cached_folder(kind: str, words: Iterable[object]) -> Path:
         if not problem:
             _claim(home / kind / name)
             return home / kind / name
-        _warn(problem)
-    folder = _temporary_home() / kind / name
+        warn_once(problem)
+    folder = temporary_home() / kind / name
     folder_trust.make_folder(folder)
     return folder
 
@@ -155,14 +155,14 @@ def _claim(folder: Path) -> None:
 
 
 @lru_cache(maxsize=16)
-def _warn(problem: str) -> None:
+def warn_once(problem: str) -> None:
     """Print a warning once in a process."""
     cure = f"correct the mode or the owner, or set {VARIABLE} to a folder of the user"
     warnings.warn(f"{problem}; a temporary folder is used instead of the cache; {cure}", stacklevel=4)
 
 
 @lru_cache(maxsize=1)
-def _temporary_home() -> Path:
+def temporary_home() -> Path:
     """Return a folder that is removed when this process ends. Raises OSError if other users could replace it."""
     import shutil
     import tempfile  # slow to import

@@ -91,7 +91,7 @@ def test_only_a_group_of_the_user_alone_may_write(tmp_path: Path, monkeypatch: p
     make_folder(tmp_path / "a/b")
     (tmp_path / "a").chmod(0o770)
     for is_private, reason in ((True, ""), (False, f"other users can write into {tmp_path / 'a'} (mode 0770)")):
-        monkeypatch.setattr(folder_trust, "_is_private_group", lambda number, is_private=is_private: is_private)
+        monkeypatch.setattr(folder_trust, "is_private_group", lambda number, is_private=is_private: is_private)
         assert distrust_reason(tmp_path / "a/b") == reason
         assert entries_reason(tmp_path, accepts_private_group=True) == reason
         assert entries_reason(tmp_path, accepts_private_group=False) != ""

@@ -86,7 +86,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of all caches in a folder of the user."""
     make_folder(tmp_path / "user")
     monkeypatch.setenv(VARIABLE, str(tmp_path / "user/caches"))
-    disk_cache._warn.cache_clear()
+    disk_cache.warn_once.cache_clear()
     return tmp_path / "user/caches"
 
 
@@ -226,7 +226,7 @@ def test_temporary_folders_are_not_created_where_other_users_can_replace_them(
     (home / "open").chmod(0o777)
     monkeypatch.setenv(VARIABLE, "off")
     monkeypatch.setattr(tempfile, "tempdir", str(home / "open"))
-    disk_cache._temporary_home.cache_clear()
+    disk_cache.temporary_home.cache_clear()
     folder = disk_cache.cached_folder("prefix", ["words"])
-    disk_cache._temporary_home.cache_clear()
+    disk_cache.temporary_home.cache_clear()
     assert home not in folder.parents and folder.is_dir()

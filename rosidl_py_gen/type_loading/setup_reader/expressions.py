@@ -31,7 +31,7 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
     known_part,
     plain,
 )
-from rosidl_py_gen.type_loading.setup_reader.variables import Return, Stop, Variables, located
+from rosidl_py_gen.type_loading.setup_reader.variables import FunctionReturnError, ProgramEndError, Variables, located
 
 _EXITS = ("sys.exit", "builtins.exit", "builtins.quit")
 _MAX_CALLS = 12
@@ -419,7 +419,7 @@ class Expressions(Variables):
                 if function.name.removeprefix("builtins.") in SCOPE_FUNCTIONS and len(args) < 2:
                     return self._lose(f"{name}()")
                 if function.name in _EXITS and not self._doubt():
-                    raise Stop(self._at(f"{name}()"))
+                    raise ProgramEndError(self._at(f"{name}()"))
                 is_pure = function.name.removeprefix("builtins.") in PURE_BUILTINS
                 if is_pure and not self._reach(*args, *words.values()):
                     return Unknown(self._at(f"{name}()"), is_harmless=True)
@@ -468,7 +468,7 @@ class Expressions(Variables):
         result: object = None
         try:
             self._run(node.body, scope)
-        except Return as signal:
+        except FunctionReturnError as signal:
             result = signal.value
         finally:
             del self._doubts[self._loops.pop() :]

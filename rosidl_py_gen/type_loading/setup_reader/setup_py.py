@@ -23,7 +23,7 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.expressions import Expressions
 from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_MODULES, MODULES
 from rosidl_py_gen.type_loading.setup_reader.values import DictValue, FileValue, Gap, Known, ListValue, Scope, Unknown
-from rosidl_py_gen.type_loading.setup_reader.variables import Return, Stop
+from rosidl_py_gen.type_loading.setup_reader.variables import FunctionReturnError, ProgramEndError
 
 MAX_BYTES = 128 << 10
 """Maximum characters of a setup.py: its syntax tree takes up to 700 bytes for each."""
@@ -93,9 +93,9 @@ class _Interpreter(Expressions):
     def arguments(self, tree: ast.Module) -> SetupArguments:
         try:
             self._run(tree.body, self._module)
-        except Stop as stop:
+        except ProgramEndError as stop:
             self._lost = self._lost or ("" if self._calls else str(stop))
-        except (Return, _Break, _Continue):  # not valid there
+        except (FunctionReturnError, _Break, _Continue):  # not valid there
             self._lost = self._lost or "statements outside of functions and loops"
         found = merge_calls([{name: value for name, (value, _) in given.items()} for given, _ in self._calls])
         doubts = [why for _, why in self._calls]
@@ -300,11 +300,11 @@ class _Interpreter(Expressions):
 
     def _run_Return(self, node: ast.Return, scope: Scope) -> None:
         value = self._value(node.value, scope) if node.value is not None else None
-        self._leave(Return(value))
+        self._leave(FunctionReturnError(value))
 
-    def _leave(self, signal: _Break | _Continue | Return) -> None:
+    def _leave(self, signal: _Break | _Continue | FunctionReturnError) -> None:
         """Leave a loop or function; if that may not happen, the rest of it is executed with a doubt."""
-        if isinstance(signal, Return):
+        if isinstance(signal, FunctionReturnError):
             start = self._starts[-1] if self._starts else 0
             # Every loop of the call, and the call itself, may be left here.
             positions = [position for position in self._loops if position >= start]
@@ -316,14 +316,14 @@ class _Interpreter(Expressions):
             raise signal
         for position in positions:
             self._doubts[position] = self._doubts[position] or why
-        if isinstance(signal, Return) and self._returned:
+        if isinstance(signal, FunctionReturnError) and self._returned:
             self._returned[-1].append(signal.value)
 
     def _run_Raise(self, node: ast.Raise, scope: Scope) -> None:
         if node.exc is not None:
             self._touch(self._value(node.exc, scope), self._at("raise"))
         if not self._doubt():
-            raise Stop(self._at("raise"))
+            raise ProgramEndError(self._at("raise"))
 
     def _run_With(self, node: ast.With, scope: Scope) -> None:
         is_file = True

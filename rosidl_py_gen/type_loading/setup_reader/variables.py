@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_BUILTINS, SETUP_FUNCTIONS, Functions, Words
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.values import (
@@ -28,11 +29,11 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
 )
 
 
-class Stop(Exception):
+class ProgramEndError(RosidlError):
     """The program ends; the text is the reason."""
 
 
-class Return(Exception):
+class FunctionReturnError(RosidlError):
     """A function returns `value`."""
 
     def __init__(self, value: object) -> None:
