@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
@@ -132,8 +132,9 @@ class _Repairs:
             self._resources.callback(path.unlink, missing_ok=True)
             path.unlink(missing_ok=True)  # of a run that was killed
         (storage,) = reader._files
-        if isinstance(storage, SqliteFile):
-            storage.copy_to(plain)
+        if file.suffix == ".db3":  # a compressed file has no journal
+            with closing(SqliteFile(file)) as database:
+                database.copy_to(plain)
             for message in messages():
                 counted.add(message.channel.name, message.log_time)
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
 from collections import Counter
 from contextlib import closing, redirect_stderr, redirect_stdout
@@ -31,7 +32,7 @@ from support.mcap_records import (
 )
 
 from rosidl_py_gen import get_message, ros_cli
-from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags import BagReader, BagWriter, SqliteWriter
 from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
 
 String: Any = get_message("std_msgs/msg/String")
@@ -287,3 +288,44 @@ def test_record_of_rosbag2_is_not_doubled_and_its_custom_data_are_copied(tmp_pat
         run("convert", tmp_path / source, tmp_path / target, *storage)
     assert custom_and_distro(tmp_path / "d")[0] == {"k": "v"}
     assert len(read_contents(tmp_path / "d" / "d_0.mcap").rosbag2) == 1
+
+
+@pytest.mark.parametrize("ending", ["-wal", "-journal"])
+@pytest.mark.parametrize("in_folder", [True, False])
+@pytest.mark.parametrize("mode", ["none", "message"])
+def test_sqlite_file_with_a_journal_is_complete_after_reindex(
+    tmp_path: Path, ending: str, in_folder: bool, mode: Any
+) -> None:
+    source, folder = tmp_path / "source", tmp_path / "bag"
+    with SqliteWriter(source, compression_mode=mode) as writer:
+        for number in range(100):
+            writer.write("/s", String(data="x" * 1000), number)
+    shutil.copytree(source, folder)
+    (folder / "metadata.yaml").unlink()
+    (folder / "source_0.db3").unlink()
+    with closing(sqlite3.connect(source / "source_0.db3", isolation_level=None)) as database:
+        if ending == "-wal":
+            database.execute("pragma journal_mode=wal")
+            database.execute("update messages set timestamp = timestamp + 1000")
+        else:  # the transaction is not complete when the recorder is killed
+            database.execute("pragma cache_size=1")
+            database.execute("begin")
+            database.execute("update messages set timestamp = timestamp + 5000, data = data || x'00'")
+        for end in ("", ending):
+            shutil.copyfile(f"{source}/source_0.db3{end}", f"{folder}/source_0.db3{end}")
+    file = folder / "source_0.db3"
+    start = 1000 if ending == "-wal" else 0
+    done = run("reindex", folder if in_folder else file)
+    assert (done["messages"], done["not_carried_over"]) == (100, {})
+    assert not Path(f"{file}{ending}").exists() and Path(f"{file}.unindexed{ending}").exists()
+    alone = shutil.copyfile(file, tmp_path / "alone.db3")
+    for path in (alone, Path(f"{file}.unindexed").rename(tmp_path / "old.db3")):
+        if path.name == "old.db3":
+            Path(f"{file}.unindexed{ending}").rename(f"{path}{ending}")
+        with BagReader(path) as reader:
+            assert [(one.log_time, one.message.data) for one in reader] == [
+                (start + number, "x" * 1000) for number in range(100)
+            ], path
+    with closing(sqlite3.connect(alone)) as database:
+        assert database.execute("pragma integrity_check").fetchone() == ("ok",)
+        assert database.execute("pragma journal_mode").fetchone() == ("delete",)
