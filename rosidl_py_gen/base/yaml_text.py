@@ -110,6 +110,10 @@ class _TreeLoader(_PyYamlLoader):
         return UNTAGGED if kind is yaml.ScalarNode else str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
 
 
+class _AnchorLoader(_TreeLoader):
+    """Loader of `compose_yaml` that ignores anchors."""
+
+
 def _add_resolvers() -> None:
     merge = re.compile(r"<<\Z")
     for tag, pattern, first in (
@@ -167,17 +171,18 @@ def load_yaml(
     return _checked(text, _Loader, max_bytes, MAX_LEVELS, read)
 
 
-def compose_yaml(text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS) -> yaml.Node | None:
-    """Return the tree of a text without anchors and aliases; None for an empty one.
+def compose_yaml(
+    text: str | bytes, *, max_bytes: int = MAX_BYTES, max_levels: int = MAX_LEVELS, anchors: bool = False
+) -> yaml.Node | None:
+    """Return the tree of a text without aliases, and without anchors unless `anchors` is set; None for an empty one.
 
     Scalars without a tag have the tag `UNTAGGED`, whatever they look like.
 
     Raises:
-        YamlError: the text is not YAML, exceeds a limit, or has anchors or aliases.
+        YamlError: the text is not YAML, exceeds a limit, or has aliases or, unless `anchors` is set, anchors.
     """
-    node: yaml.Node | None = _checked(
-        text, _TreeLoader, max_bytes, max_levels, lambda text: _TreeLoader(text).get_single_node()
-    )
+    loader = _AnchorLoader if anchors else _TreeLoader
+    node: yaml.Node | None = _checked(text, loader, max_bytes, max_levels, lambda text: loader(text).get_single_node())
     return node
 
 
@@ -198,7 +203,8 @@ def _checked(text: str | bytes, loader: Any, max_bytes: int, max_levels: int, re
     with _yaml_errors():
         text = _decoded(text, max_bytes)
         for event in _checked_events(text, loader, max_levels):
-            if loader is _TreeLoader and getattr(event, "anchor", None) is not None:
+            is_refused = loader is _TreeLoader or (loader is _AnchorLoader and isinstance(event, yaml.AliasEvent))
+            if is_refused and getattr(event, "anchor", None) is not None:
                 raise YamlError("anchors and aliases are not supported", event.start_mark)
         return read(text)
 

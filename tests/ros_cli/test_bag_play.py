@@ -15,6 +15,7 @@ from support.node_fixtures import until
 from rosidl_py_gen import compile_definition, get_action, get_message, get_service, ros_cli
 from rosidl_py_gen.bags import BagTopic, BagWriter, RawMessage
 from rosidl_py_gen.bags.splitting_writer import topic_of
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
 
@@ -237,7 +238,8 @@ async def test_what_is_named_is_played_and_what_is_excluded_is_not(
     assert published == topics
     await Rosbag2Services(node, "/rosbag2_player")("resume")
     ended = await tool.end(process)
-    assert ended.code == 0 and f"published {len(topics)} messages of {len(topics)} topics\n" in ended.err
+    counts = f"published {pluralize(len(topics), 'message')} of {pluralize(len(topics), 'topic')}\n"
+    assert ended.code == 0 and counts in ended.err
 
 
 async def test_a_topic_that_is_only_called_like_events_is_a_topic(memory: World, tool: Any, tmp_path: Path) -> None:
