@@ -14,6 +14,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from itertools import takewhile
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import RUN_PREFIX
@@ -27,6 +28,9 @@ from rosidl_py_gen.ros_cli.program_runner.program import start as start_program
 from rosidl_py_gen.type_loading.disk_cache import is_usable
 from rosidl_py_gen.type_loading.import_hook import ImportHookWarning, install_import_hook
 from rosidl_py_gen.type_loading.scan_cache import cached, workspace_packages
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments
 
 
 def start(
@@ -185,14 +189,19 @@ def roots(found: Sequence[Workspace]) -> list[Path]:
     return [root for one in found if one.packages for root in one.roots]
 
 
+def _run_setup_py(folder: Path, why: str) -> SetupArguments:
+    from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py  # slow to import, and rarely needed
+
+    return run_setup_py(folder, why)
+
+
 def _executables(
     package: str, paths: Sequence[str], runs_setup: bool = False
 ) -> tuple[dict[str, Executable], list[str]]:
     """Return the executables of a package from its sources, pip or a prefix, and their location."""
     from rosidl_py_gen.ros_cli.prefix import executables
-    from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
 
-    run = run_setup_py if runs_setup else None
+    run = _run_setup_py if runs_setup else None
     places: list[str] = []
     for workspace in workspaces(paths):
         if folder := workspace_packages(workspace).get(package):

@@ -18,7 +18,7 @@ from typing import Any
 
 from rosidl_py_gen.compiler.frontend.package_budget import BudgetError, PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError
-from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
+from rosidl_py_gen.type_loading.setup_reader.package_folder import PATTERN_WORK, PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.values import (
     Bound,
     DictValue,
@@ -332,7 +332,7 @@ class Functions:
         return self._list(self._folder.glob(_text(pathname), recursive, include_hidden))
 
     def _fnmatch(self, name: object, pattern: object) -> bool:
-        self._budget.spend(20 * len(_text(pattern)) + len(_text(name)))
+        self._budget.spend(PATTERN_WORK * len(_text(pattern)) + len(_text(name)))
         return fnmatchcase(_text(name), _text(pattern))
 
     def _packages(

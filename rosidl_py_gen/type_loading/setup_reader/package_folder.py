@@ -23,7 +23,7 @@ _MAX_PATH = 4096
 """Maximum length of a path; PATH_MAX of Linux."""
 _DEPTH_WORK = 200
 """Work for each folder of a path, which is resolved."""
-_PATTERN_WORK = 20
+PATTERN_WORK = 40
 """Work of one character of a pattern, which becomes a regular expression."""
 
 
@@ -37,8 +37,8 @@ class PackageFolder:
     """
 
     def __init__(self, folder: Path, budget: PackageBudget) -> None:
-        self.path = os.path.abspath(folder)
-        self.real = os.path.realpath(folder)
+        self.path = os.path.abspath(folder).replace(os.sep, "/")
+        self.real = os.path.realpath(folder).replace(os.sep, "/")
         self._budget = budget
         self.changes = ""
 
@@ -46,15 +46,21 @@ class PackageFolder:
         """Return a path relative to the package folder; None if it lies elsewhere."""
         if len(path) > _MAX_PATH or "\0" in path:
             return None
-        if path.startswith("/"):
-            for top in (self.path, self.real):
-                if path == top or path.startswith(f"{top}/"):
-                    path = path[len(top) :].strip("/") or "."
-                    break
-            else:
+        top = self._top(path)
+        if top is None and os.path.isabs(path):
+            return None
+        path = path if top is None else path[len(top) :].strip("/")
+        place = posixpath.normpath(path)
+        if ".." in path.split("/"):  # after a link, it leads to the parent of the target
+            self._budget.access()
+            real, other = (os.path.realpath(os.path.join(self.path, one)) for one in (path, place))
+            if real != other:
                 return None
-        path = posixpath.normpath(path)
-        return None if path == ".." or path.startswith("../") else path
+        return None if place == ".." or place.startswith("../") else place
+
+    def _top(self, path: str) -> str | None:
+        """Return the path of the package folder that an absolute path begins with; None for another path."""
+        return next((top for top in (self.path, self.real) if path == top or path.startswith(f"{top}/")), None)
 
     def read(self, path: str) -> str | None:
         """Return the text of a file in the package folder, None for another file; raises `UnreadableError`."""
@@ -109,17 +115,17 @@ class PackageFolder:
         """Yield `glob.glob`; `all_names` for hidden files, too."""
         yield from self._gap()
         base, shown = ".", ""
-        if pattern.startswith("/"):
-            top = next((top for top in (self.path, self.real) if pattern.startswith(f"{top}/")), None)
-            if top is None:
-                yield Gap(f"{pattern[:80]} is not in the package folder")
-                return
+        top = self._top(pattern)
+        if top is not None:
             shown, pattern = f"{top}/", pattern[len(top) :].lstrip("/")
+        elif os.path.isabs(pattern):
+            yield Gap(f"{pattern[:80]} is not in the package folder")
+            return
         parts = pattern.split("/")
         if len(pattern) > _MAX_PATH:
             yield Gap("a pattern is too long")
             return
-        self._budget.spend(_PATTERN_WORK * len(pattern))
+        self._budget.spend(PATTERN_WORK * len(pattern))
         yield from filter(None, _Glob(self, is_recursive, all_names).matches(shown, base, parts))
 
     def glob_paths(self, top: PurePosixPath, pattern: str) -> Iterator[PurePosixPath | Gap]:
@@ -128,7 +134,7 @@ class PackageFolder:
             yield Gap(f"the pattern {pattern[:80]}")
             return
         yield from self._gap()
-        self._budget.spend(_PATTERN_WORK * len(pattern))
+        self._budget.spend(PATTERN_WORK * len(pattern))
         shown = "" if str(top) == "." else f"{top}/"
         seen = set()
         matcher = _Glob(self, True, True, follows_links=False)
@@ -146,7 +152,7 @@ class PackageFolder:
         if top is None:
             yield Gap(f"the folder {where[:80]} is not in the package folder")
             return
-        self._budget.spend(_PATTERN_WORK * sum(map(len, (*excluded, *included))))
+        self._budget.spend(PATTERN_WORK * sum(map(len, (*excluded, *included))))
         waiting = [("", top)]
         visited = {os.path.realpath(os.path.join(self.path, top))}
         while waiting:
@@ -204,6 +210,7 @@ class PackageFolder:
         self._budget.access()
 
     def _is_inside(self, real: str) -> bool:
+        real = real.replace(os.sep, "/")
         return real == self.real or real.startswith(f"{self.real}/")
 
     def _gap(self) -> Iterator[Gap]:
@@ -230,12 +237,11 @@ class _Glob:
                     yield entry
                 elif self._accepts(entry[0], part) and fnmatchcase(entry[0], part):
                     yield from self._continue(shown, place, *entry, rest)
+        elif part == "..":
+            yield Gap(f"the folder {shown[:80]}..")
         elif rest:
             below = posixpath.normpath(posixpath.join(place, part))
-            if below == ".." or below.startswith("../"):
-                yield Gap(f"{below[:80]} is not in the package folder")
-            else:
-                yield from self.matches(f"{shown}{part}/", below, rest)
+            yield from self.matches(f"{shown}{part}/", below, rest)
         else:
             self._folder.access()
             path = os.path.join(self._folder.path, place, part)
