@@ -68,14 +68,16 @@ OTHER_FILES: dict[str, dict[str, str]] = {
     "lines without a value": {"setup.cfg": "[a]\n" + "b\n" * 400_000},
     "patterns": {"setup.cfg": "[options.data_files]\nshare/p=\n" + " **/**/**/*x\n" * 50_000},
     "console scripts": {"setup.cfg": "[options.entry_points]\nconsole_scripts=\n" + " a=b:c\n" * 120_000},
-    "versions": {"package.xml": "<package><name>p</name>" + "<version" * 40_000 + "</package>"},
-    "comments": {"package.xml": "<package><name>p</name>" + "<!--" * 200_000},
+    "versions": {"package.xml": "<package><name>pack</name>" + "<version" * 40_000 + "</package>"},
+    "comments": {"package.xml": "<package><name>pack</name>" + "<!--" * 200_000},
     "spaces of a name": {"package.xml": "<package><name>" + " " * 900_000},
     "names": {"package.xml": "<package>" + "<name>" * 150_000 + " " * 90_000},
     "parts of a key": {"pyproject.toml": ".".join(["a"] * 30_000) + "=1"},
     "parts of keys": {"pyproject.toml": "\n".join(f"b{n}." + ".".join(["a"] * 290) + "=1" for n in range(100))},
     "nested values": {"pyproject.toml": "a=" + "[" * 60_000},
     "includes": {"CMakeLists.txt": "include(a.cmake)\n", "a.cmake": "include(" * 100_000},
+    "long word": {"CMakeLists.txt": "include(a.cmake)\n", "a.cmake": "a" * 900_000},
+    "long word in a loop": {"CMakeLists.txt": f"foreach(i ${{L}})\nfoo({'a' * 900_000})\nendforeach()\n"},
     "resources": {"CMakeLists.txt": "".join(f"ament_index_register_resource(r{n})\n" for n in range(15_000))},
     "plugins": {
         "CMakeLists.txt": "".join(f"pluginlib_export_plugin_description_file(a x{n}.xml)\n" for n in range(12_000))
@@ -138,16 +140,16 @@ def check(package: Path) -> str:
 
 
 def write_package(folder: Path, files: dict[str, str]) -> Path:
-    base = {"package.xml": "<package><name>p</name><version>1.0.0</version></package>", "p/__init__.py": "", "f": ""}
-    write(folder / "p", {**base, **files})
-    return folder / "p"
+    base = {"package.xml": "<package><name>pack</name><version>1.0.0</version></package>", "p/__init__.py": "", "f": ""}
+    write(folder / "pack", {**base, **files})
+    return folder / "pack"
 
 
 @pytest.mark.parametrize("case", SETUP_PY)
 def test_setup_py_takes_bounded_time_and_memory(case: str, tmp_path: Path) -> None:
     package = write_package(tmp_path, {"setup.py": IMPORTS + SETUP_PY[case] + END})
     check(package)
-    assert (tmp_path / "out/share/p/package.xml").is_symlink()
+    assert (tmp_path / "out/share/pack/package.xml").is_symlink()
 
 
 @pytest.mark.parametrize("case", OTHER_FILES)
@@ -155,7 +157,7 @@ def test_other_files_take_bounded_time_and_memory(case: str, tmp_path: Path) -> 
     files = OTHER_FILES[case]
     setup = {} if "CMakeLists.txt" in files else {"setup.py": IMPORTS + "setup(name='p', version='1')"}
     check(write_package(tmp_path, {**setup, **files}))
-    assert (tmp_path / "out/share/p/package.xml").is_symlink()
+    assert (tmp_path / "out/share/pack/package.xml").is_symlink()
 
 
 @pytest.mark.parametrize("case", LINKS)
@@ -169,9 +171,9 @@ def test_links_and_deep_folders_take_bounded_time_and_are_reported(case: str, tm
 def test_a_usual_package_stays_far_below_the_limits(tmp_path: Path) -> None:
     code = """
 for place, _, files in os.walk("models"):
-    rows.append((os.path.join("share", "p", place), [os.path.join(place, name) for name in files]))
+    rows.append((os.path.join("share", "pack", place), [os.path.join(place, name) for name in files]))
 """
     models = {f"models/m{n % 50}/mesh{n}.stl": "" for n in range(4000)}
     package = write_package(tmp_path, {"setup.py": IMPORTS + code + END, **models})
     assert check(package).startswith(str(tmp_path / "out")) or "1 packages, 40" in check(package)
-    assert len([*(tmp_path / "out/share/p/models").rglob("*.stl")]) == 4000
+    assert len([*(tmp_path / "out/share/pack/models").rglob("*.stl")]) == 4000

@@ -61,10 +61,11 @@ _PREDEFINED = {**_INSTALL_FOLDERS, **dict.fromkeys(_FOLDERS, "."), "ENV{ROS_VERS
 _NOT_CHANGED_ELSEWHERE = {*_PREDEFINED, "PROJECT_NAME"}
 """Variables that a function or another file is taken to read only."""
 _DEFINITION = re.compile(r"\b(?:function|macro)\s*\(\s*([\w-]+)", re.IGNORECASE)
-_COMPOSED = re.compile(r'[^\s()"#;]*\$\{[^\s()"#;]*')
+_WORD = re.compile(r'[^\s()"#;]+')
 _GLOB_OPTIONS = {"RELATIVE": 2, "LIST_DIRECTORIES": 2, "CONFIGURE_DEPENDS": 1, "FOLLOW_SYMLINKS": 1}
 """Options of `file(GLOB)` and the number of their words."""
 _MAX_STARS = 4
+_INCLUDES_FILE = re.compile(r"\binclude\s*\([^()]*[./$]", re.IGNORECASE)
 _MAX_PATH = 4096
 
 
@@ -399,7 +400,7 @@ class CMakeScript:
         for changing in texts:  # grows inside the loop
             self._budget.access()
             self._budget.spend(len(changing))
-            for composed in _COMPOSED.findall(changing):
+            for composed in filter(lambda word: "${" in word, _WORD.findall(changing)):
                 parts = _REFERENCE.split(composed)[::2]
                 if parts == ["", ""]:
                     continue
@@ -434,7 +435,7 @@ class CMakeScript:
             if not self._values.keys().isdisjoint({*_REFERENCE.findall(target.text)} - _NOT_CHANGED_ELSEWHERE):
                 self._forget_all()
         elif is_include or "PARENT_SCOPE" in text or "CACHE" in text:
-            if re.search(r"\binclude\s*\([^)]*[./$]", text, re.IGNORECASE):
+            if _INCLUDES_FILE.search(text):
                 self._forget_all()
             self._functions |= dict.fromkeys((name.lower() for name in _DEFINITION.findall(text)), text)
             self._forget(text)
