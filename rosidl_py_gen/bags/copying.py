@@ -2,7 +2,7 @@
 
 Attachments, metadata records and schemas without a channel belong to the whole recording, so they are copied whatever
 topics and times are selected, as by ``mcap filter``. Metadata records come first and attachments last, so that chunks
-stay together. The record ``rosbag2`` is written anew by each writer, with the user's data of the old one
+stay together. The record ``rosbag2`` is rewritten by each writer, with the user's data of the old one
 (docs/internals/protocol.md 16).
 """
 

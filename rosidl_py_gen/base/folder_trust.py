@@ -148,7 +148,7 @@ def is_own(found: os.stat_result) -> bool:
 
 
 def make_folder(folder: Path, mode: int = PRIVATE) -> None:
-    """Create a folder and its missing parents. The user can use them whatever the umask is.
+    """Create a folder and its missing parents. The user can use the folders with any umask.
 
     The umask may remove permissions of groups and other users from `mode`, and nothing adds any.
     """

@@ -2,7 +2,7 @@
 
 Programs run cached code, so a process of this user must have written it. `cache_problem` decides for every kind of
 cached folder: no other user may be able to change the folder, its path, or the folder of all caches. New folders have
-mode 0700 whatever the umask is. Without owners of files, as on Windows, no code is cached.
+mode 0700 for any umask. Without owners of files, as on Windows, no code is cached.
 
 A module is used only if all its definitions have the digests that they had when it was stored. A reader of
 descriptions must check the hash.

@@ -70,7 +70,7 @@ def test_completion_of_a_field_before_the_topic_has_no_suggestions() -> None:
     assert (done.stdout.strip(), done.stderr) == ("", "")
 
 
-def test_output_of_the_generator_that_nobody_reads_ends_quietly() -> None:
+def test_generator_ends_quietly_if_the_reader_of_its_output_has_ended() -> None:
     text = f"{shlex.quote(sys.executable)} -m rosidl_py_gen.generator_cli --list | true; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", text], capture_output=True, text=True, timeout=60)
     assert done.stderr == "" and done.stdout in ("141\n", "0\n")

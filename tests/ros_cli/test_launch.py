@@ -299,7 +299,7 @@ RETURNED = {
 }
 
 
-def test_ros2_of_a_launch_file_is_rosidl_py_unless_path_has_another_one(workspace: Path, tmp_path: Path) -> None:
+def test_ros2_of_a_launch_file_is_rosidl_py_unless_path_has_the_ros2_of_ros(workspace: Path, tmp_path: Path) -> None:
     done = _launch(workspace, "robot", "ros2.launch.py")
     assert done.returncode == 0 and "[ros2]: process has ended with 0" in done.stdout, done.stderr
     assert any(os.path.isdir(os.path.join(line, "share/robot")) for line in done.stdout.splitlines())

@@ -63,7 +63,7 @@ class OtherRecords:
 
 
 class AttachmentHead(NamedTuple):
-    """Description of an attachment; `size` is that of its data, in bytes."""
+    """Description of an attachment; `size` is the number of bytes of its data."""
 
     name: str
     media_type: str
