@@ -50,6 +50,7 @@ from rosidl_py_gen.bags.storage.storage_api import (
 )
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import DecodeError, RosidlError
 
@@ -515,8 +516,12 @@ class BagReader:
 
     def __repr__(self) -> str:
         count = sum(topic.count or 0 for topic in self.topics.values())
-        messages = f"{count} messages" if all(topic.count is not None for topic in self.topics.values()) else "messages"
-        return f"<BagReader {str(self.path)!r}: {messages} of {len(self.topics)} topics>"
+        messages = (
+            pluralize(count, "message")
+            if all(topic.count is not None for topic in self.topics.values())
+            else "messages"
+        )
+        return f"<BagReader {str(self.path)!r}: {messages} of {pluralize(len(self.topics), 'topic')}>"
 
 
 def _may_skip(on_error: str) -> bool:

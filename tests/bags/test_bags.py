@@ -352,4 +352,4 @@ def test_messages_of_a_class_are_of_that_class_or_an_error_names_the_difference(
 def test_repr_of_a_reader_has_path_and_numbers(tmp_path: Path) -> None:
     path = write_strings(tmp_path / "a.mcap", ["x", "y"])
     with BagReader(path) as reader:
-        assert repr(reader) == f"<BagReader {str(path)!r}: 2 messages of 1 topics>"
+        assert repr(reader) == f"<BagReader {str(path)!r}: 2 messages of 1 topic>"

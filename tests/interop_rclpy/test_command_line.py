@@ -304,7 +304,7 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
     assert (topic["type"], topic["count"], topic["has_definition"]) == (STRINGS, 5, True)
     await shared_peer.do("subscribe", topic=received, type=STRINGS)
     played = await tool.end(await tool.start("bag", "play", bag, "--remap", f"{published}:={received}"))
-    assert (played.code, played.err) == (0, "published 5 messages of 1 topics\n")
+    assert (played.code, played.err) == (0, "published 5 messages of 1 topic\n")
     taken = await shared_peer.do("take", topic=received, count=5)
     assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
 

@@ -198,7 +198,7 @@ def test_a_part_is_written_again_as_the_other_kind(run_here: Any, tmp_path: Path
     options = ("--topics", "/words", "--start-offset", "0.5", "--max-bag-duration", "0.25")
     code, out, err = run_here("bag", "convert", str(path), str(part), "-s", storage, *options)
     assert len(list(part.glob("part_*"))) == 2
-    assert (code, out) == (0, f"10 messages of 1 topics in {part}\n"), err
+    assert (code, out) == (0, f"10 messages of 1 topic in {part}\n"), err
     with RosbagsReader(part) as theirs:
         assert theirs.message_count == 10 and next(theirs.messages())[1] == 1000 * S + S // 2
     assert run_here("bag", "convert", str(part), str(back), "--compression", "none")[0] == 0

@@ -214,7 +214,7 @@ def test_convert_table_sql_and_reindex_skip_a_damaged_chunk(run_here: Any, tmp_p
 def test_info_counts_what_is_intact_in_a_file_without_index(run_here: Any, tmp_path: Path) -> None:
     zeroed_chunk(tmp_path / "a.mcap", 2, has_index=False)
     code, out, err = run_here("bag", "info", str(tmp_path / "a.mcap"))
-    assert (code, f"Messages:   {LEFT}" in out, "Damaged:    1 parts" in out, PLACE in err) == (0, True, True, True)
+    assert (code, f"Messages:   {LEFT}" in out, "Damaged:    1 part" in out, PLACE in err) == (0, True, True, True)
     assert "Index:      missing: the recorder was killed; `rosidl-py bag convert` creates a complete bag" in out
 
 
@@ -334,7 +334,7 @@ def test_a_file_without_index_gets_one_and_is_kept(run_here: Any, tmp_path: Path
         topic, items = reader.topics["/map"], list(reader.raw_messages())
     code, out, err = run_here("bag", "reindex", str(path))
     kept = tmp_path / "a.mcap.unindexed"
-    assert (code, out) == (0, f"{count} messages of 1 topics in 1 files: {path}\n")
+    assert (code, out) == (0, f"{count} messages of 1 topic in 1 file: {path}\n")
     assert f"the old file is renamed to {kept}\n" in err
     assert kept.read_bytes() == before
     with BagReader(path) as reader, path.open("rb") as stream:
@@ -367,7 +367,7 @@ def test_a_file_without_any_summary_counts(run_here: Any, tmp_path: Path) -> Non
     options: dict[str, Any] = {"index_types": IndexType.NONE, "use_statistics": False, "repeat_channels": False}
     write_foreign(tmp_path / "bag" / "x.mcap", channel, **options)
     code, out, _ = run_here("bag", "reindex", str(tmp_path / "bag"))
-    assert code == 0 and out.startswith("3 messages of 1 topics in 1 files")
+    assert code == 0 and out.startswith("3 messages of 1 topic in 1 file")
     assert (told(tmp_path / "bag")["starting_time"], told(tmp_path / "bag")["duration"]) == (
         {"nanoseconds_since_epoch": 5},
         {"nanoseconds": 2 * S},

@@ -108,7 +108,7 @@ def test_a_recording_is_carried_over_by_field_name(migrate: Run, bag: str, now: 
         "    - y: dropped",
         "    + z: its default, 7",
         "/words [std_msgs/msg/String] is copied: not defined in --path",
-        f"4 messages of 2 topics in {out}, 3 of them converted",
+        f"4 messages of 2 topics in {out}, 3 converted",
     ]
     with BagReader(out) as reader, BagReader(bag) as old:
         topic = reader.topics["/wheel"]
@@ -227,7 +227,7 @@ def test_values_that_fit_stay(
 
 def test_messages_of_an_equal_type_keep_their_bytes(migrate: Run, bag: str, out: Path) -> None:
     code, said, err = migrate(bag, {"std_msgs/msg/String.msg": "# Ours.\nstring data\n"}, "--topics", "/words")
-    assert code == 0 and said == f"1 messages of 1 topics in {out}, 0 of them converted\n", err
+    assert code == 0 and said == f"1 message of 1 topic in {out}, 0 converted\n", err
     with BagReader(out) as reader, BagReader(bag) as old:
         assert reader.topics["/words"].definition == "# Ours.\nstring data\n"
         assert [one.data for one in reader.raw_messages()] == [one.data for one in old.raw_messages("/words")]

@@ -58,7 +58,7 @@ def test_bags_become_a_dataset_that_can_be_asked(run_here: Any, tmp_path: Path) 
     assert run_here("bag", "sql", query, str(out)) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
     assert run_here("bag", "sql", query, first, second) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
     code, said, err = run_here("bag", "table", first, "--out", str(out))
-    assert (code, said, err) == (0, f"0 messages of 0 topics in {out}; 1 bags were unchanged\n", "")
+    assert (code, said, err) == (0, f"0 messages of 0 topics in {out}; 1 bag unchanged\n", "")
     code, _, err = run_here("bag", "table", first, "--out", str(out), "--include-large")
     assert code == 1 and err.endswith("parquet exists already\n")
     assert run_here("bag", "table", first, "--out", str(out), "--overwrite", "--include-large")[0] == 0
@@ -102,7 +102,7 @@ def test_errors_name_bag_topic_and_message(run_here: Any, tmp_path: Path) -> Non
         code, _, err = run_here("bag", *command)
         assert code == 1 and f"{bag}: /s at 1000000000 ns: std_msgs/msg/String.data" in err
     code, said, err = run_here("bag", "table", bag, "-o", str(out), "--skip-damaged")
-    assert code == 0 and said == f"50 messages of 1 topics in {out}\n" and "skipped /s: " in err
+    assert code == 0 and said == f"50 messages of 1 topic in {out}\n" and "skipped /s: " in err
     code, _, err = run_here("bag", "sql", "select * from nothing", bag)
     assert code == 1 and "no topic nothing; there are /image, /imu, /s" in err
 
@@ -161,14 +161,14 @@ def test_processes_of_this_machine_do_it_without_a_scheduler(tmp_path: Path, mon
     code, printed, err = run_here(
         *("bag", "table", str(large), str(tmp_path / "junk.mcap"), str(good), "-o", str(out), "--workers", "2")
     )
-    assert code == 1 and printed == f"3001 messages of 1 topics in {out}\n"
+    assert code == 1 and printed == f"3001 messages of 1 topic in {out}\n"
     assert err == f"error: {tmp_path}/junk.mcap: damaged: does not begin with the magic bytes of MCAP\n"
     assert bag_datasets.rows(out) == [("b", 1)] + [("large", number) for number in range(3_000)]
     assert len(list(out.rglob("bag=large/*.parquet"))) > 1
     code, printed, err = run_here("bag", "table", str(large), str(good), "-o", str(out))
-    assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags were unchanged\n", "")
+    assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags unchanged\n", "")
     code, printed, _ = run_here("bag", "table", str(good), str(tmp_path / "junk.mcap"), "-o", str(out))
-    assert (code, printed) == (1, f"0 messages of 0 topics in {out}; 1 bags were unchanged\n")
+    assert (code, printed) == (1, f"0 messages of 0 topics in {out}; 1 bag unchanged\n")
     code, _, err = run_here("bag", "table", str(good), "-o", str(out), "--scheduler", "tcp://x:1", "--workers", "2")
     assert code == 2 and "expected only one of --scheduler and --workers" in err
 
@@ -236,7 +236,7 @@ def test_messages_that_cannot_be_decoded_are_left_out_of_both_when_that_is_asked
         require_error_line(code, err)
     kept = [one for one in RIGHT if one["log_time"] not in (2, 5)]
     out = tmp_path / "kept"
-    assert run_here("bag", "table", str(path), "-o", str(out), "--skip-damaged")[1].startswith("6 messages of 1 topics")
+    assert run_here("bag", "table", str(path), "-o", str(out), "--skip-damaged")[1].startswith("6 messages of 1 topic")
     table = pq.read_table(next(out.rglob("*.parquet")), columns=["data"], partitioning=None)
     assert table.column("data").to_pylist() == [one["data"] for one in kept]
     code, said, err = run_here("bag", "sql", 'select data from "/s" order by log_time', str(path), "--skip-damaged")
@@ -321,7 +321,7 @@ def test_a_topic_may_be_longer_than_names_of_files(run_here: Any, tmp_path: Path
     bag, out = bag_of(tmp_path / "a.mcap", "/s", long), str(tmp_path / "out")
     assert run_here("bag", "sql", f'select data, bag from "{long}"', bag) == (0, f"{long}\ta\n", "")
     code, said, err = run_here("bag", "table", bag, "-o", out)
-    assert (code, said) == (0, f"1 messages of 1 topics in {out}\n")
+    assert (code, said) == (0, f"1 message of 1 topic in {out}\n")
     assert "the name of its folder would have 294 characters; expected at most 255" in err
     code, _, err = run_here("bag", "table", bag, "-o", out, "--overwrite", "--topics", long)
     assert code == 1 and "expected at most 255" in err
@@ -343,7 +343,7 @@ def test_names_of_files_may_have_signs_that_fsspec_and_duckdb_read(run_here: Any
     bag, out = bag_of(folder / "a::b.mcap", "/s"), folder / "out::1"
     places = {"": (bag, str(out)), "file://": (f"file://{bag}", f"file://{folder}/out::2")}
     for prefix, (source, target) in places.items():
-        assert run_here("bag", "table", source, "-o", target) == (0, f"1 messages of 1 topics in {target}\n", "")
+        assert run_here("bag", "table", source, "-o", target) == (0, f"1 message of 1 topic in {target}\n", "")
         assert Path(target.removeprefix("file://"), "topic=%2Fs", "bag=a%3A%3Ab").is_dir()
         assert run_here("bag", "sql", "select data, bag from s", source) == (0, "/s\ta::b\n", "")
         code, said, _ = run_here("bag", "info", source)

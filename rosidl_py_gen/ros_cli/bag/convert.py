@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def convert(
     else:
         for line in omission_lines(omitted):
             terminal_output.note(line)
-        terminal_output.line(f"{count} messages of {len(part.topics)} topics in {output}")
+        terminal_output.line(f"{pluralize(count, 'message')} of {pluralize(len(part.topics), 'topic')} in {output}")
     return DAMAGED if reader.damaged else 0
 
 

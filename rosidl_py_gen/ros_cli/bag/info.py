@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.ros_cli import options, terminal_output, verb
 
@@ -125,7 +126,9 @@ def _show(document: dict[str, Any], is_verbose: bool) -> None:
     if document["unread_bytes"]:
         rows.append(("Lost", f"{size_text(document['unread_bytes'])} of an unfinished record at the end"))
     if document["damaged"]:
-        rows.append(("Damaged", f"{len(document['damaged'])} parts; `rosidl-py bag convert` copies the others"))
+        rows.append(
+            ("Damaged", f"{pluralize(len(document['damaged']), 'part')}; `rosidl-py bag convert` copies the others")
+        )
     missing = sum(not topic["has_definition"] for topic in document["topics"])
     if missing and not is_verbose:
         rows.append(("Types", f"{missing} have no definition in the bag; --verbose prints the local ones"))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.errors import DecodeError, EncodeError, InvalidNameError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.ros_cli import DAMAGED, CommandError, options, terminal_output, verb
 
@@ -135,7 +136,8 @@ def migrate(
         for line in omission_lines(omitted):
             terminal_output.note(line)
         names = {one.old.name for one in planned.values()}
-        terminal_output.line(f"{count} messages of {len(names)} topics in {output}, {carried} of them converted")
+        counts = f"{pluralize(count, 'message')} of {pluralize(len(names), 'topic')}"
+        terminal_output.line(f"{counts} in {output}, {carried} converted")
     return DAMAGED if reader.damaged else 0
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import DAMAGED, options, terminal_output, verb
 
 
@@ -50,5 +51,6 @@ def reindex(path: str, as_json: bool) -> int:
         terminal_output.note(f"{one.path.name} {reason} rewritten; the old file is renamed to {one.backup}")
     for line in omission_lines(result.omitted):
         terminal_output.note(line)
-    terminal_output.line(f"{result.messages} messages of {result.topics} topics in {result.files} files: {result.path}")
+    counts = f"{pluralize(result.messages, 'message')} of {pluralize(result.topics, 'topic')}"
+    terminal_output.line(f"{counts} in {pluralize(result.files, 'file')}: {result.path}")
     return DAMAGED if result.damaged else 0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.base.resources import require_modules
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import DAMAGED, options, report, terminal_output, verb
 
 if TYPE_CHECKING:
@@ -102,7 +103,8 @@ def _report(datasets: DatasetsReport, out: str, as_json: bool) -> None:
         terminal_output.document(document)
     elif files or datasets.unchanged or not datasets.failed:
         count, topics = sum(one.messages for _, one in files), len({one.topic for _, one in files})
-        unchanged = f"; {len(datasets.unchanged)} bags were unchanged" if datasets.unchanged else ""
-        terminal_output.line(f"{count} messages of {topics} topics in {out}{unchanged}")
+        unchanged = f"; {pluralize(len(datasets.unchanged), 'bag')} unchanged" if datasets.unchanged else ""
+        counts = f"{pluralize(count, 'message')} of {pluralize(topics, 'topic')}"
+        terminal_output.line(f"{counts} in {out}{unchanged}")
     for error in datasets.failed.values():
         report(error)

@@ -325,7 +325,8 @@ def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -
         )
         return
     terminal_output.note(
-        f"recorded {writer.messages} messages of {topics} topics, {size_text(writer.bytes)}, in {writer.path}"
+        f"recorded {pluralize(writer.messages, 'message')} of {pluralize(topics, 'topic')}, "
+        f"{size_text(writer.bytes)}, in {writer.path}"
     )
     if early:
         terminal_output.note(f"{early} messages arrived before the first time of /clock, and were skipped")
