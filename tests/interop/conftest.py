@@ -51,6 +51,7 @@ def _compiled(name: str, programs: tuple[str, ...], *commands: str) -> Path:
         pytest.skip(f"needs {', '.join(missing)}")
 
     def make(folder: Path) -> None:
+        folder.mkdir()
         for command in commands:
             subprocess.run(command, shell=True, cwd=folder, env={**os.environ, "SOURCES": str(SOURCES)}, check=True)
 

@@ -46,7 +46,7 @@ def levels(findings: Iterable[Finding], word: str) -> list[str]:
 
 def assert_each_line_has_a_level(lines: list[str], *expected: str) -> None:
     words = {line.split(" ")[0] for line in lines}
-    assert {*expected} <= words <= {"ok", "warning", "error"}, lines
+    assert {*expected} <= words <= {"ok", "note", "warning", "error"}, lines
 
 
 # ------------------------------------------------------------------------------------------------------------ as a run

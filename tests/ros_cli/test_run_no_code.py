@@ -22,8 +22,9 @@ MANIFEST = """<package format="3"><name>{0}</name><version>1.0.0</version><descr
 """
 SETUP_PY = """
 from setuptools import setup
-names = [name for name in os.listdir(".")]
-setup(name="robot", version="1.0.0", packages=["robot"], data_files=[("share/robot", names)],
+names = [name for name in os.listdir(".") if os.path.isfile(name)]
+rows = [("share/robot", names), ("share/robot/launch", ["launch/robot.launch.py"])]
+setup(name="robot", version="1.0.0", packages=["robot"], data_files=rows,
       entry_points={"console_scripts": ["talker = robot.talker:main"]})
 """
 LAUNCH_FILE = """
