@@ -15,6 +15,7 @@ import numpy as np
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.base.stamps import stamp_ns
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.numpy.common import escaped
 
@@ -59,7 +60,7 @@ def bag_html(bag: Any) -> str:
     """Return a table of the topics of a bag."""
     seconds = (bag.end_ns - bag.start_ns) / 1e9
     rows = [[one.name, one.type_name, "" if one.count is None else str(one.count)] for one in bag.channels]
-    title = f"{bag.path}: {len(bag.topics)} topics, {seconds:.3f} s"
+    title = f"{bag.path}: {pluralize(len(bag.topics), 'topic')}, {seconds:.3f} s"
     return f"<div>{escaped(title)}</div>{_table(('topic', 'type', 'messages'), rows)}"
 
 

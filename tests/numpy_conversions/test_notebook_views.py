@@ -268,7 +268,7 @@ def test_bags_and_nodes_are_tables() -> None:
     topics = [SimpleNamespace(name=f"/{EVIL}", type_name="std_msgs/msg/String", count=None)]
     bag = SimpleNamespace(path="drive", start_ns=0, end_ns=2_500_000_000, topics={"a": 1}, channels=topics)
     text = text_of(bag_html(bag))
-    assert "drive: 1 topics, 2.500 s" in text and "<script>" in text and "<script" not in bag_html(bag)
+    assert "drive: 1 topic, 2.500 s" in text and "<script>" in text and "<script" not in bag_html(bag)
     bag.channels = topics * 600
     assert "100 more" in text_of(bag_html(bag))
     node = SimpleNamespace(entities=[SimpleNamespace()])

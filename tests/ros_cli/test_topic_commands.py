@@ -331,7 +331,7 @@ async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) 
         await asyncio.sleep(0.1)
     ended = await tool.end(process)
     assert (ended.code, ended.out) == (1, "0\n4\n8\n12\n16\n")
-    said = "5 messages were dropped, as --max-rate is 2.5\n"
+    said = "dropped 5 messages, as --max-rate is 2.5\n"
     assert ended.err.startswith(said + "error: no message that passes the filter on /count")
 
 

@@ -272,7 +272,7 @@ class Player:
         at = duration_text(min(max(0, self.timeline.now_ns() - self._part.start_ns), self._part.end_ns))
         rate = "" if self.timeline.rate == 1 else f", at {self.timeline.rate:g} times the rate"
         paused = ", paused" if self.timeline.is_paused else ""
-        return f"{at} of {length}, {self.count} messages{rate}{paused}"
+        return f"{at} of {length}, {pluralize(self.count, 'message')}{rate}{paused}"
 
 
 def _remapped_names(

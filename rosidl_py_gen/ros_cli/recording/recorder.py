@@ -143,7 +143,7 @@ class Recorder:
             counts = f"{pluralize(self._writer.messages, 'message')} of {pluralize(len(self.recorded), 'topic')}"
             text = f"{counts}, {size_text(self._writer.bytes)}"
             retained = self._writer.retained_count
-            snapshot = "" if retained is None else f", {retained} messages retained for a snapshot"
+            snapshot = "" if retained is None else f", {pluralize(retained, 'message')} retained for a snapshot"
             what = "paused after" if self.is_paused else "recording for"
             show(f"{what} {now_s() - began:.0f} s: {text}{snapshot}{dropped}; Ctrl-C ends recording")
             await asyncio.sleep(_PROGRESS_INTERVAL_S)
@@ -329,9 +329,11 @@ def _report(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -
         f"{size_text(writer.bytes)}, in {writer.path}"
     )
     if early:
-        terminal_output.note(f"{early} messages arrived before the first time of /clock, and were skipped")
+        terminal_output.note(f"skipped {pluralize(early, 'message')} from before the first time of /clock")
     if writer.dropped and writer.retained_count is not None:
-        terminal_output.note(f"{writer.dropped} messages are larger than --max-cache-size, and are not in a snapshot")
+        terminal_output.note(
+            f"{pluralize(writer.dropped, 'message')} larger than --max-cache-size, hence not in a snapshot"
+        )
         dropped = received
     if dropped:
-        terminal_output.note(f"{dropped} messages arrived faster than they could be written, and were dropped")
+        terminal_output.note(f"dropped {pluralize(dropped, 'message')}: more arrived than could be written")

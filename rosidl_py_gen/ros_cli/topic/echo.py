@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.base.terminal_text import pluralize
 from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 from rosidl_py_gen.ros_cli.topic import qos as topic_qos
 
@@ -165,8 +166,8 @@ class _LostNotes:
 
     def note(self, total: int) -> None:
         if total > self._total and (now := self._now_s()) > self._noted_s + _LOST_NOTE_INTERVAL_S:
-            text = f"{total - self._total} messages arrived faster than they were printed ({total} in total)"
-            terminal_output.note(text)
+            missed = pluralize(total - self._total, "message")
+            terminal_output.note(f"missed {missed}: more arrived than could be printed ({total} in total)")
             self._total, self._noted_s = total, now
 
 
@@ -217,7 +218,7 @@ class _RateLimit:
     def report_dropped(self) -> None:
         """Print a note about dropped messages."""
         if self._dropped:
-            terminal_output.note(f"{self._dropped} messages were dropped, as --max-rate is {self._max_hz:g}")
+            terminal_output.note(f"dropped {pluralize(self._dropped, 'message')}, as --max-rate is {self._max_hz:g}")
 
 
 def _message_printer(

@@ -445,9 +445,13 @@ class Subscription(PollableEntity, Generic[T]):
         if self.incompatible_dropped and (
             reason := self._scope.discovery.unmatched.disagreeing(self._reader.guid, self._topic_key)
         ):
-            return f"{reason}; {self.incompatible_dropped} messages were dropped"
+            return f"{reason}; dropped {pluralize(self.incompatible_dropped, 'message')}"
         silent = f"{pluralize(count, 'publisher')} connected, but sent nothing"
-        return f"{silent}; {self.undecodable} messages could not be decoded" if self.undecodable else silent
+        return (
+            f"{silent} that can be decoded ({pluralize(self.undecodable, 'message')} cannot)"
+            if self.undecodable
+            else silent
+        )
 
     def __repr__(self) -> str:
         details = self.topic, self.message_type, self.qos.short()
