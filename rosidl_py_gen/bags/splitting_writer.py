@@ -12,13 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
-from zstandard import ZstdCompressor
-
 from rosidl_py_gen import type_hash, type_name
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time, written_durably
 from rosidl_py_gen.bags.definition_lookup import definition_of
 from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, qos_text, write_metadata
 from rosidl_py_gen.bags.storage.bag_files import SUFFIX
+from rosidl_py_gen.bags.storage.zstd import ZstdCompressor
 from rosidl_py_gen.base.stamps import NS_PER_S
 
 if TYPE_CHECKING:

@@ -15,8 +15,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, TYPE_CHECKING, Any, cast
 
-from zstandard import ZstdDecompressor, ZstdError, frame_content_size
-
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
 from rosidl_py_gen.bags.remote import local_copy, unreachable_as_error
@@ -24,6 +22,7 @@ from rosidl_py_gen.bags.storage.mcap_chunks import BLOCK_BYTES, MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 from rosidl_py_gen.bags.storage.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.storage.storage_api import MAX_TIME, ReadingProgress, library_errors_as_bag_error
+from rosidl_py_gen.bags.storage.zstd import ZstdDecompressor, ZstdError, frame_content_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator

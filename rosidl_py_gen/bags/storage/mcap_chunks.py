@@ -13,13 +13,13 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 from mcap.opcode import Opcode
-from zstandard import ZstdDecompressor, frame_content_size
-from zstandard import compress as zstd_compress
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.storage.zstd import ZstdDecompressor, frame_content_size
+from rosidl_py_gen.bags.storage.zstd import compress as zstd_compress
+from rosidl_py_gen.base.resources import missing_extra_message
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
@@ -68,9 +68,18 @@ def compress(compression: str, data: bytes | bytearray) -> bytes | bytearray:
     if compression == "zstd":
         return zstd_compress(data)
     if compression == "lz4":
-        compressed: bytes = lz4.frame.compress(data)
+        compressed: bytes = _lz4_frames().compress(data)
         return compressed
     return data
+
+
+def _lz4_frames() -> Any:
+    """Return the module of LZ4, which some Python versions have no wheel of; raises `ExtraMissingError` without it."""
+    try:
+        import lz4.frame  # type: ignore[import-untyped]
+    except ImportError as missing:
+        raise missing_extra_message(missing) or missing from None
+    return lz4.frame
 
 
 class TooLargeError(BagError):
@@ -228,7 +237,7 @@ class ChunkDecompressor:
         if head.compression == "lz4":
             self._require_size(size, compressed_size, "lz4")
             # One byte more than the limit, as 0 would mean no limit.
-            data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
+            data: bytes = _lz4_frames().LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
             if len(data) != size:
                 length = f"{len(data)}" if len(data) < size else "more"
                 raise BagError(f"{self.where}: damaged: a chunk states {size} bytes, but decompresses to {length}")
@@ -373,7 +382,7 @@ class _Stored:
 class _Lz4:
     def __init__(self, source: _Stored) -> None:
         self._source = source
-        self._frame: Any = lz4.frame.LZ4FrameDecompressor()
+        self._frame: Any = _lz4_frames().LZ4FrameDecompressor()
 
     def read(self, size: int) -> bytes:
         data = b""
