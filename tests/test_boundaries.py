@@ -177,7 +177,15 @@ def test_third_party_packages_are_those_of_the_contract() -> None:
     tomllib = pytest.importorskip("tomllib")  # of Python 3.11
     settings = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     contract = next(one for one in settings["contracts"] if one["id"] == "third-party")
-    known = {*sys.stdlib_module_names, *contract["forbidden_modules"], PACKAGE.name, "numpy", "typing_extensions"}
+    newer = {"compression"}  # of Python 3.14
+    known = {
+        *sys.stdlib_module_names,
+        *newer,
+        *contract["forbidden_modules"],
+        PACKAGE.name,
+        "numpy",
+        "typing_extensions",
+    }
     messages = {path.name for path in (PACKAGE.parent / "interfaces").iterdir()}
     of_rclpy = {*settings["root_packages"], *messages, "rosidl_parser"}
     found = {
