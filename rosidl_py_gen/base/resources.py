@@ -76,8 +76,11 @@ def missing_extra_message(error: ImportError) -> ExtraMissingError | None:
     if sys.version_info[:2] >= WITHOUT_WHEELS.get(name, (4, 0)):
         version = f"CPython {sys.version_info[0]}.{sys.version_info[1]}"
         text = (
-            f"this needs mcap, whose dependencies lz4 and zstandard have no wheels for {version} yet: use an older "
-            "Python, or compile them by `pip install mcap`, which needs a C compiler and the headers of Python"
+            f"this needs mcap, which the extra leaves out on {version}, as lz4 and zstandard lack wheels for it yet: "
+            "pip install --no-deps mcap (only recordings with LZ4 need more)"
+            if name == "mcap"
+            else f"this needs {name}, which has no wheel for {version} yet: use an older Python, or compile it by "
+            f"`pip install {name}`, which needs a C compiler and the headers of Python"
         )
     return ExtraMissingError(text, name=name)
 

@@ -427,6 +427,7 @@ class SingleThreadedExecutor(Executor):
     def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         wait = self.wait_for_ready_callbacks
         is_replaced = getattr(wait, "__func__", None) is not _WAIT_FOR_READY_CALLBACKS  # by a subclass, or a program
+        handler: Task[Any] | None
         try:
             if is_replaced:
                 handler, entity, node = wait(timeout_sec, None, condition)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import socket
 from typing import TYPE_CHECKING
+from weakref import WeakSet
 
 from rosidl_py_gen.base.resources import require_modules
 from rosidl_py_gen.runtime.transport.api import TransportError
@@ -13,6 +15,7 @@ from rosidl_py_gen.runtime.transport.api import TransportError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    import zenoh
     from typing_extensions import Self
 
 
@@ -53,11 +56,13 @@ class ZenohRouter:
         config = router_config(environ, warn, listen=listen, connect=connect)
         endpoints = endpoints_of(config, "listen")
         try:
-            self._session = zenoh.open(config)
+            session = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join(endpoints) or "no endpoint"
             raise TransportError(f"no Zenoh router on {where}: {error_text(error)}") from None
-        self.zid: str = str(self._session.info.zid())
+        self._session: zenoh.Session | None = session
+        _routers.add(self)
+        self.zid: str = str(session.info.zid())
         """Id of the router, hexadecimal."""
         self.endpoints: list[str] = self._locators() or endpoints
         """Endpoints that sessions can connect to; each address of this machine for a wildcard address."""
@@ -69,18 +74,38 @@ class ZenohRouter:
         self.close()
 
     def close(self) -> None:
-        """Stop the router. May be called twice."""
+        """Stop the router. May be called twice; does nothing in a forked child, whose parent has the router."""
         import zenoh
 
-        with contextlib.suppress(zenoh.ZError):  # raised after a while on a busy machine
-            self._session.close()  # type: ignore[no-untyped-call]
+        if self._session is not None:
+            with contextlib.suppress(zenoh.ZError):  # raised after a while on a busy machine
+                self._session.close()  # type: ignore[no-untyped-call]
+
+    def _detach_after_fork(self) -> None:
+        from rosidl_py_gen.runtime.transport.zenoh.endpoints import leak_after_fork
+
+        leak_after_fork(self._session)
+        self._session = None
 
     def _locators(self) -> list[str]:
         """Return the locators from the router's admin space; empty if that is disabled."""
+        assert self._session is not None
         for reply in self._session.get(f"@/{self.zid}/router"):
             if reply.ok is not None:
                 return [str(locator) for locator in json.loads(reply.ok.payload.to_bytes()).get("locators", [])]
         return []
+
+
+_routers: WeakSet[ZenohRouter] = WeakSet()
+
+
+def _after_fork() -> None:
+    for router in list(_routers):
+        router._detach_after_fork()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def _has_ipv6() -> bool:

@@ -168,6 +168,14 @@ ENDS = {
         "try: Context()\nexcept Exception as error: sys.exit(5 if 'forked' in str(error) else 6)",
         5,
     ),
+    "a forked child that forgets its parent's router": (
+        "from rosidl_py_gen.runtime import ZenohRouter\n"
+        "router = ZenohRouter({}, print, listen=['tcp/127.0.0.1:0'])\n"
+        "pid = os.fork()\n"
+        "if pid: sys.exit(os.waitpid(pid, 0)[1] >> 8)\n"
+        "router.close()\ndel router\nsys.exit(7)",
+        7,
+    ),
     "SIGTERM of run": (
         "async def main():\n    os.kill(os.getpid(), signal.SIGTERM)\n    await asyncio.Event().wait()\nrun(main)",
         None,
