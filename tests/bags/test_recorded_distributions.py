@@ -129,7 +129,7 @@ def test_types_that_the_distribution_lacks_are_refused_by_name(tmp_path: Path) -
 @given(st.binary(max_size=300), st.integers(0, 400))
 def test_damaged_metadata_have_no_distribution(noise: bytes, at: int) -> None:
     stream = BytesIO()
-    writer = Writer(stream)
+    writer = Writer(stream, compression=CompressionType.NONE)
     writer.start("ros2")
     writer.add_metadata("rosbag2", {"ROS_DISTRO": "humble"})
     writer.add_metadata("rosbag2", {"serialized_metadata": "ros_distro: jazzy"})
@@ -143,7 +143,7 @@ def test_damaged_metadata_have_no_distribution(noise: bytes, at: int) -> None:
 def test_metadata_of_any_form(tmp_path: Path, text: str) -> None:
     path = tmp_path / "bag.mcap"
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, compression=CompressionType.NONE)
         writer.start("ros2")
         channel = writer.register_channel("/reading", "cdr", writer.register_schema(RANGE, "", b""))
         writer.add_message(channel, 1, JAZZY().encode(), 1)

@@ -6,10 +6,11 @@ import asyncio
 import sqlite3
 import tracemalloc
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import compile_definition, get_message
 from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, SqliteWriter
@@ -79,10 +80,14 @@ def copy_to_sqlite(source: Path, path: Path) -> Path:
     return path
 
 
+_COMPRESSION = CompressionType.ZSTD if find_spec("zstandard") else CompressionType.NONE
+"""Of `mcap` by default, as far as it can be had for this Python."""
+
+
 def write_foreign(path: Path, *channels: tuple[str, str, str, Iterable[tuple[int, bytes]]], **options: Any) -> Path:
     """Write channels with the package `mcap`: topic, type, definition, and messages with their times."""
     with path.open("wb") as stream:
-        writer = Writer(stream, **options)
+        writer = Writer(stream, **{"compression": _COMPRESSION, **options})
         writer.start("ros2", "somebody")
         for topic, type_name, text, messages in channels:
             schema = writer.register_schema(type_name, "ros2msg", text.encode())
