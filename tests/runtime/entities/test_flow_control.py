@@ -85,9 +85,9 @@ async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
 ) -> None:
     monkeypatch.setattr(windows, "STALL_TIMEOUT_S", 0.2)
     window, sent = RequestFlowControl("/add"), list[int]()
-    enter(window, range(6), 3, sent)
     loop = asyncio.get_running_loop()
     began_s = loop.time()
+    enter(window, range(6), 3, sent)
     with caplog.at_level(logging.WARNING):
         await until(lambda: len(sent) == 5)
     assert loop.time() - began_s >= 0.6 and sent == list(range(5)), "each takes twice as long as the last"

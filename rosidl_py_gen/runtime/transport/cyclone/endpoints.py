@@ -32,6 +32,7 @@ from rosidl_py_gen.runtime.transport.qos import QoSProfile, Reliability
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from rosidl_py_gen.runtime.transport.api import EndpointSpec
     from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
     from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
 
@@ -240,15 +241,32 @@ class TakeBuffers:
 
 
 class CycloneReader(_CycloneEndpoint):
-    """Reader of the DDS transport."""
+    """Reader of the DDS transport.
+
+    Args:
+        first: the reader whose queue and sink the samples go to, for the reader of a second topic.
+    """
 
     _statuses = _REQUESTED
 
-    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str, qos: QoSProfile) -> None:
+    def __init__(
+        self,
+        owner: CycloneParticipant,
+        entity: int,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        *,
+        first: CycloneReader | None = None,
+    ) -> None:
         super().__init__(owner, entity, topic, type)
         self.is_reliable = qos.reliability is Reliability.RELIABLE
-        self.queue = ReceiveQueue(qos)
-        self.sink: Sink | None = None
+        self.queue: ReceiveQueue = ReceiveQueue(qos) if first is None else first.queue
+        self.sink: Sink | None = None if first is None else first.sink
+        self.buffer_spec: EndpointSpec | None = None
+        """Specification of the endpoint if `second` is created as soon as a writer of buffers is discovered."""
+        self.second: CycloneReader | None = None
+        """Reader of the topic to which publishers of Lyrical send buffers. Source: docs/internals/dds.md 14."""
         self._take = owner.api.bare_take
         address, self._payload_offset = owner.domain.types[type]
         self._fast_dds_hooks = owner.fast_dds.hooks_of(address)
@@ -262,6 +280,8 @@ class CycloneReader(_CycloneEndpoint):
 
     def set_sink(self, sink: Sink | None) -> None:
         self.sink = sink
+        if self.second is not None:
+            self.second.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
             self._owner.pipe.notify(self.entity)
 
@@ -280,6 +300,8 @@ class CycloneReader(_CycloneEndpoint):
             large, self._large_bytes = self._large_bytes, 0
         if large:
             warn_about_socket_buffers(large)  # logging takes locks: never while our lock is held
+        if self.second is not None:
+            has_samples = self.second.fetch() or has_samples
         return has_samples
 
     def _take_all(self, buffers: TakeBuffers) -> bool:
@@ -346,6 +368,8 @@ class CycloneReader(_CycloneEndpoint):
         if not self._close_latch.set():
             return
         entity, self.sink = self.entity, None
+        if self.second is not None:
+            self.second.close()
         with _local_lock:
             remaining = tuple(reader for reader in local_readers[self._key] if reader is not self)
             if remaining:

@@ -32,6 +32,7 @@ from rosidl_py_gen.runtime.transport.api import (
     DiscoveryRange,
     DomainSettings,
     EndpointSpec,
+    EntityLost,
     NodeEntities,
     ParticipantDiscovered,
     SecurityEnclave,
@@ -63,11 +64,11 @@ from rosidl_py_gen.runtime.transport.cyclone.security import (
 from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe, putw
 from rosidl_py_gen.runtime.transport.dds.correlation import has_secured_fast_dds, is_secured_fast_dds
 from rosidl_py_gen.runtime.transport.dds.discovery_info import DISCOVERY_TOPIC, DiscoveryInfoTopic
-from rosidl_py_gen.runtime.transport.dds.names import participant_user_data, wire_name, wire_type
+from rosidl_py_gen.runtime.transport.dds.names import BUFFER_SUFFIX, participant_user_data, wire_name, wire_type
 from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
 from rosidl_py_gen.runtime.transport.endpoint_index import ServicePeers
 from rosidl_py_gen.runtime.transport.matching import qos_incompatibility
-from rosidl_py_gen.runtime.transport.qos import Reliability, effective
+from rosidl_py_gen.runtime.transport.qos import Durability, Reliability, effective
 from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256
@@ -150,6 +151,9 @@ class CycloneParticipant:
         self._idle_topics: dict[tuple[str, str], None] = {}
         self.readers: dict[int, CycloneReader] = {}
         """Readers by entity, which is the handle that `pipe` contains."""
+        self._buffer_writers: dict[bytes, tuple[str, str]] = {}
+        """Topics and types whose publishers send buffers to a second topic, by the GUIDs of that topic's writers."""
+        self._buffer_lock = threading.Lock()
         self.buffers = TakeBuffers()
         self._is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         self._security = security = _usable_security(settings.security)
@@ -247,10 +251,49 @@ class CycloneParticipant:
     def create_reader(self, spec: EndpointSpec) -> CycloneReader:
         spec = replace(spec, qos=effective(spec.qos, is_writer=False))
         names = wire_name(spec.topic_key), wire_type(spec.type)
+        reader = CycloneReader(self, self._create_reader(spec, names), *names, spec.qos)
+        if spec.has_buffer and spec.qos.durability is Durability.VOLATILE:
+            reader.buffer_spec = spec
+            if names in list(self._buffer_writers.values()):
+                self._read_buffers(reader)
+        return reader
+
+    def _create_reader(self, spec: EndpointSpec, names: tuple[str, str]) -> int:
         with endpoint_qos(_api, spec, is_writer=False) as qos, self._naming_denied(names[0], is_writer=False):
             create = partial(self._create, _api.create_reader, self._subscriber, names, qos)
-            entity = self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
-        return CycloneReader(self, entity, *names, spec.qos)
+            return self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
+
+    def _read_buffers(self, reader: CycloneReader) -> None:
+        """Create the reader of buffers of a topic, once. Each message is sent to one of the two topics."""
+        with self._buffer_lock:
+            if reader.second is not None or reader.buffer_spec is None or not reader.entity:
+                return
+            names = reader.topic + BUFFER_SUFFIX, reader.type
+            try:
+                entity = self._create_reader(reader.buffer_spec, names)
+            except (TransportError, ClosedError) as error:
+                if not self._closed:
+                    get_root_logger().warning(f"messages of publishers of Lyrical may be missing: {error}")
+                reader.buffer_spec = None
+                return
+            reader.second = second = CycloneReader(self, entity, *names, reader.buffer_spec.qos, first=reader)
+            second.sink = reader.sink
+        if not reader.entity:  # closed meanwhile
+            second.close()
+        elif second.fetch():
+            self.pipe.notify(second.entity)
+
+    def _follow_buffers(self, events: list[DiscoveryEvent]) -> None:
+        """Add readers of buffers for topics with writers of buffers."""
+        for event in events:
+            if isinstance(event, EntityLost):
+                self._buffer_writers.pop(event.guid, None)
+            elif isinstance(event, DiscoveredEndpoint) and event.is_writer and event.wire_name.endswith(BUFFER_SUFFIX):
+                names = event.wire_name.removesuffix(BUFFER_SUFFIX), event.wire_type
+                self._buffer_writers[event.guid] = names
+                for reader in list(self.readers.values()):
+                    if reader.buffer_spec is not None and (reader.topic, reader.type) == names:
+                        self._read_buffers(reader)
 
     def next_gid(self) -> bytes:
         """Return the 16 bytes that rmw_get_gid_for_client returns."""
@@ -321,6 +364,7 @@ class CycloneParticipant:
 
         def on_events(events: list[DiscoveryEvent]) -> None:
             self._schedule_sample_request(events)
+            self._follow_buffers(events)
             if self._security is not None:
                 self._schedule_endpoint_check(events)
             self.service_peers.apply(events)

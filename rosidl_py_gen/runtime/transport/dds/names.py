@@ -37,6 +37,8 @@ _AFFIXES: Mapping[Literal["topic", "request", "reply"], tuple[str, str]] = {
     "reply": ("rr", "Reply"),
 }
 """Prefix and suffix of a name in DDS."""
+BUFFER_SUFFIX = "/_buf_cpu"
+"""Suffix of the topic to which publishers of Lyrical send buffers. Source: docs/internals/dds.md 14, zenoh.md 9.2."""
 _PAIR = re.compile(rb"([A-Za-z0-9]+)=([^;]*);")
 
 

@@ -28,6 +28,7 @@ import xxhash
 
 from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.transport.dds.names import BUFFER_SUFFIX
 from rosidl_py_gen.runtime.transport.qos import (
     INFINITE_NS,
     MAX_DEPTH,
@@ -66,7 +67,7 @@ def cpu_buffer_key(key: str) -> str:
 
     They do so for messages with an unbounded array of bytes that are not transient local (docs/internals/zenoh.md 9.2).
     """
-    return f"{key}/_buf_cpu"
+    return f"{key}{BUFFER_SUFFIX}"
 
 
 # ---------------------------------------------------------------------------------------------------------- attachments

@@ -1,0 +1,106 @@
+"""Publishers of Lyrical send images to one of two topics; a publisher on each stands for them."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from support.node_fixtures import until
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.runtime import QoSProfile
+
+if TYPE_CHECKING:
+    from support.node_fixtures import World
+
+    from rosidl_py_gen.runtime import Node, Publisher, Subscription
+
+Image: Any = get_message("sensor_msgs/msg/Image")
+String: Any = get_message("std_msgs/msg/String")
+BUFFERS = "image/_buf_cpu"
+ALL = QoSProfile().keep_all()
+
+
+def of_lyrical(node: Node, message_type: Any = Image, qos: Any = ALL) -> tuple[Publisher[Any], Publisher[Any]]:
+    """Return the two writers of a publisher of Lyrical."""
+    return node.create_publisher(message_type, "image", qos), node.create_publisher(message_type, BUFFERS, qos)
+
+
+async def exchange(subscription: Subscription[Any], both: tuple[Publisher[Any], Publisher[Any]]) -> None:
+    """Send messages to one topic after the other; they arrive once, in order."""
+    for publisher in both:
+        assert await publisher.wait_for_subscribers(timeout_s=10)
+    for number in range(20):
+        both[number // 3 % 2].publish(Image(height=number, data=bytes(100)))
+        assert (await subscription.receive(timeout_s=10)).height == number
+    await asyncio.sleep(0.1)
+    assert subscription.take() is None
+
+
+@pytest.mark.parametrize("is_first", ["publisher", "subscription"])
+async def test_messages_of_both_topics_arrive_once(dds: World, is_first: str) -> None:
+    alice, bob = dds.pair()
+    if is_first == "publisher":
+        both = of_lyrical(alice)
+        await until(lambda: f"/{BUFFERS}" in dict(bob.get_topic_names_and_types()))
+        subscription = bob.create_subscription(Image, "image", qos=ALL)
+    else:
+        subscription = bob.create_subscription(Image, "image", qos=ALL)
+        both = of_lyrical(alice)
+    await exchange(subscription, both)
+    subscription.close()
+    await until(lambda: not both[1].subscription_count)
+
+
+async def test_callbacks_and_polling_get_messages_of_the_second_topic(dds: World) -> None:
+    alice, bob = dds.pair()
+    received: list[int] = []
+    bob.create_subscription(Image, "image", lambda message: received.append(message.height), qos=ALL)
+    polled = bob.create_subscription(Image, "image", qos=ALL)
+    _, buffers = of_lyrical(alice)
+    await until(lambda: buffers.subscription_count == 2)
+    for number in range(10):
+        buffers.publish(Image(height=number, data=bytes(1_000_000)))
+    taken: list[int] = []
+
+    def take() -> bool:
+        message = polled.take()
+        if message is not None:
+            taken.append(message.height)
+        return len(taken) == 10
+
+    await until(lambda: len(received) == 10)
+    await until(take)
+    assert received == taken == list(range(10))
+
+
+@pytest.mark.parametrize(
+    ("message_type", "qos"),
+    [(String, ALL), (Image, QoSProfile().transient_local())],
+    ids=["no bytes", "transient local"],
+)
+async def test_other_subscriptions_have_no_second_reader(dds: World, message_type: Any, qos: QoSProfile) -> None:
+    alice, bob = dds.pair()
+    plain, buffers = of_lyrical(alice, message_type, qos)
+    bob.create_subscription(message_type, "image", qos=qos)
+    assert await plain.wait_for_subscribers(timeout_s=10)
+    await asyncio.sleep(0.3)
+    assert buffers.subscription_count == 0
+
+
+async def test_a_subscription_without_publishers_of_lyrical_has_one_reader(dds: World) -> None:
+    alice, bob = dds.pair()
+    bob.create_subscription(Image, "image")
+    assert await alice.create_publisher(Image, "image").wait_for_subscribers(timeout_s=10)
+    assert f"/{BUFFERS}" not in dict(alice.get_topic_names_and_types())
+
+
+async def test_buffers_of_a_later_publisher_arrive_after_the_first_has_gone(dds: World) -> None:
+    alice, bob = dds.pair()
+    subscription = bob.create_subscription(Image, "image", qos=ALL)
+    for _ in range(2):
+        both = of_lyrical(alice)
+        await exchange(subscription, both)
+        for publisher in both:
+            publisher.close()
