@@ -81,7 +81,7 @@ def copy_to_sqlite(source: Path, path: Path) -> Path:
 
 
 _COMPRESSION = CompressionType.ZSTD if find_spec("zstandard") else CompressionType.NONE
-"""Of `mcap` by default, as far as it can be had for this Python."""
+"""Compression of `mcap` by default, where zstandard can be had for this Python."""
 
 
 def write_foreign(path: Path, *channels: tuple[str, str, str, Iterable[tuple[int, bytes]]], **options: Any) -> Path:
