@@ -52,6 +52,7 @@ SHARED_IN_BAGS = {
     "_files",
     "_metadata",
     "_stored_channels",
+    "_read_unindexed",
     "_messages_as_stored",
     "_inherit",
     "_omitted",

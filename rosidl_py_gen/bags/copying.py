@@ -71,6 +71,11 @@ _REASONS = {
 _IN_SQLITE = "SQLite bags have no place for them; convert to MCAP to keep them"
 
 
+def find_all_channels(reader: BagReader) -> None:
+    """Complete the channels of an open bag by those that the indexes of its files leave out."""
+    reader._read_unindexed()
+
+
 class BagCopy:
     """Copy of the contents of an open bag, other than messages, into a new one.
 
@@ -103,12 +108,12 @@ class BagCopy:
                     writer._copy_metadata(record)
                 else:
                     self.omitted["metadata_records"] += 1
-        for file in files:
-            for schema in file.unused_schemas():
-                writer._add_schema(schema)
         targets = self._targets(channels)
         for target in targets.values():
             writer.add_raw_topic(target)
+        for file in files:  # after the topics: SQLite bags have one definition for a type
+            for schema in file.unused_schemas():
+                writer._add_schema(schema)
         return targets
 
     def end(self) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import __version__, encode
 from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError, BagTopic, checked_time, require_printable
 from rosidl_py_gen.bags.splitting_writer import SplittingWriter, topic_of
+from rosidl_py_gen.bags.storage.mcap_chunks import COMPRESSIONS
 from rosidl_py_gen.bags.storage.mcap_output import McapOutput
 from rosidl_py_gen.bags.storage.storage_api import MAX_UNPACKED_BYTES
 from rosidl_py_gen.errors import EncodeError
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.storage.mcap_extras import StoredAttachment, StoredMetadata
     from rosidl_py_gen.cdr import Message
 
-_COMPRESSIONS = "", "lz4", "zstd"
 MAX_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
 """Size from which a message gets an uncompressed chunk: readers decompress at most 1 GiB by default."""
 _MAX_KNOWN = 10_000
@@ -67,8 +67,8 @@ class BagWriter(SplittingWriter):
         compression_threads: int = 0,
         custom_data: Mapping[str, str] | None = None,
     ) -> None:
-        if compression not in _COMPRESSIONS:
-            known = ", ".join(filter(None, _COMPRESSIONS))
+        if compression not in COMPRESSIONS:
+            known = ", ".join(filter(None, COMPRESSIONS))
             raise BagError(f'compression: got "{compression}"; expected one of {known}, or ""')
         target = Path(path)
         is_folder = target.suffix != ".mcap"

@@ -128,18 +128,14 @@ class BagReader:
             listed = self._metadata.topics if self._metadata is not None else ()
             hashes = {(topic.name, topic.type_name): topic.type_hash for topic in listed if topic.type_hash}
             self._definitions = Definitions(self.path, search_path, typestore, hashes, self._ros_distro)
-            self._stored_channels: list[BagTopic] = merge_stored_channels(
-                channel for file in self._files for channel in file.stored_channels()
-            )
-            # Of one topic and definition there are several if their QoS or metadata differ.
-            self.channels: list[BagTopic] = merge_channels(self._stored_channels)
+            self._stored_channels, channels, topics, start_ns, end_ns = self._contents()
+            self.channels: list[BagTopic] = channels
             """Recorded topics, with an entry for each definition of a topic."""
-            self.topics: dict[str, BagTopic] = topics_by_name(self.channels)
+            self.topics: dict[str, BagTopic] = topics
             """Recorded topics by name; the first definition of a topic that has several."""
-            spans = [span for file in self._files if (span := file.span()) is not None]
-            self.start_ns: int = min((first for first, _ in spans), default=0)
+            self.start_ns: int = start_ns
             """Log time of the first message, nanoseconds since 1970; 0 without messages."""
-            self.end_ns: int = max((last for _, last in spans), default=0)
+            self.end_ns: int = end_ns
             """Log time of the last message."""
             self.has_index: bool = all(file.is_whole for file in self._files)
             """False after a crash of the recorder: the files are then read completely to find messages."""
@@ -152,6 +148,20 @@ class BagReader:
         except BaseException:
             self.close()
             raise
+
+    def _contents(self) -> tuple[list[BagTopic], list[BagTopic], dict[str, BagTopic], int, int]:
+        """Return the stored channels, channels and topics of the bag, and its first and last time, as files state."""
+        stored = merge_stored_channels(channel for file in self._files for channel in file.stored_channels())
+        channels = merge_channels(stored)  # of one topic and definition there are several if QoS or metadata differ
+        spans = [span for file in self._files if (span := file.span()) is not None]
+        start, end = min((first for first, _ in spans), default=0), max((last for _, last in spans), default=0)
+        return stored, channels, topics_by_name(channels), start, end
+
+    def _read_unindexed(self) -> None:
+        """Read what the indexes of files leave out, which may have more channels."""
+        for file in self._files:
+            file.unused_schemas()
+        self._stored_channels, self.channels, self.topics, self.start_ns, self.end_ns = self._contents()
 
     def _add_damaged(self, part: DamagedPart) -> None:
         if part in self._known_damage:

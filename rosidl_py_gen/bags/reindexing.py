@@ -80,9 +80,11 @@ _MESSAGES_PER_REPORT = 64
 
 def _open(file: Path, progress: ReadingProgress, size: int) -> BagReader:
     """Open a file; without an index it is read twice, and opening is the first half."""
-    return BagReader(
+    reader = BagReader(
         file, skip_damaged=True, on_progress=lambda done, total: progress.show(size * done // (2 * max(1, total)))
     )
+    reader._read_unindexed()
+    return reader
 
 
 def _messages(reader: BagReader, progress: ReadingProgress, end: int) -> Iterator[RawMessage]:

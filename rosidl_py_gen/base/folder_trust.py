@@ -87,28 +87,43 @@ def own_folder_reason(folder: str | os.PathLike[str]) -> str:
     return _kind_reason(folder, found) or ("" if is_own(found) else _distrust(str(folder), found))
 
 
-def part_reason(path: str | os.PathLike[str], *, is_folder: bool) -> str:
+def part_reason(path: str | os.PathLike[str], *, is_folder: bool, root: str | os.PathLike[str] = "") -> str:
     """Return why another user may have created a file or folder or can change it; empty also if it does not exist.
 
-    The folders above are not checked. A folder must not be a link, the file behind a link must be trusted itself.
+    The folders above are not checked. A folder must not be a link. Each file that a link leads to must be trusted.
+
+    Args:
+        root: folder whose parents are not checked for links into it, either; empty for the folder of the file.
     """
     if not hasattr(os, "geteuid"):
         return ""
     try:
-        found = os.lstat(path)
-        if not _is_trusted(os.fspath(path), found, accepts_sticky=False):
-            return _distrust(os.fspath(path), found)
-        if is_folder:
-            return _kind_reason(path, found)
-        if stat.S_ISLNK(found.st_mode):
-            target = os.path.realpath(path)
-            inside = os.path.dirname(target) == os.path.realpath(os.path.dirname(path))
-            return part_reason(target, is_folder=False) if inside else distrust_reason(target)
+        for _ in range(_MAX_LINKS):
+            found = os.lstat(path)
+            if not _is_trusted(os.fspath(path), found, accepts_sticky=False):
+                return _distrust(os.fspath(path), found)
+            if is_folder:
+                return _kind_reason(path, found)
+            if not stat.S_ISLNK(found.st_mode):
+                return ""
+            folder = os.path.realpath(os.path.dirname(path))
+            target, top = os.readlink(path), os.path.realpath(root) if root else folder
+            step = os.path.join(folder, target)
+            path = os.path.normpath(step)
+            above = os.path.dirname(path)
+            # After a link to a folder, ``..`` leads elsewhere.
+            is_plain = os.pardir not in target.lstrip(os.pardir + os.sep).split(os.sep)
+            if not is_plain or os.path.commonpath([top, above]) != top:
+                return distrust_reason(step)
+            while above != top:
+                if reason := part_reason(above, is_folder=True):
+                    return reason
+                above = os.path.dirname(above)
+        raise ValueError("too many symbolic links")
     except FileNotFoundError:
         return ""
     except (OSError, ValueError) as error:
         return f"{os.fspath(path)!r} cannot be checked: {getattr(error, 'strerror', None) or error}"
-    return ""
 
 
 def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: bool) -> str:

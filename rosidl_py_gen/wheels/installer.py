@@ -125,8 +125,9 @@ def _uv() -> tuple[str, ...]:
     """Return the command uv of this environment, else of PATH; empty without uv."""
     if find_spec("uv") is not None:
         return sys.executable, "-m", "uv"
-    found = shutil.which("uv")
-    # Windows searches the current folder, whose programs are not trusted.
+    # Programs of the current folder, which Windows searches as well, and of relative folders are not trusted.
+    folders = [one for one in os.environ.get("PATH", os.defpath).split(os.pathsep) if os.path.isabs(one)]
+    found = shutil.which("uv", path=os.pathsep.join(folders))
     return () if found is None or os.path.dirname(os.path.abspath(found)) == os.getcwd() else (found,)
 
 

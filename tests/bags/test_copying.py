@@ -16,6 +16,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
 from support.bag_samples import memory_limit
 from support.example_counts import examples
 from support.mcap_records import (
@@ -329,3 +330,57 @@ def test_sqlite_file_with_a_journal_is_complete_after_reindex(
     with closing(sqlite3.connect(alone)) as database:
         assert database.execute("pragma integrity_check").fetchone() == ("ok",)
         assert database.execute("pragma journal_mode").fetchone() == ("delete",)
+
+
+ONE = b"\0\1\0\0\0\0\x80\x3f"
+"""A float32 with the value 1."""
+
+
+def test_definition_of_a_topic_wins_over_an_unused_one_of_its_type(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start("ros2", "somebody")
+        writer.register_schema("pkg/msg/A", "ros2msg", b"int32 old\n")
+        used = writer.register_schema("pkg/msg/A", "ros2msg", b"float32 used\n")
+        writer.add_message(writer.register_channel("/a", "cdr", used), 1, ONE, 1)
+        writer.finish()
+    done = run("convert", tmp_path / "a.mcap", tmp_path / "b", "--storage", "sqlite3")
+    assert done["not_carried_over"]["schemas"] == 1
+    with BagReader(tmp_path / "b") as reader:
+        assert [item.message.used for item in reader.messages()] == [1.0]
+
+
+def test_channels_that_no_index_lists_are_copied(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
+        writer.start("ros2", "somebody")
+        schema = writer.register_schema("pkg/msg/A", "ros2msg", b"float32 value\n")
+        for number, topic in enumerate(("/a", "/b")):
+            writer.add_message(writer.register_channel(topic, "cdr", schema), number, ONE, number)
+        state: Any = vars(writer)
+        for name in ("chunk_indices", "channels"):
+            of_writer = state[f"_Writer__{name}"]
+            of_writer.popitem() if isinstance(of_writer, dict) else of_writer.pop()
+        statistics = state["_Writer__statistics"]
+        statistics.message_count = statistics.chunk_count = statistics.channel_count = 1
+        statistics.channel_message_counts.pop(2)
+        writer.finish()
+    for target in ("b.mcap", "c"):
+        run("convert", tmp_path / "a.mcap", tmp_path / target, "--storage", "mcap" if "." in target else "sqlite3")
+        with BagReader(tmp_path / target) as reader:
+            assert sorted(item.topic for item in reader.messages()) == ["/a", "/b"]
+
+
+def test_damaged_name_of_a_compression_loses_its_chunk_only(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=1, compression=CompressionType.LZ4)
+        writer.start("ros2", "somebody")
+        schema = writer.register_schema("pkg/msg/A", "ros2msg", b"float32 value\n")
+        channel = writer.register_channel("/a", "cdr", schema)
+        for number in range(4):
+            writer.add_message(channel, number, ONE, number)
+        writer.finish()
+    path.write_bytes(path.read_bytes().replace(b"\3\0\0\0lz4", b"\3\0\0\0LZ4", 1))
+    done = reindex_file(path)
+    assert done.messages == 3 and len(done.damaged) == 1

@@ -266,11 +266,15 @@ def test_a_transaction_that_a_crash_ended_is_undone(tmp_path: Path) -> None:
 
 
 def test_another_thread_may_read(tmp_path: Path) -> None:
-    for path in (database(tmp_path / "bag"), foreign(tmp_path / "a.mcap")):
+    for path in 20 * (database(tmp_path / "bag"), foreign(tmp_path / "a.mcap")):
         with BagReader(path) as reader:
             found: list[list[str]] = []
+            begin = threading.Barrier(4)
 
-            def read(reader: BagReader = reader, found: list[list[str]] = found) -> None:
+            def read(
+                reader: BagReader = reader, found: list[list[str]] = found, begin: threading.Barrier = begin
+            ) -> None:
+                begin.wait()
                 found.append([item.message.data for item in reader])
 
             threads = [threading.Thread(target=read) for _ in range(4)]

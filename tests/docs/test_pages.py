@@ -91,6 +91,7 @@ def test_other_pages_name_no_tests() -> None:
 
 
 @pytest.mark.parametrize("package", ["rosidl_py_gen", *(f"rosidl_py_gen.{name}" for name in PARTS)])
+@pytest.mark.needs("mcap")
 def test_every_public_name_has_its_place_on_an_api_page(package: str) -> None:
     shown = set(re.findall(rf"^::: rosidl_py_gen(?:\.(?:{'|'.join(PARTS)}))?\.(\w+)$", API, re.MULTILINE))
     module = import_module(package)
@@ -160,6 +161,7 @@ def known_names() -> set[str]:
     return known
 
 
+@pytest.mark.needs("mcap")
 def test_what_the_tables_for_users_of_rclpy_name_exists() -> None:
     known = known_names()
     found = rows(ROOT / "docs/start/from-rclpy.md")

@@ -7,6 +7,7 @@ import json
 import re
 from typing import TYPE_CHECKING
 
+import pytest
 from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -60,6 +61,7 @@ async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
     assert found["action_clients"] == {"/ask": ["example_interfaces/action/Fibonacci"]}
 
 
+@pytest.mark.needs("mcap")
 async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, tmp_path: Path) -> None:
     participant = (robot := memory.node("good"))._scope.participant
     robot.create_publisher(String, "chatter")

@@ -57,6 +57,7 @@ _LARGE = 8
 _MAX_FRAME_HEAD = 18
 """Size of the header of a zstd frame."""
 _MAX_COMPRESSION_NAME = 4
+COMPRESSIONS = "", "lz4", "zstd"
 _HOLE = bytes(512)
 """A sector of a disk; compressed data have no such zeros."""
 _MAX_LZ4 = 255

@@ -6,6 +6,7 @@ the package `mcap` sorts message by message, and its objects cost twice as much 
 
 from __future__ import annotations
 
+import contextlib
 from bisect import bisect_left, bisect_right
 from dataclasses import replace
 from functools import cached_property
@@ -22,6 +23,7 @@ from mcap.writer import MCAP0_MAGIC
 from rosidl_py_gen.bags.common import OFFERED_QOS, TYPE_HASH, BagError, BagTopic, DamagedPart
 from rosidl_py_gen.bags.remote import BagUnreachableError, opened
 from rosidl_py_gen.bags.storage.mcap_chunks import (
+    COMPRESSIONS,
     MAX_WHOLE_CHUNK_BYTES,
     MIN_MESSAGE_BYTES,
     RECORD,
@@ -193,10 +195,14 @@ class McapFile(Storage):
         return None if other.header is None else read_profile(self._read, other.header)
 
     def chunk_compression(self) -> str:
+        """Return the compression of the first chunk with a known one."""
         with library_errors_as_bag_error(self._path):
             for segment in self._segments:
                 if segment.is_chunk and segment.is_finished:
-                    return self._chunks.header(segment.offset, segment.end).compression
+                    with contextlib.suppress(BagError, UnicodeDecodeError):  # a damaged header
+                        name = self._chunks.header(segment.offset, segment.end).compression
+                        if name in COMPRESSIONS:
+                            return name
         return ""
 
     def metadata_records(self) -> Iterator[StoredMetadata]:

@@ -232,4 +232,7 @@ def _require_own_journal(path: Path, journal: Path) -> None:
 
 def _connect(path: Path, options: str) -> sqlite3.Connection:
     # SQLite is built thread-safe, and each iteration has a cursor of its own.
-    return sqlite3.connect(f"{path.resolve().as_uri()}?{options}", uri=True, check_same_thread=False)
+    # Without a cache of statements: two threads that begin to read at once would get the same one, and mix up its rows.
+    return sqlite3.connect(
+        f"{path.resolve().as_uri()}?{options}", uri=True, check_same_thread=False, cached_statements=0
+    )

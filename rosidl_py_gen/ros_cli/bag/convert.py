@@ -59,11 +59,12 @@ def convert(
     rosidl-py bag convert humble_bag new_bag --path ~/ws/src
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
-    from rosidl_py_gen.bags.copying import omission_lines
+    from rosidl_py_gen.bags.copying import find_all_channels, omission_lines
     from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
     from rosidl_py_gen.ros_cli.bag.selection import channels_with_definitions, select_part
 
     with opened_bag(path, search_path=paths) as reader:
+        find_all_channels(reader)
         part = select_part(reader, topics, offset_s, duration_s)
         channels = channels_with_definitions(reader, part.topics, without_definitions)
         with new_bag(output, storage, compression, split_bytes, split_s) as writer:

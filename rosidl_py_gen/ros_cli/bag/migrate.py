@@ -100,7 +100,7 @@ def migrate(
     """
     if output is None and not dry_run:
         raise click.UsageError("expected --output or --dry-run")
-    from rosidl_py_gen.bags.copying import omission_lines
+    from rosidl_py_gen.bags.copying import find_all_channels, omission_lines
     from rosidl_py_gen.compiler.compatibility.migration import MigrationRules
     from rosidl_py_gen.ros_cli.bag.convert import copy_bag, new_bag
     from rosidl_py_gen.ros_cli.bag.display import damaged_rows, opened_bag
@@ -110,6 +110,7 @@ def migrate(
     omitted: Counter[str] = Counter()
     rules = read_rules(rules_file) if rules_file else MigrationRules()
     with opened_bag(path, search_path=old_paths) as reader:
+        find_all_channels(reader)
         selection = select_part(reader, topics, 0.0, None)
         planned = _plan_topics(reader, selection.topics, paths, rules)
         _warn_unused_rules(rules, planned)

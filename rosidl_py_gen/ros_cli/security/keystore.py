@@ -115,7 +115,7 @@ class Keystore:
 
     def _require_trusted(self, *paths: str | Path, is_folder: bool = True) -> None:
         for path in paths:
-            if reason := folder_trust.part_reason(path, is_folder=is_folder):
+            if reason := folder_trust.part_reason(path, is_folder=is_folder, root=os.path.realpath(self.root)):
                 raise CommandError(
                     f"{self.root}: {reason}; expected folders and files that no other user can have changed; correct "
                     "the owner and the mode, or choose another folder"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -104,3 +105,17 @@ async def test_buffers_of_a_later_publisher_arrive_after_the_first_has_gone(dds:
         await exchange(subscription, both)
         for publisher in both:
             publisher.close()
+
+
+async def test_a_second_reader_is_not_left_behind_by_a_subscription_that_closes_meanwhile(dds: World) -> None:
+    node = dds.node()
+    node.create_subscription(Image, "image", qos=ALL)
+    participant: Any = node._scope.participant
+    (reader,) = (one for one in participant.readers.values() if one.topic == "rt/image")
+    with participant.buffers.lock:
+        closing = threading.Thread(target=reader.close)
+        closing.start()
+        await until(lambda: reader.is_closed)
+        participant.read_buffers(reader)  # as if a writer were discovered now
+    closing.join()
+    assert [one for one in participant.readers.values() if one.topic.endswith(BUFFERS)] == []

@@ -114,6 +114,11 @@ class _CycloneEndpoint:
         self.guid = owner.api.guid_of(entity)
         self._close_latch = Latch()
 
+    @property
+    def is_closed(self) -> bool:
+        """True from the beginning of `close` on."""
+        return bool(self._close_latch)
+
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return self._api.counts(self.entity, *self._statuses[event])
 
@@ -262,7 +267,8 @@ class CycloneReader(_CycloneEndpoint):
         super().__init__(owner, entity, topic, type)
         self.is_reliable = qos.reliability is Reliability.RELIABLE
         self.queue: ReceiveQueue = ReceiveQueue(qos) if first is None else first.queue
-        self.sink: Sink | None = None if first is None else first.sink
+        self.first = first
+        self.sink: Sink | None = None
         self.buffer_spec: EndpointSpec | None = None
         """Specification of the endpoint if `second` is created as soon as a writer of buffers is discovered."""
         self.second: CycloneReader | None = None
@@ -280,8 +286,6 @@ class CycloneReader(_CycloneEndpoint):
 
     def set_sink(self, sink: Sink | None) -> None:
         self.sink = sink
-        if self.second is not None:
-            self.second.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
             self._owner.pipe.notify(self.entity)
 
@@ -355,8 +359,8 @@ class CycloneReader(_CycloneEndpoint):
         return self._owner.discovery.matched(self.entity, is_writer=False)
 
     def writer_guid(self, handle: int) -> bytes | None:
-        guid = self._guids.get(handle)
-        return guid or self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
+        guid = self._guids.get(handle) or self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
+        return self.second.writer_guid(handle) if guid is None and self.second is not None else guid
 
     def type_hash_of(self, handle: int) -> str:
         return ""

@@ -255,7 +255,7 @@ class CycloneParticipant:
         if spec.has_buffer and spec.qos.durability is Durability.VOLATILE:
             reader.buffer_spec = spec
             if names in list(self._buffer_writers.values()):
-                self._read_buffers(reader)
+                self.read_buffers(reader)
         return reader
 
     def _create_reader(self, spec: EndpointSpec, names: tuple[str, str]) -> int:
@@ -263,10 +263,10 @@ class CycloneParticipant:
             create = partial(self._create, _api.create_reader, self._subscriber, names, qos)
             return self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
 
-    def _read_buffers(self, reader: CycloneReader) -> None:
+    def read_buffers(self, reader: CycloneReader) -> None:
         """Create the reader of buffers of a topic, once. Each message is sent to one of the two topics."""
         with self._buffer_lock:
-            if reader.second is not None or reader.buffer_spec is None or not reader.entity:
+            if reader.second is not None or reader.buffer_spec is None or reader.is_closed:
                 return
             names = reader.topic + BUFFER_SUFFIX, reader.type
             try:
@@ -277,8 +277,7 @@ class CycloneParticipant:
                 reader.buffer_spec = None
                 return
             reader.second = second = CycloneReader(self, entity, *names, reader.buffer_spec.qos, first=reader)
-            second.sink = reader.sink
-        if not reader.entity:  # closed meanwhile
+        if reader.is_closed:  # meanwhile
             second.close()
         elif second.fetch():
             self.pipe.notify(second.entity)
@@ -293,7 +292,7 @@ class CycloneParticipant:
                 self._buffer_writers[event.guid] = names
                 for reader in list(self.readers.values()):
                     if reader.buffer_spec is not None and (reader.topic, reader.type) == names:
-                        self._read_buffers(reader)
+                        self.read_buffers(reader)
 
     def next_gid(self) -> bytes:
         """Return the 16 bytes that rmw_get_gid_for_client returns."""
@@ -436,6 +435,8 @@ class CycloneParticipant:
         for entity in entities:
             reader = readers.get(entity)
             if reader is not None:
+                if reader.first is not None:  # its samples are in the queue of the first
+                    reader = reader.first
                 if (reader.fetch() or reader.queue.items) and reader.sink is not None:
                     sinks.append(reader.sink)
             elif entity in self.discovery.entities and self.discovery.report not in sinks:
