@@ -126,7 +126,7 @@ def _uv() -> tuple[str, ...]:
     if find_spec("uv") is not None:
         return sys.executable, "-m", "uv"
     # Programs of the current folder, which Windows searches as well, and of relative folders are not trusted.
-    folders = [one for one in os.environ.get("PATH", os.defpath).split(os.pathsep) if os.path.isabs(one)]
+    folders = [one for one in os.get_exec_path() if os.path.isabs(one)]
     found = shutil.which("uv", path=os.pathsep.join(folders))
     return () if found is None or os.path.dirname(os.path.abspath(found)) == os.getcwd() else (found,)
 

@@ -111,9 +111,9 @@ async def test_answers_make_a_slow_server_one_that_is_waited_for(monkeypatch: py
 
 async def test_servers_that_only_note_requests_get_them_after_a_pause() -> None:
     window, sent = RequestFlowControl("/result", 0.02), list[int]()
-    enter(window, range(5), 2, sent)
     loop = asyncio.get_running_loop()
     began_s = loop.time()
+    enter(window, range(5), 2, sent)
     assert sent == [0, 1]
     await until(lambda: len(sent) == 5)
     assert loop.time() - began_s >= 0.039
