@@ -141,9 +141,10 @@ class PackagePlan:
         """Link the files of the source folder below ``share``, except those that known rules install there."""
         share = f"share/{self.name}/"
         installed = {file.source for place, file in self.files.items() if place.startswith(share)}
-        modules = [file.source for place, file in self.files.items() if place.startswith(SITE_PACKAGES) and file.source]
+        modules = {file.source for place, file in self.files.items() if place.startswith(SITE_PACKAGES)}
         for path in files_below(self._folder):
-            if path.endswith(".py") and any(map((self._folder / path).is_relative_to, modules)):
+            source = self._folder / path
+            if path.endswith(".py") and not modules.isdisjoint((source, *source.parents)):
                 continue
             is_code = path.split("/")[0] in _CODE_FOLDERS or (path in _NOT_DATA if self._links_top else "/" not in path)
             if not is_code and self._folder / path not in installed and share + path not in self.files:

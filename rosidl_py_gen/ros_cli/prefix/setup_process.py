@@ -6,6 +6,7 @@ until a file changes that setup.py has read.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -29,8 +30,8 @@ _MAX_RESULT_BYTES = 4 << 20
 _MAX_ERROR_BYTES = 64 << 10
 _READ_GRACE_S = 1.0
 """Time to read the rest of the output after the process has ended: a child of it may keep its output open."""
-_VARIABLES = ("ROS_DISTRO", "ROS_VERSION", "AMENT_PREFIX_PATH", "PYTHONPATH")
-"""Environment variables that setup.py files read."""
+_OF_SHELLS = {"_", "OLDPWD", "PWD", "SHLVL"}
+"""Environment variables that differ from command to command; a result counts for equal values of all others."""
 
 
 _results: dict[tuple[Path, Stamp], Any] = {}
@@ -61,7 +62,10 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
             note(path)
         return result
 
-    settings = ("setup", sys.executable, str(folder), [os.environ.get(name) for name in _VARIABLES])
+    variables = sorted(item for item in os.environ.items() if item[0] not in _OF_SHELLS)
+    # The values may be secret, so only a digest is stored.
+    digest = hashlib.sha256(repr(variables).encode(errors="surrogateescape")).hexdigest()
+    settings = ("setup", sys.executable, str(folder), digest)
     key = folder, stamp(str(folder / "setup.py"))
     if key not in _results:
         try:

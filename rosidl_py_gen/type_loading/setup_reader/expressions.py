@@ -182,6 +182,8 @@ class Expressions(Variables):
             match operator:
                 case ast.Eq() | ast.NotEq():
                     return (first == second) is isinstance(operator, ast.Eq)
+                case ast.In() | ast.NotIn() if isinstance(second, range) and not isinstance(first, int):
+                    raise UncertainError("a comparison with a range")  # Python would compare each of its numbers
                 case ast.In() | ast.NotIn():
                     return (first in second) is isinstance(operator, ast.In)  # type: ignore[operator]
                 case ast.Is() | ast.IsNot() if second is None or isinstance(second, bool):
