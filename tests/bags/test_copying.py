@@ -339,7 +339,7 @@ ONE = b"\0\1\0\0\0\0\x80\x3f"
 def test_definition_of_a_topic_wins_over_an_unused_one_of_its_type(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
-        writer.start("ros2", "somebody")
+        writer.start("ros2", "tests")
         writer.register_schema("pkg/msg/A", "ros2msg", b"int32 old\n")
         used = writer.register_schema("pkg/msg/A", "ros2msg", b"float32 used\n")
         writer.add_message(writer.register_channel("/a", "cdr", used), 1, ONE, 1)
@@ -353,7 +353,7 @@ def test_definition_of_a_topic_wins_over_an_unused_one_of_its_type(tmp_path: Pat
 def test_channels_that_no_index_lists_are_copied(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("wb") as stream:
         writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
-        writer.start("ros2", "somebody")
+        writer.start("ros2", "tests")
         schema = writer.register_schema("pkg/msg/A", "ros2msg", b"float32 value\n")
         for number, topic in enumerate(("/a", "/b")):
             writer.add_message(writer.register_channel(topic, "cdr", schema), number, ONE, number)
@@ -375,7 +375,7 @@ def test_damaged_name_of_a_compression_loses_its_chunk_only(tmp_path: Path) -> N
     path = tmp_path / "a.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=1, compression=CompressionType.LZ4)
-        writer.start("ros2", "somebody")
+        writer.start("ros2", "tests")
         schema = writer.register_schema("pkg/msg/A", "ros2msg", b"float32 value\n")
         channel = writer.register_channel("/a", "cdr", schema)
         for number in range(4):
