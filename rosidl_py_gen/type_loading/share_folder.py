@@ -154,8 +154,12 @@ def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Itera
     installs: list[Install] = []
     budget = PackageBudget()
     uncertain = ""
-    with suppress(UnreadableError):
-        installs += cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
+    try:
+        if (folder / "CMakeLists.txt").is_file():
+            installs += cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
+    except UnreadableError as error:
+        problem(f"{name}: what {display_path(folder / 'CMakeLists.txt')} installs is not known: {error}")
+        budget.renew()
     try:
         setup = read_setup_files(folder, budget)
         installs += setup_installs(folder, setup.values.get("data_files"))

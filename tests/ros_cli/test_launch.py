@@ -334,6 +334,20 @@ def test_wrong_element_of_a_printed_description_is_one_line(tmp_path: Path, opti
     assert done.returncode == 1 and re.fullmatch(rf"error: wrong\.launch\.py:\d+: {text}\n", done.stderr)
 
 
+def test_launch_file_that_includes_itself_is_one_line(tmp_path: Path) -> None:
+    text = """
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+def generate_launch_description():
+    return LaunchDescription([IncludeLaunchDescription(PythonLaunchDescriptionSource(__file__))])
+"""
+    (tmp_path / "again.launch.py").write_text(
+        HEAD.replace("import Declare", "import IncludeLaunchDescription, Declare") + text
+    )
+    done = _launch(tmp_path, "again.launch.py")
+    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("error: again.launch.py: it includes itself") and "OpaqueFunction" in done.stderr
+
+
 def test_package_name_that_ament_refuses_is_one_line(tmp_path: Path) -> None:
     write(tmp_path, {"src/p/package.xml": PACKAGE_XML.format("p"), "src/p/launch/x.launch.py": "x = 1"})
     done = _launch(tmp_path, "p", "x.launch.py")

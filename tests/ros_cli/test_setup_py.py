@@ -125,6 +125,62 @@ def test_test_runs_an_unclear_setup_py(tmp_path: Path) -> None:
     assert "1 passed" in found.stdout and "note: running src/foo/setup.py" in found.stderr
 
 
+def test_a_setup_py_with_much_work_keeps_its_literals_or_is_run(tmp_path: Path) -> None:
+    setup = """
+    from setuptools import setup
+    rows = []
+    for number in range(1_000_000):
+        rows = [("share/foo", ["params/a.yaml"])]
+    setup(name="foo", packages=["foo"], data_files=rows,
+          entry_points={"console_scripts": ["n1 = foo.n1:main", "n%d = foo.n1:main" % 2]})
+    """
+    options = "[options]\nscripts = params/a.yaml\n"
+    package = write_package(tmp_path, setup, setup__cfg=SETUP_CFG.format("foo") + options)
+    made = build_prefix([package], tmp_path / "out")
+    assert {*os.listdir(made.folder / "lib/foo")} == {"n1", "a.yaml"}
+    assert (made.folder / SITE_PACKAGES / "foo/n1.py").is_file()
+    assert (made.folder / "share/foo/params/a.yaml").is_file()
+    assert "executables may be missing" in made.problems[0] and len(made.problems) == 1
+    assert "it lists more than a package can have" in made.notes[0] and len(made.notes) == 1
+    made = build_prefix([package], tmp_path / "run", runs_setup=True)
+    assert {*os.listdir(made.folder / "lib/foo")} == {"n1", "n2", "a.yaml"} and made.problems == ()
+    assert (made.folder / "share/foo/a.yaml").is_file() and not (made.folder / "share/foo/params").exists()
+
+
+def test_commands_of_a_variable_may_install_more(tmp_path: Path) -> None:
+    setup = """
+    import os
+    from setuptools import setup
+    commands = {}
+    if os.environ.get("PATH"):
+        commands["install"] = unknown
+    setup(name="foo", packages=["foo"], data_files=[("share/foo", ["params/a.yaml"])], cmdclass=commands)
+    """
+    made = build_prefix([write_package(tmp_path, setup)], tmp_path / "out")
+    assert "data_files of" in made.notes[0] and "cmdclass" in made.notes[0]
+
+
+def test_the_result_of_setup_py_depends_on_each_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = write_package(
+        tmp_path,
+        """
+        import os
+        from setuptools import setup
+        setup(name="foo", packages=["foo"], data_files=[("share/foo", [os.environ["ANY_NAME"]])])
+        """,
+    )
+    time.sleep(2.1)  # files that have changed a moment ago are not cached
+    for value in ("params/a.yaml", "setup.cfg"):
+        monkeypatch.setenv("ANY_NAME", value)
+        assert run_setup_py(package, "it must").values["data_files"] == [["share/foo", [value]]]
+
+
+def test_code_after_setup_that_fails_does_not_lose_the_call(tmp_path: Path) -> None:
+    package = write_package(tmp_path, SETUP + "\nraise ValueError('after the call')\n")
+    found = run("foo", "n2", cwd=package)
+    assert (found.stdout, found.returncode) == ("True\n", 0)
+
+
 @pytest.mark.parametrize(
     ("code", "reason"),
     [

@@ -25,6 +25,7 @@ FILES = (
 TEXTS = {
     "files.txt": "config/a.yaml\nurdf/r.urdf\n",
     "files.json": '["worlds/w.world"]',
+    "windows.txt": "config/a.yaml\r\nurdf/r.urdf\r\n",
     "setup.cfg": "[develop]\nscript_dir=$base/lib/foo\n[install]\ninstall_scripts=$base/lib/foo\n",
     "helpers.py": "def rows(folder):\n    return [('share/foo/' + folder, [folder + '/w.world'])]\n",
     "foo/version.py": "VERSION = '1.2.3'\nMORE = ['urdf']\n",
@@ -198,6 +199,13 @@ with open("files.txt") as opened_N:
     for line_N in opened_N.read().splitlines():
         data_files.append((os.path.join(share, "listed"), [line_N]))
 """,
+    "file list with line ends of Windows": """
+with open("windows.txt") as opened_N:
+    for line_N in opened_N.readlines():
+        data_files.append((os.path.join(share, "listed"), [line_N[:-1]]))
+for line_N in Path("windows.txt").read_text().split("\\n")[:-1]:
+    data_files.append((os.path.join(share, "read"), [line_N]))
+""",
     "closure": """
 def outer_N(prefix):
     def inner(folder):
@@ -284,6 +292,14 @@ add_N("urdf")
     "renamed": "data_files += [('share/foo/renamed', ['params/a.yaml']), ('lib/foo', ['scripts/bar.py'])]",
     "text row": "data_files.append('README.md')",
     "console scripts of a comprehension": "scripts_lines += [f'{n}__N = foo.{n}:main' for n in ('n1', 'n2')]",
+    "console scripts of a text": """
+scripts_lines.append('''
+    t1_N = foo.n1:main
+    # t2_N = foo.n1:main
+
+    t3_N = foo.n2:main
+''')
+""",
     "console scripts of files": """
 for module_N in sorted(Path("foo").glob("n*.py")):
     scripts_lines.append("%s_N = %s.%s:main" % (module_N.stem, package_name, module_N.stem))
@@ -340,6 +356,47 @@ data_files += [(share + '/' + d, glob(d + '/*')) for d in more_N]
 os.makedirs("generated", exist_ok=True)
 shutil.copy("config/a.yaml", "generated/g.yaml")
 data_files.append((share + "/generated", glob("generated/*")))
+""",
+    "iterator that may be consumed": """
+files_N = map(str, Path("urdf").glob("*"))
+if os.environ.get("NO_SUCH_VARIABLE"):
+    print(sorted(files_N))
+data_files.append((share + "/urdf", list(files_N)))
+""",
+    "iterator of an iterator that may be consumed": """
+found_N = iglob("urdf/*")
+os.environ.get("NO_SUCH_VARIABLE") and any(file == "a" for file in found_N)
+data_files.append((share + "/urdf", [*filter(os.path.isfile, found_N)]))
+""",
+    "loop over an iterator that may end": """
+found_N = (file for file in ("README.md", "top.launch.py", "urdf/r.urdf"))
+for file_N in found_N:
+    if os.environ.get("PATH"):
+        break
+data_files.append((share + "/left", list(found_N)))
+""",
+    "file that may be read": """
+opened_N = open("files.txt")
+if os.environ.get("NO_SUCH_VARIABLE"):
+    opened_N.readlines()
+data_files.append((share + "/listed", opened_N.read().split()))
+""",
+    "line of a file": """
+opened_N = open("files.txt")
+opened_N.readline()
+data_files.append((share + "/listed", opened_N.read().split()))
+""",
+    "order that may change": """
+names_N = ["urdf/r.urdf", "README.md"]
+if os.environ.get("PATH"):
+    names_N.sort()
+data_files.append((share + "/first", [names_N[0]]))
+""",
+    "reversed keys that may change": """
+keys_N = {"README.md": 1}
+if os.environ.get("PATH"):
+    keys_N["top.launch.py"] = 2
+data_files.append((share + "/keys", list(reversed(keys_N.keys()))))
 """,
     "reduce": """
 data_files = functools.reduce(lambda a, b: a + [(share + '/' + b, glob(b + '/*.yaml'))], ['config'], data_files)

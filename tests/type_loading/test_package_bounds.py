@@ -48,6 +48,8 @@ SETUP_PY = {
     "patterns": "for one in range(1000000):\n    fnmatch.fnmatch('a' * 200, f'{one}' + '*a' * 500)",
     "glob in a loop": "for one in range(1000000):\n    rows += [('x', glob('*'))]",
     "packages in a loop": "for one in range(1000000):\n    find_packages(exclude=['*a*' * 100] * 1000)",
+    "number in a range": "for one in range(1000):\n    b = 'x' in range(1000000000)\n    c = 5.5 in range(1000000000)",
+    "iterators with a doubt": "a = [1] * 1000\nfor one in unknown:\n    a = map(str, a)\n    list(a)\n" * 300,
     "words": "a = 'a ' * 20000\nfor one in range(1000000):\n    rows.append(a.split())",
     "unknown calls": "rows = [[] for _ in range(5000)]\nfor one in range(100000):\n    unknown(rows)",
     "numbers": "a = 9 ** 9 ** 9 ** 9\nb = 1 << 1000000000000\nc = 1000000000000\n" + "c = c * c\n" * 60 + "a = str(c)",
@@ -183,9 +185,20 @@ def test_links_and_deep_folders_take_bounded_time_and_are_reported(case: str, tm
 def test_a_usual_package_stays_far_below_the_limits(tmp_path: Path) -> None:
     code = """
 for place, _, files in os.walk("models"):
-    rows.append((os.path.join("share", "pack", place), [os.path.join(place, name) for name in files]))
+    for name in files:
+        path = os.path.join(place, name)
+        if os.path.isfile(path) and not path.endswith(".bak"):
+            rows.append((os.path.join("share", "pack", place), [path]))
 """
     models = {f"models/m{n % 50}/mesh{n}.stl": "" for n in range(4000)}
     package = write_package(tmp_path, {"setup.py": IMPORTS + code + END, **models})
     assert check(package).startswith(str(tmp_path / "out")) or "1 package, 40" in check(package)
     assert len([*(tmp_path / "out/share/pack/models").rglob("*.stl")]) == 4000
+
+
+def test_many_modules_and_unknown_data_files_take_bounded_time(tmp_path: Path) -> None:
+    code = "setup(name='p', version='1', py_modules=[f'm{n}' for n in range(4000)], data_files=unknown())"
+    files = {f"m{n}.py": "" for n in range(4000)} | {f"models/mesh{n}.stl": "" for n in range(4000)}
+    package = write_package(tmp_path, {"setup.py": IMPORTS + code, **files})
+    assert "setup.py are not known without running it" in check(package)
+    assert len([*(tmp_path / "out/share/pack/models").iterdir()]) == 4000

@@ -159,3 +159,10 @@ def test_python_files_that_cmake_installs_into_lib_are_executables(folder: Path)
         "tool.py": folder / "scripts/tool.py",
         "another.py": folder / "other.py",
     }
+
+
+def test_a_cmake_file_that_cannot_be_read_is_reported(folder: Path) -> None:
+    (folder / "CMakeLists.txt").write_text("#" * (2 << 20))
+    texts: list[str] = []
+    assert share_folder("pack", folder, problem=texts.append) == folder
+    assert len(texts) == 1 and "CMakeLists.txt installs is not known: " in texts[0]

@@ -494,7 +494,8 @@ class CMakeScript:
 
     def _glob(self, words: list[CMakeArgument], *, is_deep: bool) -> _Value:
         """Return the matching files by their paths, as texts that begin with the package folder or below RELATIVE."""
-        self._files = self._files or [path.split("/") for path in files_below(self._folder)]
+        if not self._files:
+            self._files = [path.split("/") for path in self._budget.entries("", files_below(self._folder))]
         found: list[CMakeArgument] = []
         base = None
         while words and words[0].text in _GLOB_OPTIONS:

@@ -1,10 +1,14 @@
 """Limit of the time and memory that reading the files of one package takes.
 
 The readers of CMakeLists.txt, package.xml, setup.py, setup.cfg and pyproject.toml share one budget for each package. It
-is spent before the work is done, so that a file of a few hundred bytes cannot request more.
+is spent before the work is done, so that a file of a few hundred bytes cannot request more. Only the files of the
+package add to it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
 
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError
 
@@ -20,6 +24,11 @@ _LINK_WORK = 60
 """Work of one installed file of the package: a link."""
 _CREATION_WORK = 1000
 """Work of one other installed file."""
+_OWN_FILE_WORK = 1200
+"""Work that one file of the package adds: a setup.py may test each file, and compute its paths."""
+_MAX_OWN_FILES = 20_000
+"""Maximum number of files that add work."""
+_T = TypeVar("_T")
 
 
 class BudgetError(UnreadableError):
@@ -30,7 +39,23 @@ class PackageBudget:
     """Work that is left for reading one package; each method raises `BudgetError` if it is too much."""
 
     def __init__(self, work: int = _MAX_WORK) -> None:
-        self._work = work
+        self._work = self._start = work
+        self._folders: set[str] = set()
+        self._own_files = 0
+
+    def renew(self) -> None:
+        """Allow as much work as at the beginning: what follows does not pay for work that was given up."""
+        self._work = max(self._work, self._start)
+
+    def entries(self, folder: str, scan: Iterable[_T]) -> Iterator[_T]:
+        """Yield the entries of a folder of the package; when the folder is read first, they add work."""
+        is_new = folder not in self._folders
+        self._folders.add(folder)
+        for entry in scan:
+            if is_new and self._own_files < _MAX_OWN_FILES:
+                self._own_files += 1
+                self._work += _OWN_FILE_WORK
+            yield entry
 
     def spend(self, characters: int) -> None:
         """Spend the work for values of some characters."""

@@ -153,6 +153,10 @@ class MissingParts:
         elif part is not None:
             line = line or _line_naming(part.split()[1], file)
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
+        nested = sum(frame.f_code.co_name == "process_entities" for frame, _ in frames)  # of launch
+        if isinstance(cause, RecursionError) and nested > 100:
+            text = "it includes itself, or a file that includes it; launch reads all includes before their conditions"
+            return f"{place}: {text}: put the include into an OpaqueFunction that returns it if it is needed"
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
         package = part.rpartition(" ")[2].partition(".")[0]

@@ -142,7 +142,7 @@ class PackagePlan:
         share = f"share/{self.name}/"
         installed = {file.source for place, file in self.files.items() if place.startswith(share)}
         modules = {file.source for place, file in self.files.items() if place.startswith(SITE_PACKAGES)}
-        for path in files_below(self._folder):
+        for path in self._budget.entries("", files_below(self._folder)):
             source = self._folder / path
             if path.endswith(".py") and not modules.isdisjoint((source, *source.parents)):
                 continue
@@ -263,6 +263,7 @@ class PackagePlan:
         self._links_top = True  # until the files are read
         setup = self._read_setup_files()
         self._links_top = False
+        self._budget.renew()  # for the files that are installed
         self._add_entry_points(setup, setup.scripts_folder)
         self._note_uncertain(setup)
         self._add_metadata(setup.values.get("name"), setup.values.get("version"), setup.groups)
@@ -306,6 +307,7 @@ class PackagePlan:
 
     def _read_cmake(self) -> None:
         script = CMakeScript(self._folder, read_text(self._folder, "CMakeLists.txt"), self._budget)
+        self._budget.renew()  # for the files that are installed
         for install in cmake_installs(self._folder, script):
             self._install(install)
         calls = [(command, [word.text for word in words]) for command, words in script.calls]
@@ -372,7 +374,7 @@ class PackagePlan:
         for below, folder in waiting:  # grows inside the loop
             note(folder)
             with os.scandir(folder) as scan:
-                entries = sorted(scan, key=lambda entry: entry.name)
+                entries = sorted(self._budget.entries(str(folder), scan), key=lambda entry: entry.name)
             self._spend(len(entries))
             for entry in entries:
                 path = posixpath.join(below, entry.name)

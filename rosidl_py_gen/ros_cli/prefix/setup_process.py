@@ -34,8 +34,8 @@ _OF_SHELLS = {"_", "OLDPWD", "PWD", "SHLVL"}
 """Environment variables that differ from command to command; a result counts for equal values of all others."""
 
 
-_results: dict[tuple[Path, Stamp], Any] = {}
-"""Results of this process, or error texts, by folder and stamp of setup.py."""
+_results: dict[tuple[Path, str, Stamp], Any] = {}
+"""Results of this process, or error texts, by folder, digest of the environment, and stamp of setup.py."""
 
 
 class SetupRunError(RosidlError):
@@ -66,7 +66,7 @@ def run_setup_py(folder: Path, why: str) -> SetupArguments:
     # The values may be secret, so only a digest is stored.
     digest = hashlib.sha256(repr(variables).encode(errors="surrogateescape")).hexdigest()
     settings = ("setup", sys.executable, str(folder), digest)
-    key = folder, stamp(str(folder / "setup.py"))
+    key = folder, digest, stamp(str(folder / "setup.py"))
     if key not in _results:
         try:
             _results[key] = cached(settings, run)

@@ -61,6 +61,9 @@ def main() -> None:
     except SystemExit as end:  # after the call, it is of no importance
         if not calls:
             raise SystemExit(f"setup.py ends with status {end.code} before it calls setup") from None
+    except Exception:  # the same
+        if not calls:
+            raise
     if not calls:
         raise SystemExit("setup.py does not call setup of setuptools or distutils")
     paths = [path for path in read if not path.startswith(tuple(own))][:_MAX_READ]

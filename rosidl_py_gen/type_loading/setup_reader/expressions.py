@@ -492,7 +492,11 @@ class Expressions(Variables):
 
     def _record(self, words: Words, why: str) -> None:
         """Record a call of `setup` with the current values."""
-        self._calls.append(({name: known_part(value, self._budget) for name, value in words.items()}, why))
+        given = {name: known_part(value, self._budget) for name, value in words.items()}
+        commands = words.get("cmdclass")
+        if isinstance(commands, DictValue) and commands.why:  # any command may be in it
+            given["cmdclass"] = None, commands.why
+        self._calls.append((given, why))
 
 
 def _statements_of(node: ast.FunctionDef) -> Iterator[ast.AST]:

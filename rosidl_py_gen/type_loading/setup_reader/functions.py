@@ -28,7 +28,6 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
     Known,
     ListValue,
     UncertainError,
-    Unknown,
     ViewValue,
     plain,
     wrapped,
@@ -197,7 +196,7 @@ class Functions:
         method = getattr(self, f"{prefix}{bound.name}", None)
         if method is None:
             raise UncertainError(f"the method {bound.name}")
-        if kind in (ListValue, DictValue) and bound.name not in ("copy", "items", "keys", "values", "get"):
+        if kind in (ListValue, DictValue, FileValue) and bound.name not in ("copy", "items", "keys", "values", "get"):
             words = {**words, "doubt": doubt}
         return self._checked(method, [base, *args], words)
 
@@ -402,17 +401,20 @@ class Functions:
             raise UncertainError("a file that is not opened for reading")
         return FileValue(_known(self._folder.read(_text(path)), self._folder.changes))
 
-    def _file_read(self, file: FileValue) -> object:
-        text, file.text = file.text, ""
+    def _file_read(self, file: FileValue, *, doubt: str) -> str:
+        if file.why:
+            raise UncertainError(file.why)
+        text, file.text, file.why = file.text, "", doubt
         return text
 
-    def _file_readlines(self, file: FileValue) -> object:
-        text = str(self._file_read(file))
+    def _file_readlines(self, file: FileValue, *, doubt: str) -> object:
+        text = self._file_read(file, doubt=doubt)
         self._budget.spend(len(text) + 16 * text.count("\n"))
-        return wrapped(text.replace("\r\n", "\n").splitlines(keepends=True))
+        *lines, last = text.split("\n")  # other separators of `splitlines` are part of a line
+        return wrapped([*(f"{line}\n" for line in lines), *([last] if last else [])])
 
-    def _file_close(self, file: FileValue) -> None:
-        return None
+    def _file_close(self, file: FileValue, *, doubt: str) -> None:
+        file.why = file.why or "a file that is closed"
 
     # --- texts --------------------------------------------------------------------------------------------------------
 
@@ -484,9 +486,11 @@ class Functions:
     def _list_reverse(self, base: ListValue, *, doubt: str) -> None:
         self._budget.spend(len(base.items))
         base.items.reverse()
+        base.why = base.why or doubt
 
     def _list_sort(self, base: ListValue, *, doubt: str) -> None:
         base.items[:] = self._sorted(base).items
+        base.why = base.why or doubt
 
     def _list_copy(self, base: ListValue) -> object:
         return self._list(self._iterate(base))
@@ -569,7 +573,8 @@ class Functions:
         return ListValue([found.items[index] for index in order], why=found.why)
 
     def _reversed(self, part: object) -> object:
-        return IteratorValue(reversed(self._list(self._iterate(part)).items)) if not _why(part) else part
+        found = self._list(self._iterate(part))
+        return found if found.why else IteratorValue(reversed(found.items))
 
     def _enumerate(self, part: object, start: object = 0) -> object:
         (number,) = self._plain([start])
@@ -645,7 +650,3 @@ def _known(value: Any, why: str) -> Any:
     if value is None:
         raise UncertainError(why or "a file outside of the package folder")
     return value
-
-
-def _why(value: object) -> str:
-    return value.why if isinstance(value, ListValue | DictValue | Unknown) else ""

@@ -70,7 +70,7 @@ class PackageFolder:
         self._budget.access()
         text = read_text(Path(self.path), place)
         self._budget.spend(len(text))
-        return None if "\ufffd" in text else text
+        return None if "\ufffd" in text else text.replace("\r\n", "\n").replace("\r", "\n")  # as `open` does
 
     def check(self, kind: str, path: str) -> bool | None:
         """Return `os.path.exists`, `isfile`, `isdir`, `islink` or `lexists` of a path; None if it lies elsewhere."""
@@ -199,7 +199,7 @@ class PackageFolder:
         found = []
         try:
             with os.scandir(path) as scan:
-                for entry in scan:
+                for entry in self._budget.entries(path, scan):
                     self._budget.spend(len(entry.name) + 20)
                     found.append((entry.name, _is_folder(entry)))
         except OSError:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen.base.scanned_paths import note
 from rosidl_py_gen.base.toml_text import parse_toml
-from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
+from rosidl_py_gen.compiler.frontend.package_budget import BudgetError, PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.ini_text import IniSyntaxError, parse_ini
@@ -90,6 +90,10 @@ def read_setup_files(folder: Path, budget: PackageBudget, run: RunSetup | None =
             text = read_text(folder, name)
             budget.spend(len(text))
             read(found, text, PackageFolder(folder, budget))
+        except BudgetError as error:  # what other files say remains
+            budget.renew()
+            for argument in _INSTALLED:
+                found.uncertain.setdefault(argument, f"{name}: {error}")
         except (UnreadableError, SetupSyntaxError, IniSyntaxError, ValueError) as error:
             raise SetupFilesError(f"{folder / name}: {error}".replace("\n", " ")) from error
     found.values["entry_points"] = _groups(found.values.get("entry_points"))
@@ -110,6 +114,7 @@ def _add_setup_py(found: PackageSetup, text: str, folder: Path, budget: PackageB
         why = str(error) if error is not None else f"{reasons[0][0]} are not known without it: {reasons[0][1]}"
         try:
             arguments, error = run(folder, why), None
+            budget.renew()
         except RosidlError as failure:
             found.problems.append(str(failure))
     if error is not None:
@@ -138,7 +143,7 @@ def _add_setup_cfg(found: PackageSetup, text: str, folder: PackageFolder) -> Non
         rows = {place: _words(value) for place, value in sections["options.data_files"].items()}
         given["data_files"] = _data_files(folder, rows)
     if "options.entry_points" in sections:
-        given["entry_points"] = {key: value.splitlines() for key, value in sections["options.entry_points"].items()}
+        given["entry_points"] = sections["options.entry_points"]
     for name in ("name", "version"):
         value = sections.get("metadata", {}).get(name, "")
         if value and not value.startswith(("attr:", "file:")):
@@ -217,23 +222,27 @@ def _data_files(folder: PackageFolder, rows: dict[str, list[str]]) -> list[list[
 
 def _groups(points: object) -> dict[str, list[str]]:
     """Return entry points, which are a text or lists or texts by group, as known lines by group."""
+    groups: dict[str, list[str]] = {}
     if isinstance(points, str):
-        groups: dict[str, list[str]] = {}
         lines: list[str] = []
-        for line in points.splitlines():
-            if line.lstrip().startswith("["):
-                lines = groups.setdefault(line.strip().partition("]")[0].lstrip("[").strip(), [])
+        for line in _entry_lines(points):
+            if line.startswith("["):
+                lines = groups.setdefault(line.partition("]")[0].lstrip("[").strip(), [])
             else:
                 lines.append(line)
-        return groups
-    if not isinstance(points, dict):
-        return {}
-    given = {group: lines.splitlines() if isinstance(lines, str) else lines for group, lines in points.items()}
-    return {
-        group: [line for line in lines if isinstance(line, str)]
-        for group, lines in given.items()
-        if isinstance(lines, list)
-    }
+    elif isinstance(points, dict):
+        groups = {group: [*_entry_lines(given)] for group, given in points.items() if isinstance(given, str | list)}
+    return groups
+
+
+def _entry_lines(given: object) -> Iterator[str]:
+    """Yield the lines of a text, or of lists of texts, without comments, as setuptools does."""
+    if isinstance(given, str):
+        stripped = (line.strip() for line in given.splitlines())
+        yield from (line for line in stripped if line and not line.startswith("#"))
+    elif isinstance(given, list):
+        for one in given:
+            yield from _entry_lines(one)
 
 
 def _table(data: dict[str, Any], name: str) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
+from rosidl_py_gen.compiler.frontend.package_budget import BudgetError, PackageBudget
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.expressions import Expressions
 from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_MODULES, MODULES
@@ -51,11 +51,11 @@ class SetupArguments:
 
 
 def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArguments:
-    """Return the arguments of `setup`.
+    """Return the arguments of `setup`; if they take too much work, only the literal parts of them.
 
     Raises:
         SetupSyntaxError: the text is not Python, nested too deeply, or too long.
-        UnreadableError: it lists more than a package can have.
+        UnreadableError: a folder of the package cannot be read.
     """
     if len(text) > MAX_BYTES:
         raise SetupSyntaxError(f"the file is longer than {MAX_BYTES} characters")
@@ -63,7 +63,11 @@ def read_setup_py(text: str, folder: Path, budget: PackageBudget) -> SetupArgume
         with warnings.catch_warnings():  # of escapes in texts
             warnings.simplefilter("ignore")
             tree = ast.parse(text)
-        return _Interpreter(folder, budget).arguments(tree)
+        try:
+            return _Interpreter(folder, budget).arguments(tree)
+        except BudgetError as error:
+            budget.renew()
+            return _literal_arguments(tree, str(error))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         reason = "nested too deeply" if isinstance(error, RecursionError | MemoryError) else str(error)
         raise SetupSyntaxError(reason) from error
@@ -79,6 +83,28 @@ def merge_calls(calls: Sequence[Mapping[str, object]]) -> SetupArguments:
     for command in sorted(_COMMANDS.intersection(commands)) if isinstance(commands, dict) else ["install"]:
         found.uncertain.setdefault("data_files", f"the command {command} of cmdclass")
     return found
+
+
+def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
+    """Return the arguments of all calls of `setup` that are literals; they are uncertain for the reason `why`."""
+    calls = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "setup":
+            calls.append({word.arg: _literal(word.value) for word in node.keywords if word.arg in ARGUMENTS})
+    return SetupArguments(merge_calls(calls).values, dict.fromkeys(ARGUMENTS, why))
+
+
+def _literal(node: ast.expr) -> object:
+    """Return the value of a literal, with None for other parts."""
+    match node:
+        case ast.Constant(value=str() | int() as value):
+            return value
+        case ast.List(elts=parts) | ast.Tuple(elts=parts):
+            return [_literal(part) for part in parts]
+        case ast.Dict(keys=keys, values=values):
+            pairs = zip(keys, values, strict=True)
+            return {str(key.value): _literal(value) for key, value in pairs if isinstance(key, ast.Constant)}
+    return None
 
 
 class _Break(Exception):

@@ -68,9 +68,10 @@ class IteratorValue:
 
 @dataclass(slots=True, eq=False)
 class FileValue:
-    """Text file that is open for reading."""
+    """Text file that is open for reading; with a reason `why`, more or less of it may be left."""
 
     text: str
+    why: str = ""
 
 
 @dataclass(frozen=True, slots=True)

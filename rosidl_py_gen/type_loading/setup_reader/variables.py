@@ -111,6 +111,8 @@ class Variables:
                     elements.append(element)
                 waiting += elements
                 one.elements = iter([Gap(why)])
+            elif isinstance(one, FileValue):
+                one.why = one.why or why
             elif isinstance(one, FunctionValue):
                 waiting += self._values_of((name, one.scope) for name in self._names_in(one.node))
                 waiting += one.defaults
@@ -234,16 +236,7 @@ class Variables:
                 yield value.items[index]
                 index += 1
         elif isinstance(value, IteratorValue):
-            while True:
-                self._budget.step()
-                try:
-                    element = next(value.elements, self)
-                except (UncertainError, ValueError) as error:  # ValueError: the generator is running
-                    yield Gap(located(str(error), self._line))
-                    return
-                if element is self:
-                    return
-                yield element
+            yield from self._consume(value)
         elif isinstance(value, DictValue):
             if value.why:
                 yield Gap(value.why)
@@ -259,11 +252,32 @@ class Variables:
                 self._budget.step()
                 yield element
         elif isinstance(value, FileValue):
-            lines = self._functions.call_method(Bound(value, "readlines"), [], {}, "")
+            lines = self._functions.call_method(Bound(value, "readlines"), [], {}, self._doubt())
             yield from self._iterate(lines)
         else:
             self._touch(value, getattr(value, "why", ""))
             yield Gap(located(getattr(value, "why", "") or "an iteration", self._line))
+
+    def _consume(self, value: IteratorValue) -> Iterator[object]:
+        """Yield the elements of an iterator; what is consumed with a doubt may still be in it."""
+        while not (why := self._doubt()):
+            self._budget.step()
+            try:
+                element = next(value.elements, self)
+            except (UncertainError, ValueError) as error:  # ValueError: the generator is running
+                element = Gap(located(str(error), self._line))
+            if element is self:
+                return
+            yield element
+        others: list[object] = []
+        try:
+            for element in value.elements:
+                self._budget.step()
+                others.append(element)
+        except (UncertainError, ValueError) as error:
+            others.append(Gap(located(str(error), self._line)))
+        value.elements = iter([Gap(why), *others])
+        yield from others
 
 
 def located(why: str, line: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 
@@ -64,7 +65,18 @@ class LaunchDescription(LaunchDescriptionEntity):
         return [one for one, _ in self.get_launch_arguments_with_include_launch_description_actions()]
 
     def get_launch_arguments_with_include_launch_description_actions(self) -> list[tuple[Any, Any]]:
-        return [(one, None) for one in self.entities if hasattr(one, "default_value")]
+        found: list[tuple[Any, Any]] = []
+
+        def process_entities(entities: list[Any], include: Any) -> None:
+            for one in entities:
+                if hasattr(one, "default_value"):
+                    found.append((one, include))
+                elif isinstance(getattr(one, "launch_description_source", None), LaunchDescriptionSource):
+                    with suppress(OSError):
+                        process_entities(one.launch_description_source.get_launch_description(None).entities, one)
+
+        process_entities(self.entities, None)
+        return found
 
 
 class LaunchDescriptionSource:

@@ -7,14 +7,14 @@ from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 
-from launch.core import LaunchDescription
+from launch.core import LaunchDescription, LaunchDescriptionSource
 
 
 class InvalidLaunchFileError(Exception):
     pass
 
 
-class PythonLaunchDescriptionSource:
+class PythonLaunchDescriptionSource(LaunchDescriptionSource):
     def __init__(self, location: str) -> None:
         self.location = location
 
