@@ -46,8 +46,8 @@ NOT_QUICK = re.compile(
     r"|hook_uses_a_distribution|test_prefix|test_launch|test_package_tests"
 )
 """Tests and files of tests that start processes, or take long by themselves."""
-MOST_CASES = 40
-"""Maximum number of cases of a test in a quick run, or a tenth of them; evenly spread."""
+MANY_CASES = 400
+"""A quick run has the same part of so many cases of a test as of random examples, at least; they are evenly spread."""
 OF_PROCESSES = {
     "browser",
     "dds",
@@ -241,7 +241,7 @@ def _has_random_examples(item: pytest.Item) -> bool:
 
 
 def _step(cases: int) -> int:
-    return max(1, cases // max(MOST_CASES, cases // 10))
+    return max(1, cases // max(examples(MANY_CASES), examples(cases)))
 
 
 @pytest.fixture(autouse=True)

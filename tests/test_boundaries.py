@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -145,31 +145,95 @@ def is_in(module: str, packages: tuple[str, ...]) -> bool:
     return any(module == package or module.startswith(f"{package}.") for package in packages)
 
 
-def parsed_modules() -> Iterator[tuple[str, ast.Module]]:
-    """Parse all modules that are not generated, one at a time: together the trees take 100 MB."""
-    for path in sorted(PACKAGE.rglob("*.py")):
-        if not is_in(module := module_of(path), ("msgs",)):
-            yield module, ast.parse(path.read_text(encoding="utf-8"))
+class Module:
+    """Names in a module; its syntax tree is not kept: together the trees take 100 MB.
+
+    Attributes:
+        used: lines and names: attributes with what they are of, imported names, and short texts for `getattr`.
+        imported: packages that are imported.
+        own: functions, classes, variables, and attributes of `self` that the module defines.
+        private: lines, names and texts of attributes with an underscore, except those of `self` and `cls`.
+        private_texts: lines and private names that are imported, or given to `setattr` and the like.
+        classes: names of its classes; a class for type checkers and the class in the other branch are one.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.used: list[tuple[int, str]] = []
+        self.imported: set[str] = set()
+        self.own: set[str] = set()
+        self.private: list[tuple[int, str, str]] = []
+        self.private_texts: list[tuple[int, str]] = []
+        self.classes: list[str] = []
+        of_checkers: set[ast.AST] = set()
+        for node in ast.walk(ast.parse(text)):
+            match node:
+                case ast.Attribute(value=value, attr=name):
+                    self.used.append((node.lineno, f"{value.id if isinstance(value, ast.Name) else ''}.{name}"))
+                    if not _is_own(value):
+                        if _is_private(name):
+                            self.private.append((node.lineno, name, ast.unparse(node)))
+                    elif isinstance(node.ctx, ast.Store):
+                        self.own.add(name)
+                case ast.ImportFrom(module=source, names=names):
+                    self.used += ((node.lineno, f"{source}.{alias.name}") for alias in names)
+                    self.imported |= {(source or "").partition(".")[0]} if not node.level else set()
+                    self._add_private_texts(node.lineno, [alias.name for alias in names])
+                case ast.Import(names=names):
+                    self.imported |= {alias.name.partition(".")[0] for alias in names}
+                case ast.Constant(value=str() as found) if found.isidentifier():
+                    self.used.append((node.lineno, found))
+                case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+                    self.own.add(name)
+                case ast.ClassDef(name=name):
+                    self.own.add(name)
+                    self.classes += [name] if node not in of_checkers else []
+                case ast.AnnAssign(target=ast.Name(id=name)):
+                    self.own.add(name)
+                case ast.Assign(targets=targets):
+                    self.own |= {target.id for target in targets if isinstance(target, ast.Name)}
+                case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name)) if re.search(
+                    "(set|get|has|del)attr$", name
+                ):
+                    texts = (one.value for one in node.args[:2] if isinstance(one, ast.Constant))
+                    self._add_private_texts(node.lineno, [*map(str, texts)])
+                case ast.If(test=ast.Name(id="TYPE_CHECKING"), body=body, orelse=[_, *_]):
+                    of_checkers.update(body)
+
+    def _add_private_texts(self, line: int, texts: list[str]) -> None:
+        names = (text.rpartition(".")[2] for text in texts)
+        self.private_texts += ((line, name) for name in names if _is_private(name))
+
+    def private_uses(self, shared: set[str] = SHARED) -> list[tuple[int, str, str]]:
+        """Return the elements of `private` that nothing in this file is called, and that are not `shared`."""
+        known = shared | self.own
+        return [one for one in self.private if one[1] not in known and one[2] not in DOCUMENTED]
 
 
-def _used(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Lines and names: attributes with what they are of, names that are imported, and short texts for `getattr`."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute):
-            yield node.lineno, f"{node.value.id if isinstance(node.value, ast.Name) else ''}.{node.attr}"
-        elif isinstance(node, ast.ImportFrom):
-            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
-            yield node.lineno, node.value
+def _is_private(name: str) -> bool:
+    return name.startswith("_") and not name.endswith("__") and name != "_asdict"  # public in named tuples
+
+
+def _is_own(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and node.id in ("self", "cls")
+
+
+@functools.cache
+def modules() -> dict[str, Module]:
+    """Return all modules that are not generated."""
+    paths = {module_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+    return {
+        name: Module(path.read_text(encoding="utf-8")) for name, path in paths.items() if not is_in(name, ("msgs",))
+    }
 
 
 def test_restricted_functions_are_used_where_they_may_be() -> None:
+    patterns = {re.compile(pattern): allowed for pattern, allowed in RESTRICTED.items()}
     wrong = [
-        f"{module}:{line}: {name}"
-        for module, tree in parsed_modules()
-        for line, name in _used(tree)
-        for pattern, modules in RESTRICTED.items()
-        if re.fullmatch(pattern, name) and not is_in(module, modules)
+        f"{name}:{line}: {used}"
+        for name, module in modules().items()
+        for line, used in module.used
+        for pattern, allowed in patterns.items()
+        if pattern.fullmatch(used) and not is_in(name, allowed)
     ]
     assert wrong == []
 
@@ -189,88 +253,23 @@ def test_third_party_packages_are_those_of_the_contract() -> None:
     }
     messages = {path.name for path in (PACKAGE.parent / "interfaces").iterdir()}
     of_rclpy = {*settings["root_packages"], *messages, "rosidl_parser"}
-    found = {
-        (module, name.partition(".")[0])
-        for module, tree in parsed_modules()
-        for node in ast.walk(tree)
-        for name in (
-            [alias.name for alias in node.names]
-            if isinstance(node, ast.Import)
-            else [node.module or ""]
-            if isinstance(node, ast.ImportFrom) and not node.level
-            else []
-        )
-    }
     wrong = {
-        (module, name)
-        for module, name in found
-        if name not in (known | of_rclpy if is_in(module, ("ros_compat",)) else known)
+        (name, package)
+        for name, module in modules().items()
+        for package in module.imported - (known | of_rclpy if is_in(name, ("ros_compat",)) else known)
     }
     assert wrong == set()
-
-
-def _private_uses(tree: ast.AST, shared: set[str] = SHARED) -> Iterator[ast.Attribute]:
-    """`x._name` where x is neither `self` nor `cls`, and nothing in this file is called `_name`."""
-    known = shared | _own_names(tree)
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Attribute) or _is_own(node.value):
-            continue
-        if _is_private(node.attr) and node.attr not in known and ast.unparse(node) not in DOCUMENTED:
-            yield node
-
-
-def _own_names(tree: ast.AST) -> set[str]:
-    """Functions, classes, variables, and attributes of `self` that this file defines."""
-    return {
-        name
-        for node in ast.walk(tree)
-        for name in (
-            [node.attr]
-            if isinstance(node, ast.Attribute) and _is_own(node.value) and _is_set(node)
-            else [node.name]
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
-            else [node.target.id]
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-            else [target.id for target in node.targets if isinstance(target, ast.Name)]
-            if isinstance(node, ast.Assign)
-            else []
-        )
-    }
-
-
-def _is_private(name: str) -> bool:
-    return name.startswith("_") and not name.endswith("__") and name != "_asdict"  # public in named tuples
-
-
-def _is_own(node: ast.AST) -> bool:
-    return isinstance(node, ast.Name) and node.id in ("self", "cls")
-
-
-def _is_set(node: ast.Attribute) -> bool:
-    return isinstance(node.ctx, ast.Store)
 
 
 def test_no_module_touches_what_is_private_to_others() -> None:
     more = {"runtime": SHARED_IN_RUNTIME, "bags": SHARED_IN_BAGS, "ros_compat": SHARED_IN_SHIM}
     wrong = [
-        f"{module}:{node.lineno}: {ast.unparse(node)}"
-        for module, tree in parsed_modules()
-        if module != KNOWS_LAYOUTS
-        for node in _private_uses(tree, SHARED | more.get(module.partition(".")[0], set()))
+        f"{name}:{line}: {text}"
+        for name, module in modules().items()
+        if name != KNOWS_LAYOUTS
+        for line, _, text in module.private_uses(SHARED | more.get(name.partition(".")[0], set()))
     ]
     assert wrong == []
-
-
-def _private_texts(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Lines and private names that are imported, or given to `setattr` and the like."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.Call) and re.search("(set|get|has|del)attr$", ast.unparse(node.func)):
-            names = [str(one.value) for one in node.args[:2] if isinstance(one, ast.Constant)]
-        else:
-            continue
-        yield from ((node.lineno, name) for one in names if _is_private(name := one.rpartition(".")[2]))
 
 
 def test_tests_use_private_names_only_if_the_documentation_lists_them() -> None:
@@ -278,30 +277,24 @@ def test_tests_use_private_names_only_if_the_documentation_lists_them() -> None:
     text = (PACKAGE.parent / "docs/internals/architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"(?m)^\|([^|]+)", text.partition("## Private structure that tests use")[2])
     listed = {name for row in rows for name in re.findall(r"`(_\w+)`", row)}
-    ours = {name for _, tree in parsed_modules() for name in _own_names(tree) if _is_private(name)}
+    ours = {name for module in modules().values() for name in module.own if _is_private(name)}
     wrong = []
     for path in sorted(tests.rglob("*.py")):
-        if not path.relative_to(tests).as_posix().startswith(("golden/", *RUN_BY_RCLPY)):
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            used = [(node.lineno, node.attr) for node in _private_uses(tree, NAMED_TUPLES)]
-            used += [(line, name) for line, name in _private_texts(tree) if name not in _own_names(tree)]
+        text = path.read_text(encoding="utf-8")
+        is_checked = not path.relative_to(tests).as_posix().startswith(("golden/", *RUN_BY_RCLPY))
+        if is_checked and not {*re.findall(r"\b_\w+", text)}.isdisjoint(ours - listed):
+            module = Module(text)
+            used = [(line, name) for line, name, _ in module.private_uses(NAMED_TUPLES)]
+            used += [(line, name) for line, name in module.private_texts if name not in module.own]
             wrong += [f"{path.relative_to(tests)}:{line}: {name}" for line, name in used if name in ours - listed]
     assert listed and wrong == []
 
 
 def test_no_two_classes_share_a_name() -> None:
     """Classes of `ros_compat` have rclpy's names."""
-    modules: dict[str, list[str]] = {}
-    for module, tree in parsed_modules():
-        # A class for type checkers and the class in the other branch are one class.
-        of_checkers = {
-            one
-            for node in ast.walk(tree)
-            if isinstance(node, ast.If) and node.orelse and ast.unparse(node.test) == "TYPE_CHECKING"
-            for one in node.body
-        }
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ClassDef) and node not in of_checkers and not is_in(module, ("ros_compat",)):
-                modules.setdefault(node.name, []).append(module)
-    assert len(modules) > 700
-    assert {name: places for name, places in modules.items() if len(places) > 1} == {}
+    places: dict[str, list[str]] = {}
+    for name, module in modules().items():
+        for one in module.classes if not is_in(name, ("ros_compat",)) else ():
+            places.setdefault(one, []).append(name)
+    assert len(places) > 700
+    assert {one: found for one, found in places.items() if len(found) > 1} == {}

@@ -123,7 +123,7 @@ def share_folder(
         name: of the package.
         folder: of the package.
         interfaces: its interface files, if some are in other folders.
-        problem: called with a text if setup.py computes paths that are not known.
+        problem: called with a text if setup.py computes paths that are not known, or a file cannot be read.
     """
     tree: _Tree = {entry: folder / entry for entry in _names(folder)}
     is_same = interfaces is None
@@ -158,22 +158,23 @@ def _installed(name: str, folder: Path, problem: Callable[[str], None]) -> Itera
         if (folder / "CMakeLists.txt").is_file():
             installs += cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget))
     except UnreadableError as error:
-        problem(f"{name}: what {display_path(folder / 'CMakeLists.txt')} installs is not known: {error}")
+        text = f"{name}: what {display_path(folder / 'CMakeLists.txt')} installs is not known: {error}"
+        problem(f"{text}; the share folder has all files of the package at their places in the sources")
         budget.renew()
     try:
         setup = read_setup_files(folder, budget)
         installs += setup_installs(folder, setup.values.get("data_files"))
-        uncertain = setup.uncertain.get("data_files", "")
+        if "data_files" in setup.uncertain:
+            place = display_path(folder / (setup.unread or "setup.py"))
+            how = "" if setup.unread else " without running it"
+            uncertain = f"data_files of {place} are not known{how}: {setup.uncertain['data_files']}"
     except SetupFilesError as error:
-        uncertain = str(error)
+        uncertain = f"data_files are not known: {error}"
     prefix = os.environ.get(RUN_PREFIX)
     if uncertain and prefix and os.path.isdir(os.path.join(prefix, share)):
         yield from _linked(Path(prefix, share))
     elif uncertain:
-        problem(
-            f"{name}: data_files of {display_path(folder / 'setup.py')} are not known without running it: {uncertain}; "
-            "the share folder has all files of the package at their places in the sources"
-        )
+        problem(f"{name}: {uncertain}; the share folder has all files of the package at their places in the sources")
     for one in installs:
         if (one.destination + "/").startswith(f"{share}/"):
             for below, path in one.files():

@@ -23,7 +23,10 @@ OF_PEERS = {"FASTDDS_BUILTIN_TRANSPORTS", "RMW_IMPLEMENTATIONS", "ROS_DISCOVERY_
 
 def variables(path: Path) -> Iterator[str]:
     """Yield the variables that a module names in ``environ.get(...)``, ``environ[...]``, `envvar` and constants."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    text = path.read_text(encoding="utf-8")
+    if not re.search("environ|envvar|VARIABLE|ENV_VAR", text):
+        return
+    for node in ast.walk(ast.parse(text)):
         value: ast.expr | None = None
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("environ.get"):
             value = node.args[0]

@@ -141,7 +141,7 @@ def test_a_setup_py_with_much_work_keeps_its_literals_or_is_run(tmp_path: Path) 
     assert (made.folder / SITE_PACKAGES / "foo/n1.py").is_file()
     assert (made.folder / "share/foo/params/a.yaml").is_file()
     assert "executables may be missing" in made.problems[0] and len(made.problems) == 1
-    assert "it lists more than a package can have" in made.notes[0] and len(made.notes) == 1
+    assert "takes more work than a package can need" in made.notes[0] and len(made.notes) == 1
     made = build_prefix([package], tmp_path / "run", runs_setup=True)
     assert {*os.listdir(made.folder / "lib/foo")} == {"n1", "n2", "a.yaml"} and made.problems == ()
     assert (made.folder / "share/foo/a.yaml").is_file() and not (made.folder / "share/foo/params").exists()

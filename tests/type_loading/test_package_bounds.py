@@ -49,6 +49,8 @@ SETUP_PY = {
     "glob in a loop": "for one in range(1000000):\n    rows += [('x', glob('*'))]",
     "packages in a loop": "for one in range(1000000):\n    find_packages(exclude=['*a*' * 100] * 1000)",
     "number in a range": "for one in range(1000):\n    b = 'x' in range(1000000000)\n    c = 5.5 in range(1000000000)",
+    "long names and patterns": "fnmatch.fnmatch('a' * 500000, '*' + 'a' * 12000 + 'b')",
+    "generators": "rows = [(y for y in ()) for n in range(100000000)]",
     "iterators with a doubt": "a = [1] * 1000\nfor one in unknown:\n    a = map(str, a)\n    list(a)\n" * 300,
     "words": "a = 'a ' * 20000\nfor one in range(1000000):\n    rows.append(a.split())",
     "unknown calls": "rows = [[] for _ in range(5000)]\nfor one in range(100000):\n    unknown(rows)",
@@ -78,6 +80,10 @@ OTHER_FILES: dict[str, dict[str, str]] = {
     "parts of a key": {"pyproject.toml": ".".join(["a"] * 30_000) + "=1"},
     "parts of keys": {"pyproject.toml": "\n".join(f"b{n}." + ".".join(["a"] * 290) + "=1" for n in range(100))},
     "nested values": {"pyproject.toml": "a=" + "[" * 60_000},
+    "Python packages": {
+        "CMakeLists.txt": "ament_python_install_package(p SCRIPTS_DESTINATION lib/pack)\n" * 20,
+        "setup.py": IMPORTS + "for one in range(1000000):\n    x = [one]\nsetup(name='p', version='1')",
+    },
     "includes": {"CMakeLists.txt": "include(a.cmake)\n", "a.cmake": "include(" * 100_000},
     "long word": {"CMakeLists.txt": "include(a.cmake)\n", "a.cmake": "a" * 900_000},
     "long word in a loop": {"CMakeLists.txt": f"foreach(i ${{L}})\nfoo({'a' * 900_000})\nendforeach()\n"},
@@ -112,6 +118,12 @@ def _deep_folders(folder: Path) -> None:
         os.chdir(here)
 
 
+def _many_names(folder: Path) -> None:
+    write(folder, {f"m/f{number}": "" for number in range(100)})
+    for name in ("l", "k"):
+        (folder / "m" / name).symlink_to(".")
+
+
 LINKS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "stars": ("rows = [('x', glob('*/*/*/*/*/*/*/*/*/*'))]", _links),
     "two stars": ("rows = [('x', glob('**/*/**/*/**/*', recursive=True))]", _links),
@@ -121,6 +133,11 @@ LINKS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "the root": (
         "rows = [('x', glob('**/zzz', recursive=True) + glob('r/*') + os.listdir('r') + list(Path('r').rglob('*')))]",
         lambda folder: (folder / "r").symlink_to("/"),
+    ),
+    "names of folders by links": (
+        "def below(place, depth):\n    for name in ('l', 'k') if depth else ():\n        os.listdir(place)\n"
+        "        below(f'{place}/{name}', depth - 1)\nbelow('m', 9)\nrows = [('x', glob('m/*/*/*/*/*/*/*/*/f1'))]",
+        _many_names,
     ),
     "deep folders": ("rows = [('x', glob('**/**/**/*', recursive=True) + [*os.walk('.')])]", _deep_folders),
 }

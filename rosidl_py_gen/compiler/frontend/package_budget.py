@@ -1,13 +1,14 @@
 """Limit of the time and memory that reading the files of one package takes.
 
 The readers of CMakeLists.txt, package.xml, setup.py, setup.cfg and pyproject.toml share one budget for each package. It
-is spent before the work is done, so that a file of a few hundred bytes cannot request more. Only the files of the
-package add to it.
+is spent before the work is done, so that a file of a few hundred bytes cannot request more. The files of the package
+add to it, and when the reader turns to another step, it starts anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from fnmatch import fnmatchcase
 from typing import TypeVar
 
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError
@@ -25,7 +26,7 @@ _LINK_WORK = 60
 _CREATION_WORK = 1000
 """Work of one other installed file."""
 _OWN_FILE_WORK = 1200
-"""Work that one file of the package adds: a setup.py may test each file, and compute its paths."""
+"""Work that one file of the package adds: for one test of the file, and some steps that compute its paths."""
 _MAX_OWN_FILES = 20_000
 """Maximum number of files that add work."""
 _T = TypeVar("_T")
@@ -44,11 +45,14 @@ class PackageBudget:
         self._own_files = 0
 
     def renew(self) -> None:
-        """Allow as much work as at the beginning: what follows does not pay for work that was given up."""
+        """Allow as much work as at the beginning, for another step, such as another file or the installation."""
         self._work = max(self._work, self._start)
 
     def entries(self, folder: str, scan: Iterable[_T]) -> Iterator[_T]:
-        """Yield the entries of a folder of the package; when the folder is read first, they add work."""
+        """Yield the entries of a folder of the package; the first time, each of them adds work.
+
+        `folder` is the real path: by links, a folder could be another one each time.
+        """
         is_new = folder not in self._folders
         self._folders.add(folder)
         for entry in scan:
@@ -61,7 +65,12 @@ class PackageBudget:
         """Spend the work for values of some characters."""
         self._work -= characters + 1
         if self._work < 0:
-            raise BudgetError("it lists more than a package can have")
+            raise BudgetError("reading it takes more work than a package can need")
+
+    def matches(self, name: str, pattern: str) -> bool:
+        """Return `fnmatchcase`, after spending its work; each star may search the rest of the name."""
+        self.spend(len(name) * len(pattern) // 20 if "*" in pattern else 0)
+        return fnmatchcase(name, pattern)
 
     def access(self, entries: int = 0) -> None:
         """Spend the work for an access to a file, or to a folder with some entries."""

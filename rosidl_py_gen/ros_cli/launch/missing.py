@@ -37,6 +37,8 @@ _PLACE = "_rosidl_py_gen_place"
 """Attribute that we add to actions: the launch file that has created them, and the line, which is 0 in XML and YAML."""
 _PYTHON_FILE, _FRONTEND_FILE = "python_launch_file", "frontend_launch_file_path"
 """Name of the module of each launch file in Python; variable of launch with the path of one in XML or YAML."""
+_MAX_DEPTH = 100
+"""Maximum depth of includes of launch files."""
 _MAX_VALUE_CHARS = 60
 _NAMING = r"\b(?:exec|cmd|pkg|find-pkg-\w+)\W+{}(?![\w.-])"
 """Pattern of a name in XML and YAML."""
@@ -154,9 +156,8 @@ class MissingParts:
             line = line or _line_naming(part.split()[1], file)
         place = display_path(os.path.realpath(file)) + (f":{line}" if line else "")
         nested = sum(frame.f_code.co_name == "process_entities" for frame, _ in frames)  # of launch
-        if isinstance(cause, RecursionError) and nested > 100:
-            text = "it includes itself, or a file that includes it; launch reads all includes before their conditions"
-            return f"{place}: {text}: put the include into an OpaqueFunction that returns it if it is needed"
+        if isinstance(cause, RecursionError) and nested > _MAX_DEPTH:
+            return _includes_itself_text(file)
         if part is None:
             return f"{place}: {type(cause).__name__}: {cause.msg if isinstance(cause, SyntaxError) else cause}"
         package = part.rpartition(" ")[2].partition(".")[0]
@@ -178,18 +179,20 @@ def require_description(description: Any, file: str) -> None:
     """Raise `CommandError` if a launch file has returned something else than descriptions and actions."""
     launch = import_module("launch")
     try:
-        pending = [_checked_description(description, file)]
+        pending = [(_checked_description(description, file), 0)]
     except TypeError as error:
         raise CommandError(str(error)) from error
     while pending:
-        entity = pending.pop()
+        entity, depth = pending.pop()
+        if depth > _MAX_DEPTH:
+            raise CommandError(_includes_itself_text(file))
         groups = [entity.describe_sub_entities(), *(group for _, group in entity.describe_conditional_sub_entities())]
         try:
             if isinstance(entity, launch.actions.IncludeLaunchDescription):
                 location = entity.launch_description_source.location
-                pending += [_checked_description(one, str(location)) for one in groups[0]]
+                pending += [(_checked_description(one, str(location)), depth + 1) for one in groups[0]]
                 continue
-            pending += [one for group in groups for one in _checked_elements(entity, group) or ()]
+            pending += [(one, depth) for group in groups for one in _checked_elements(entity, group) or ()]
         except TypeError as error:
             if isinstance(entity, launch.actions.IncludeLaunchDescription):
                 raise CommandError(str(error)) from error
@@ -224,6 +227,12 @@ def _checked_elements(owner: Any, elements: Any) -> list[Any] | None:
             cure = "; * in front of the list unpacks it" if isinstance(one, (list, tuple)) else ""
             raise TypeError(f"{position} of {name} is {_described(one)}; {expected}{cure}")
     return checked
+
+
+def _includes_itself_text(file: str) -> str:
+    text = "it includes itself, or a file that includes it; launch reads all includes before their conditions"
+    cure = "an OpaqueFunction can return the include only when it is needed"
+    return f"{display_path(os.path.realpath(file))}: {text}: {cure}"
 
 
 def _described(value: Any) -> str:

@@ -70,8 +70,8 @@ def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dic
 def uncertain_text(setup: PackageSetup, folder: Path, *arguments: str) -> str:
     """Return a text about arguments of `setup` that are not known; empty if all are known."""
     unknown = [name for name in arguments if name in setup.uncertain]
-    place = display_path(folder / "setup.py")
-    text = f"{' and '.join(unknown)} of {place} are not known without running it: "
+    place = display_path(folder / (setup.unread or "setup.py"))
+    text = f"{' and '.join(unknown)} of {place} are not known{'' if setup.unread else ' without running it'}: "
     return text + setup.uncertain[unknown[0]] if unknown else ""
 
 

@@ -11,7 +11,6 @@ import posixpath
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -90,6 +89,7 @@ class PackagePlan:
         self._left = 2 * MAX_FILES
         self._links_top = False  # files at the top of the package may be data files
         self._budget = PackageBudget()
+        self._setup: PackageSetup | None = None
         self._sources: set[Path | None] = {None}
         self._read(self._add_interfaces)
         manifest = read_package_manifest(_text(folder, "package.xml"))
@@ -230,9 +230,11 @@ class PackagePlan:
                     self.files.setdefault(f"{above}/{name}", PrefixFile(source / name))
 
     def _read_setup_files(self) -> PackageSetup:
-        setup = read_setup_files(self._folder, self._budget, self._run)
-        self.notes += setup.problems
-        return setup
+        if self._setup is None:
+            self._setup = read_setup_files(self._folder, self._budget, self._run)
+            self.notes += self._setup.problems
+            self._budget.renew()  # for the files that are installed
+        return self._setup
 
     def _add_entry_points(self, setup: PackageSetup, scripts_folder: str) -> None:
         """Add programs of console scripts."""
@@ -263,7 +265,6 @@ class PackagePlan:
         self._links_top = True  # until the files are read
         setup = self._read_setup_files()
         self._links_top = False
-        self._budget.renew()  # for the files that are installed
         self._add_entry_points(setup, setup.scripts_folder)
         self._note_uncertain(setup)
         self._add_metadata(setup.values.get("name"), setup.values.get("version"), setup.groups)
@@ -278,13 +279,20 @@ class PackagePlan:
 
     def _note_uncertain(self, setup: PackageSetup) -> None:
         """Note what is uncertain: files are linked instead, executables may be missing."""
-        ask = "" if self._run is not None else "; rosidl-py run, launch and test run setup.py to know them"
-        if text := executables.uncertain_text(setup, self._folder, "entry_points", "scripts"):
-            self._problem(f"{text}; executables may be missing{ask}")
+        self._note_executables(setup)
+        ask = self._advice(setup)
         if text := executables.uncertain_text(setup, self._folder, "data_files"):
             self._is_complete, self._links_top = False, True
             linked = f"share/{self.name} has all files of the package, at their paths in the sources"
             self.notes.append(f"{self.name}: {text}; {linked}{ask}")
+
+    def _note_executables(self, setup: PackageSetup) -> None:
+        if text := executables.uncertain_text(setup, self._folder, "entry_points", "scripts"):
+            self._problem(f"{text}; executables may be missing{self._advice(setup)}")
+
+    def _advice(self, setup: PackageSetup) -> str:
+        is_run = self._run is not None or setup.unread
+        return "" if is_run else "; rosidl-py run, launch and test run setup.py to know them"
 
     def _add_modules(self, setup: PackageSetup) -> None:
         """Add links to the Python packages and modules."""
@@ -334,6 +342,7 @@ class PackagePlan:
                     groups: dict[str, list[str]] = {}
                     if scripts := options.get("SCRIPTS_DESTINATION"):
                         setup = self._read_setup_files()
+                        self._note_executables(setup)
                         self._add_entry_points(setup, scripts)
                         groups = setup.groups
                     self._add_metadata(name, "", groups)
@@ -374,17 +383,27 @@ class PackagePlan:
         for below, folder in waiting:  # grows inside the loop
             note(folder)
             with os.scandir(folder) as scan:
-                entries = sorted(self._budget.entries(str(folder), scan), key=lambda entry: entry.name)
+                real = os.path.realpath(folder)
+                entries = sorted(self._budget.entries(real, scan), key=lambda entry: entry.name)
             self._spend(len(entries))
             for entry in entries:
                 path = posixpath.join(below, entry.name)
                 is_folder = entry.is_dir(follow_symlinks=False)
-                if not _accepts(install, path, is_folder):
+                if not self._accepts(install, path, is_folder):
                     continue
                 if is_folder:
                     waiting.append((path, folder / entry.name))
                 elif entry.is_symlink() or entry.is_file():  # in this order: is_file raises for a link to itself
                     self._add_file(posixpath.join(destination, path), folder / entry.name)
+
+    def _accepts(self, install: Install, path: str, is_folder: bool) -> bool:
+        """Return True if a file or folder below an installed folder passes its patterns."""
+        matched = [
+            excluded
+            for pattern, excluded in install.filters
+            if self._budget.matches("/".join(path.split("/")[-1 - pattern.count("/") :]), pattern.lstrip("/"))
+        ]
+        return not any(matched) if matched else is_folder or not install.only_matching
 
 
 def _text(folder: Path, name: str) -> str:
@@ -392,13 +411,3 @@ def _text(folder: Path, name: str) -> str:
         return read_text(folder, name)
     except UnreadableError:
         return ""
-
-
-def _accepts(install: Install, path: str, is_folder: bool) -> bool:
-    """Return True if a file or folder below an installed folder passes its patterns."""
-    matched = [
-        excluded
-        for pattern, excluded in install.filters
-        if fnmatchcase("/".join(path.split("/")[-1 - pattern.count("/") :]), pattern.lstrip("/"))
-    ]
-    return not any(matched) if matched else is_folder or not install.only_matching

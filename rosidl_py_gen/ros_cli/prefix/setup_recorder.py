@@ -48,7 +48,8 @@ def main() -> None:
     sys.argv = [_FILE, "install"]
     calls: list[dict[str, Any]] = []
     read: dict[str, None] = {}
-    _replace_setup(lambda **arguments: calls.append(arguments))
+    # The values are those of the call: setup.py may change them afterwards.
+    _replace_setup(lambda **arguments: calls.append(_plain_arguments(arguments)))
     # `compile` is not reported: its file was read before.
     sys.addaudithook(lambda event, arguments: _note_file(read, event, arguments))
     with open(_FILE, "rb") as file:
@@ -58,16 +59,16 @@ def main() -> None:
     sys.modules["__main__"] = module
     try:
         exec(code, vars(module))
-    except SystemExit as end:  # after the call, it is of no importance
+    except SystemExit as end:
         if not calls:
             raise SystemExit(f"setup.py ends with status {end.code} before it calls setup") from None
-    except Exception:  # the same
+    except Exception:  # after the call, setuptools has installed the files
         if not calls:
             raise
     if not calls:
         raise SystemExit("setup.py does not call setup of setuptools or distutils")
     paths = [path for path in read if not path.startswith(tuple(own))][:_MAX_READ]
-    result = {"calls": [_plain_arguments(call) for call in calls], "read": paths}
+    result = {"calls": calls, "read": paths}
     with os.fdopen(output, "wb") as stream:
         stream.write(json.dumps(result).encode())
         stream.flush()

@@ -20,6 +20,7 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
     PLAIN_TYPES,
     Bound,
     DictValue,
+    FileValue,
     FunctionValue,
     Gap,
     IteratorValue,
@@ -36,6 +37,8 @@ from rosidl_py_gen.type_loading.setup_reader.variables import FunctionReturnErro
 _EXITS = ("sys.exit", "builtins.exit", "builtins.quit")
 _MAX_CALLS = 12
 """Maximum depth of calls of functions of the file."""
+_OBJECT_WORK = 50
+"""Work for a list, generator or scope, which takes memory."""
 _HARMFUL = ("os.", "distutils.dir_util", "distutils.file_util", "distutils.spawn")
 _HARMLESS = ("os.environ", "os.getenv", "os.path", "os.access", "os.uname", "os.stat", "os.cpu_count", "os.getpid")
 
@@ -98,6 +101,7 @@ class Expressions(Variables):
         return self._elements(node.elts, scope, is_tuple=True)
 
     def _elements(self, parts: Iterable[ast.expr], scope: Scope, *, is_tuple: bool) -> ListValue:
+        self._budget.spend(_OBJECT_WORK)
         found = ListValue(is_tuple=is_tuple)
         for part in parts:
             if isinstance(part, ast.Starred):
@@ -166,7 +170,7 @@ class Expressions(Variables):
     def _value_Compare(self, node: ast.Compare, scope: Scope) -> object:
         values = [self._value(one, scope) for one in (node.left, *node.comparators)]
         for operator, left, right in zip(node.ops, values, values[1:], strict=False):
-            used = [one for one in (left, right) if isinstance(one, Unknown | IteratorValue)]
+            used = [one for one in (left, right) if isinstance(one, Unknown | IteratorValue | FileValue)]
             result = self._attempt(partial(self._comparison, operator, left, right), used, "a comparison")
             if result is not True:
                 return result
@@ -285,48 +289,62 @@ class Expressions(Variables):
     def _comprehension(
         self, node: ast.ListComp | ast.GeneratorExp | ast.DictComp, element: ast.expr, scope: Scope
     ) -> Iterator[object]:
+        self._budget.spend(_OBJECT_WORK)
         first = self._iterate(self._value(node.generators[0].iter, scope))
-        return self._generated(node.generators, element, Scope(outer=scope, is_comprehension=True), first)
+        return self._generated(node.generators, element, Scope(outer=scope, is_comprehension=True), first, "")
 
     def _generated(
-        self, generators: list[ast.comprehension], element: ast.expr, scope: Scope, source: Iterator[object]
+        self, generators: list[ast.comprehension], element: ast.expr, scope: Scope, source: Iterator[object], doubt: str
     ) -> Iterator[object]:
+        """Yield the elements of a comprehension; with a reason `doubt`, none of them may exist."""
         here, *others = generators
-        for one in source:
+        for one, why in self._each(source, doubt):
             self._budget.step()
             if isinstance(one, Gap) or here.is_async:
                 why = one.why if isinstance(one, Gap) else self._at("async for")
+                doubt = doubt or why
                 for part in (element, *here.ifs, *others):
                     self._distrust(part, scope, why)
                 yield Gap(why)
                 continue
-            self._assign_fresh(here.target, one, scope)
-            tests = [self._truth(self._value(test, scope)) for test in here.ifs]
-            if False in tests:
+            with self._doubting(why):
+                self._assign(here.target, one, scope, is_fresh=True)
+            result: bool | str = True
+            for test in here.ifs:
+                with self._doubting(why):
+                    result = self._truth(self._value(test, scope))
+                if result is False:
+                    break
+                if isinstance(result, str):
+                    why = why or result
+                    yield Gap(result)
+            if result is False:
                 continue
-            if reasons := [test for test in tests if isinstance(test, str)]:
-                yield Gap(reasons[0])
             if others:
-                yield from self._generated(others, element, scope, self._iterate(self._value(others[0].iter, scope)))
+                with self._doubting(why):
+                    inner = self._iterate(self._value(others[0].iter, scope))
+                yield from self._generated(others, element, scope, inner, why)
             else:
-                yield self._value(element, scope)
+                with self._doubting(why):
+                    value = self._value(element, scope)
+                yield value
 
     # --- assignments --------------------------------------------------------------------------------------------------
 
-    def _assign(self, target: ast.expr, value: object, scope: Scope) -> None:
+    def _assign(self, target: ast.expr, value: object, scope: Scope, is_fresh: bool = False) -> None:
         match target:
             case ast.Name(id=name):
-                self._bind(name, value, scope)
+                self._bind(name, value, scope, is_fresh)
             case ast.Tuple(elts=parts) | ast.List(elts=parts):
-                self._unpack(parts, value, scope)
+                self._unpack(parts, value, scope, is_fresh)
             case ast.Starred(value=inner):
-                self._assign(inner, value, scope)
+                self._assign(inner, value, scope, is_fresh)
             case ast.Subscript(value=holder, slice=index):
                 self._assign_item(self._value(holder, scope), index, value, scope)
             case _:
                 self._assign_attribute(target, value, scope)
 
-    def _unpack(self, parts: list[ast.expr], value: object, scope: Scope) -> None:
+    def _unpack(self, parts: list[ast.expr], value: object, scope: Scope, is_fresh: bool) -> None:
         values = [*self._iterate(value)]
         stars = [index for index, part in enumerate(parts) if isinstance(part, ast.Starred)]
         if stars and len(values) >= len(parts) - 1 and not any(isinstance(one, Gap) for one in values):
@@ -338,7 +356,7 @@ class Expressions(Variables):
                 self._touch(one, why)
             values = [Unknown(why, self._reach(value))] * len(parts)
         for part, one in zip(parts, values, strict=True):
-            self._assign(part, one, scope)
+            self._assign(part, one, scope, is_fresh)
 
     def _assign_item(self, base: object, index: ast.expr, value: object, scope: Scope) -> None:
         why = self._doubt()
@@ -373,14 +391,6 @@ class Expressions(Variables):
         self._touch(value, why)
         if not isinstance(base, Unknown):
             self._lose("an assignment to an attribute")
-
-    def _assign_fresh(self, target: ast.expr, value: object, scope: Scope) -> None:
-        """Assign to the variables of a comprehension, which have no other value."""
-        doubts, self._doubts = self._doubts, []
-        try:
-            self._assign(target, value, scope)
-        finally:
-            self._doubts = doubts
 
     # --- calls --------------------------------------------------------------------------------------------------------
 
@@ -423,6 +433,7 @@ class Expressions(Variables):
                 if function.name in _EXITS and not self._doubt():
                     raise ProgramEndError(self._at(f"{name}()"))
                 is_pure = function.name.removeprefix("builtins.") in PURE_BUILTINS
+                is_pure &= not any(isinstance(one, IteratorValue | FileValue) for one in (*args, *words.values()))
                 if is_pure and not self._reach(*args, *words.values()):
                     return Unknown(self._at(f"{name}()"), is_harmless=True)
             elif isinstance(function, Bound):
@@ -451,12 +462,15 @@ class Expressions(Variables):
             return self._unknown_call(Unknown(self._at(f"{name}()")), [function, *args], words, name)
         node = function.node
         scope = Scope(arguments, function.scope)
+        self._budget.spend(_OBJECT_WORK)
         if isinstance(node, ast.Lambda):
             self._starts.append(len(self._doubts))
+            self._frames.append(scope)
             try:
                 return self._value(node.body, scope)
             finally:
                 self._starts.pop()
+                self._frames.pop()
         for inner in _statements_of(node):
             self._budget.spend(1)
             if isinstance(inner, ast.Global):
@@ -464,6 +478,7 @@ class Expressions(Variables):
             elif isinstance(inner, ast.Nonlocal):
                 scope.redirected.update({one: function.scope.holder(one) or scope for one in inner.names})
         self._starts.append(len(self._doubts))
+        self._frames.append(scope)
         self._loops.append(len(self._doubts))
         self._doubts.append("")
         self._returned.append([])
@@ -475,6 +490,7 @@ class Expressions(Variables):
         finally:
             del self._doubts[self._loops.pop() :]
             self._starts.pop()
+            self._frames.pop()
             others = self._returned.pop()
         for other in others:
             result = self._joined(other, result, self._at(f"the result of {name}()"))
@@ -492,7 +508,7 @@ class Expressions(Variables):
 
     def _record(self, words: Words, why: str) -> None:
         """Record a call of `setup` with the current values."""
-        given = {name: known_part(value, self._budget) for name, value in words.items()}
+        given = {name: known_part(value, self._budget) for name, value in words.items() if value is not None}
         commands = words.get("cmdclass")
         if isinstance(commands, DictValue) and commands.why:  # any command may be in it
             given["cmdclass"] = None, commands.why

@@ -11,10 +11,10 @@ import posixpath
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from fnmatch import fnmatchcase
+from contextlib import AbstractContextManager
 from pathlib import PurePosixPath
 from string import Formatter
-from typing import Any
+from typing import Any, NamedTuple
 
 from rosidl_py_gen.compiler.frontend.package_budget import BudgetError, PackageBudget
 from rosidl_py_gen.compiler.frontend.package_files import UnreadableError
@@ -34,8 +34,25 @@ from rosidl_py_gen.type_loading.setup_reader.values import (
 )
 
 Words = dict[str, object]
-Iterate = Callable[[object], Iterator[object]]
-Call = Callable[[object, list[object], Words], object]
+
+
+class InterpreterMethods(NamedTuple):
+    """Methods of the interpreter that functions need.
+
+    Attributes:
+        iterate: yields the elements of a value, with gaps for unknown ones.
+        each: yields the elements of an iterator, each with the reason why it may be missing.
+        call: returns the result of a call.
+        doubting: context manager for what may not be evaluated, for a reason.
+        touch: marks a value, and all that can be reached from it, as uncertain.
+    """
+
+    iterate: Callable[[object], Iterator[object]]
+    each: Callable[[Iterator[object]], Iterator[tuple[object, str]]]
+    call: Callable[[object, list[object], Words], object]
+    doubting: Callable[[str], AbstractContextManager[None]]
+    touch: Callable[[object, str], None]
+
 
 SETUP_FUNCTIONS = ("setuptools.setup", "distutils.core.setup")
 MODULES = (
@@ -100,11 +117,11 @@ def version_info() -> ListValue:
 
 
 class Functions:
-    """Known functions and methods, for one package; `iterate` and `call` are methods of the interpreter."""
+    """Known functions and methods, for one package."""
 
-    def __init__(self, folder: PackageFolder, budget: PackageBudget, iterate: Iterate, call: Call) -> None:
-        self._folder, self._budget = folder, budget
-        self._iterate, self._call = iterate, call
+    def __init__(self, folder: PackageFolder, budget: PackageBudget, reader: InterpreterMethods) -> None:
+        self._folder, self._budget, self._reader = folder, budget, reader
+        self._iterate = reader.iterate
         self._functions: dict[str, Callable[..., object]] = {
             **{f"os.path.{name}": self._path_function(name) for name in ("basename", "dirname", "split", "splitext")},
             **{f"os.path.{name}": self._path_function(name) for name in ("normpath", "isabs")},
@@ -153,7 +170,7 @@ class Functions:
             "builtins.all": lambda part: not self._any(part, False),
             "builtins.open": self._open,
             "io.open": self._open,
-            "codecs.open": self._open,
+            "codecs.open": self._open_by_codec,
         }
         self._functions["pathlib.PurePath"] = self._functions["pathlib.PosixPath"] = self._path
 
@@ -192,6 +209,8 @@ class Functions:
         if kind is str and bound.name in _TEXT_METHODS:
             self._budget.spend(4 * len(str(base)))
             return wrapped(getattr(base, bound.name)(*self._plain(args), **self._plain_words(words)))
+        if "doubt" in words:  # the name of an argument of the methods below
+            raise UncertainError("arguments that are not understood")
         prefix = {str: "_text_", ListValue: "_list_", DictValue: "_dict_", FileValue: "_file_"}.get(kind, "_path_")
         method = getattr(self, f"{prefix}{bound.name}", None)
         if method is None:
@@ -202,7 +221,7 @@ class Functions:
 
     def extend(self, target: ListValue, more: object, doubt: str) -> None:
         """Add the elements of a value to a list, as `list.extend` does."""
-        for element in self._iterate(more):
+        for element in [*self._iterate(more)] if more is target else self._iterate(more):
             if isinstance(element, Gap):
                 target.why = target.why or element.why
             else:
@@ -332,7 +351,7 @@ class Functions:
 
     def _fnmatch(self, name: object, pattern: object) -> bool:
         self._budget.spend(PATTERN_WORK * len(_text(pattern)) + len(_text(name)))
-        return fnmatchcase(_text(name), _text(pattern))
+        return self._budget.matches(_text(name), _text(pattern))
 
     def _packages(
         self, where: object = ".", exclude: object = None, include: object = None, *, is_namespace: bool
@@ -387,10 +406,12 @@ class Functions:
         return base.with_suffix(_text(suffix))
 
     def _path_read_text(self, base: PurePosixPath, encoding: object = None) -> object:
-        return self._open(base).text
+        return self._open(base, encoding=encoding).text
 
-    def _path_open(self, base: PurePosixPath, mode: object = "r", encoding: object = None) -> object:
-        return self._open(base, mode)
+    def _path_open(
+        self, base: PurePosixPath, mode: object = "r", buffering: object = -1, encoding: object = None
+    ) -> object:
+        return self._open(base, mode, encoding=encoding)
 
     # --- files --------------------------------------------------------------------------------------------------------
 
@@ -401,17 +422,29 @@ class Functions:
             raise UncertainError("a file that is not opened for reading")
         return FileValue(_known(self._folder.read(_text(path)), self._folder.changes))
 
+    def _open_by_codec(self, path: object, mode: object = "r", encoding: object = None) -> FileValue:
+        """Return a file of `codecs.open`, which keeps the ends of lines, and knows more of them than `open`."""
+        file = self._open(path, mode, encoding=encoding)
+        text = self._folder.read(_text(path), keeps_line_ends=True) or ""
+        if encoding is not None and ("\r" in text or text.splitlines(keepends=True) != self.lines(text)):
+            raise UncertainError("line ends of codecs.open")
+        return file
+
     def _file_read(self, file: FileValue, *, doubt: str) -> str:
         if file.why:
             raise UncertainError(file.why)
-        text, file.text, file.why = file.text, "", doubt
+        text = file.text[file.position :]
+        file.position, file.why = len(file.text), doubt
         return text
 
     def _file_readlines(self, file: FileValue, *, doubt: str) -> object:
-        text = self._file_read(file, doubt=doubt)
+        return wrapped(self.lines(self._file_read(file, doubt=doubt)))
+
+    def lines(self, text: str) -> list[str]:
+        """Return the lines of a text file; other separators of `splitlines` are part of a line."""
         self._budget.spend(len(text) + 16 * text.count("\n"))
-        *lines, last = text.split("\n")  # other separators of `splitlines` are part of a line
-        return wrapped([*(f"{line}\n" for line in lines), *([last] if last else [])])
+        *lines, last = text.split("\n")
+        return [*(f"{line}\n" for line in lines), *([last] if last else [])]
 
     def _file_close(self, file: FileValue, *, doubt: str) -> None:
         file.why = file.why or "a file that is closed"
@@ -474,8 +507,6 @@ class Functions:
         base.why = base.why or doubt
 
     def _list_extend(self, base: ListValue, more: object, *, doubt: str) -> None:
-        if more is base:
-            raise UncertainError("a list that is extended by itself")
         self.extend(base, more, doubt)
 
     def _list_insert(self, base: ListValue, index: object, value: object, *, doubt: str) -> None:
@@ -509,7 +540,7 @@ class Functions:
         base.why = doubt
         return base.items.setdefault(self._plain([key])[0], default)
 
-    def _dict_update(self, base: DictValue, more: object = None, *, doubt: str, **words: object) -> None:
+    def _dict_update(self, base: DictValue, more: object = None, /, *, doubt: str, **words: object) -> None:
         if more is not None and not isinstance(more, DictValue):
             raise UncertainError("an argument of update")
         self._budget.spend(8 * len(more.items) if more is not None else 0)
@@ -526,14 +557,14 @@ class Functions:
     def _dict_values(self, base: DictValue) -> object:
         return ViewValue(base, "values")
 
-    def _dict(self, more: object = None, **words: object) -> DictValue:
+    def _dict(self, more: object = None, /, **words: object) -> DictValue:
         found = DictValue()
         if isinstance(more, DictValue):
             self._dict_update(found, more, doubt="")
         elif more is not None:
             for pair in self._iterate(more):
                 if isinstance(pair, Gap):
-                    found.why = pair.why
+                    found.why = found.why or pair.why
                 else:
                     key, value = self._iterate(pair)
                     found.items[self._plain([key])[0]] = value
@@ -567,14 +598,25 @@ class Functions:
 
     def _sorted(self, part: object, *, key: object = None, reverse: object = False) -> ListValue:
         found = self._list(self._iterate(part))
-        keys = self._plain([one if key is None else self._call(key, [one], {}) for one in found.items])
+        with self._reader.doubting(found.why):
+            keys = self._plain([one if key is None else self._reader.call(key, [one], {}) for one in found.items])
         self._budget.spend(10 * len(keys))
         order = sorted(range(len(keys)), key=keys.__getitem__, reverse=bool(*self._plain([reverse])))
         return ListValue([found.items[index] for index in order], why=found.why)
 
     def _reversed(self, part: object) -> object:
-        found = self._list(self._iterate(part))
-        return found if found.why else IteratorValue(reversed(found.items))
+        if not isinstance(part, ListValue):
+            part = self._list(self._iterate(part))
+        return IteratorValue(self._backwards(part))
+
+    def _backwards(self, part: ListValue) -> Iterator[object]:
+        for index in reversed(range(len(part.items))):
+            if part.why:
+                yield Gap(part.why)
+            if index < len(part.items):
+                yield part.items[index]
+        if part.why:
+            yield Gap(part.why)
 
     def _enumerate(self, part: object, start: object = 0) -> object:
         (number,) = self._plain([start])
@@ -594,25 +636,37 @@ class Functions:
     def _zipped(self, parts: tuple[object, ...]) -> Iterator[object]:
         for elements in zip(*map(self._iterate, parts), strict=False):
             gaps = [element for element in elements if isinstance(element, Gap)]
-            yield gaps[0] if gaps else ListValue([*elements], is_tuple=True)
             if gaps:
+                for part in parts:  # how many elements are consumed is unknown
+                    self._reader.touch(part, gaps[0].why)
+                yield gaps[0]
                 return
+            yield ListValue([*elements], is_tuple=True)
 
     def _map(self, function: object, part: object) -> object:
-        return IteratorValue(
-            one if isinstance(one, Gap) else self._call(function, [one], {}) for one in self._iterate(part)
-        )
+        return IteratorValue(self._mapped(function, part))
+
+    def _mapped(self, function: object, part: object) -> Iterator[object]:
+        for element, why in self._reader.each(self._iterate(part)):
+            if isinstance(element, Gap):
+                yield element
+                continue
+            with self._reader.doubting(why):
+                result = self._reader.call(function, [element], {})
+            yield result
 
     def _filter(self, function: object, part: object) -> object:
         return IteratorValue(self._filtered(function, part))
 
     def _filtered(self, function: object, part: object) -> Iterator[object]:
-        for element in self._iterate(part):
+        for element, why in self._reader.each(self._iterate(part)):
             if isinstance(element, Gap):
                 yield element
                 continue
             try:
-                (is_accepted,) = self._plain([element if function is None else self._call(function, [element], {})])
+                with self._reader.doubting(why):
+                    result = element if function is None else self._reader.call(function, [element], {})
+                (is_accepted,) = self._plain([result])
             except UncertainError as error:
                 yield Gap(str(error))
                 is_accepted = True

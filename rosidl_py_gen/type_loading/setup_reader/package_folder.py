@@ -10,7 +10,6 @@ import os
 import posixpath
 import re
 from collections.abc import Iterator
-from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from rosidl_py_gen.base.scanned_paths import note
@@ -62,7 +61,7 @@ class PackageFolder:
         """Return the path of the package folder that an absolute path begins with; None for another path."""
         return next((top for top in (self.path, self.real) if path == top or path.startswith(f"{top}/")), None)
 
-    def read(self, path: str) -> str | None:
+    def read(self, path: str, keeps_line_ends: bool = False) -> str | None:
         """Return the text of a file in the package folder, None for another file; raises `UnreadableError`."""
         place = self.place(path)
         if place is None or self.changes:
@@ -70,7 +69,9 @@ class PackageFolder:
         self._budget.access()
         text = read_text(Path(self.path), place)
         self._budget.spend(len(text))
-        return None if "\ufffd" in text else text.replace("\r\n", "\n").replace("\r", "\n")  # as `open` does
+        if "\ufffd" in text:
+            return None
+        return text if keeps_line_ends else text.replace("\r\n", "\n").replace("\r", "\n")  # as `open` does
 
     def check(self, kind: str, path: str) -> bool | None:
         """Return `os.path.exists`, `isfile`, `isdir`, `islink` or `lexists` of a path; None if it lies elsewhere."""
@@ -169,8 +170,8 @@ class PackageFolder:
                     continue
                 self._budget.access(len(excluded) + len(included))
                 package = f"{above}{name}"
-                is_included = any(fnmatchcase(package, pattern) for pattern in included)
-                if is_included and not any(fnmatchcase(package, pattern) for pattern in excluded):
+                is_included = any(self._budget.matches(package, pattern) for pattern in included)
+                if is_included and not any(self._budget.matches(package, pattern) for pattern in excluded):
                     yield package
                 real = os.path.realpath(os.path.join(self.path, folder))
                 if real in visited or not self._is_inside(real):
@@ -189,7 +190,8 @@ class PackageFolder:
         if place is not None and place.count("/") >= MAX_FOLDER_DEPTH:
             yield Gap(f"folders are nested more than {MAX_FOLDER_DEPTH} deep")
             return
-        if place is None or self.real_folder(place) is None:
+        real = self.real_folder(place) if place is not None else None
+        if place is None or real is None:
             yield Gap(f"the folder {shown[:80]} is not in the package folder")
             return
         path = os.path.join(self.path, place)
@@ -199,7 +201,7 @@ class PackageFolder:
         found = []
         try:
             with os.scandir(path) as scan:
-                for entry in self._budget.entries(path, scan):
+                for entry in self._budget.entries(real, scan):
                     self._budget.spend(len(entry.name) + 20)
                     found.append((entry.name, _is_folder(entry)))
         except OSError:
@@ -208,6 +210,9 @@ class PackageFolder:
 
     def access(self) -> None:
         self._budget.access()
+
+    def matches(self, name: str, pattern: str) -> bool:
+        return self._budget.matches(name, pattern)
 
     def _is_inside(self, real: str) -> bool:
         real = real.replace(os.sep, "/")
@@ -235,7 +240,7 @@ class _Glob:
             for entry in self._folder.entries(place, shown):
                 if isinstance(entry, Gap):
                     yield entry
-                elif self._accepts(entry[0], part) and fnmatchcase(entry[0], part):
+                elif self._accepts(entry[0], part) and self._folder.matches(entry[0], part):
                     yield from self._continue(shown, place, *entry, rest)
         elif part == "..":
             yield Gap(f"the folder {shown[:80]}..")

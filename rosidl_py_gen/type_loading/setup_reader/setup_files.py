@@ -37,12 +37,14 @@ class PackageSetup:
     Attributes:
         values: arguments of `setup` by name, with None for unknown parts; entry points are lists of lines by group.
         uncertain: reasons by argument.
+        unread: the file that takes too much work, if an argument is uncertain because of it, and not of setup.py.
         scripts_folder: folder of the prefix for console scripts and scripts.
         problems: texts about a setup.py that could not be run.
     """
 
     values: dict[str, Any] = field(default_factory=dict)
     uncertain: dict[str, str] = field(default_factory=dict)
+    unread: str = ""
     scripts_folder: str = "bin"
     problems: list[str] = field(default_factory=list)
 
@@ -92,8 +94,9 @@ def read_setup_files(folder: Path, budget: PackageBudget, run: RunSetup | None =
             read(found, text, PackageFolder(folder, budget))
         except BudgetError as error:  # what other files say remains
             budget.renew()
-            for argument in _INSTALLED:
-                found.uncertain.setdefault(argument, f"{name}: {error}")
+            unknown = [one for one in _INSTALLED if one not in found.uncertain and not found.values.get(one)]
+            found.uncertain |= dict.fromkeys(unknown, str(error))
+            found.unread = name if unknown else found.unread
         except (UnreadableError, SetupSyntaxError, IniSyntaxError, ValueError) as error:
             raise SetupFilesError(f"{folder / name}: {error}".replace("\n", " ")) from error
     found.values["entry_points"] = _groups(found.values.get("entry_points"))
@@ -131,24 +134,32 @@ def _add_setup_cfg(found: PackageSetup, text: str, folder: PackageFolder) -> Non
     found.scripts_folder = _scripts_folder(sections) or found.scripts_folder
     options = {key.replace("-", "_").lower(): value for key, value in sections.get("options", {}).items()}
     given: dict[str, Any] = {name: _words(options[name]) for name in ("scripts", "py_modules") if name in options}
-    if "packages" in options:
-        kind, finds = options["packages"].strip(), sections.get("options.packages.find", {})
-        finder = {key: _words(value) for key, value in finds.items()}
-        is_found = kind in ("find:", "find_namespace:")
-        given["packages"] = _packages(folder, finder, kind == "find_namespace:") if is_found else _words(kind)
+    kind = options.get("packages", "").strip()
+    is_searched = kind in ("find:", "find_namespace:")
+    if kind and not is_searched:
+        given["packages"] = _words(kind)
     if "package_dir" in options:
         pairs = (line.partition("=")[::2] for line in _words(options["package_dir"]))
         given["package_dir"] = {key.strip(): path.strip() for key, path in pairs}
-    if "options.data_files" in sections:
-        rows = {place: _words(value) for place, value in sections["options.data_files"].items()}
-        given["data_files"] = _data_files(folder, rows)
     if "options.entry_points" in sections:
         given["entry_points"] = sections["options.entry_points"]
+    elif (points := options.get("entry_points", "")).strip().startswith("file:"):
+        texts = [folder.read(path) for path in _words(points.strip().removeprefix("file:"))]
+        given["entry_points"] = "\n".join(text for text in texts if text is not None)
+        if None in texts:
+            found.uncertain.setdefault("entry_points", "a file of setup.cfg that is not in the package folder")
     for name in ("name", "version"):
         value = sections.get("metadata", {}).get(name, "")
         if value and not value.startswith(("attr:", "file:")):
             given[name] = value
     _complete(found, given)
+    # What takes work comes last.
+    if is_searched and not found.values.get("packages"):
+        finder = {key: _words(value) for key, value in sections.get("options.packages.find", {}).items()}
+        _complete(found, {"packages": _packages(folder, finder, kind == "find_namespace:")})
+    if "options.data_files" in sections and not found.values.get("data_files"):
+        rows = {place: _words(value) for place, value in sections["options.data_files"].items()}
+        _complete(found, {"data_files": _data_files(folder, rows)})
 
 
 def _add_pyproject(found: PackageSetup, text: str, folder: PackageFolder) -> None:
@@ -165,19 +176,20 @@ def _add_pyproject(found: PackageSetup, text: str, folder: PackageFolder) -> Non
         known[group] = [*known.get(group, []), *lines]
     found.values["entry_points"] = known
     given = {name: project[name] for name in ("name", "version") if isinstance(project.get(name), str)}
-    packages = tool.get("packages")
-    if isinstance(packages, dict):
-        finder = _table(packages, "find")
-        given["packages"] = _packages(folder, finder, finder.get("namespaces", True) is True)
     for key, name in (("packages", "packages"), ("py-modules", "py_modules"), ("script-files", "scripts")):
         if isinstance(tool.get(key), list):
             given[name] = [one for one in tool[key] if isinstance(one, str)]
     if isinstance(tool.get("package-dir"), dict):
         given["package_dir"] = tool["package-dir"]
-    if isinstance(tool.get("data-files"), dict):
-        rows = {place: [str(one) for one in paths] for place, paths in tool["data-files"].items() if paths}
-        given["data_files"] = _data_files(folder, rows)
     _complete(found, given)
+    packages = tool.get("packages")
+    if isinstance(packages, dict) and not found.values.get("packages"):
+        finder = _table(packages, "find")
+        _complete(found, {"packages": _packages(folder, finder, finder.get("namespaces", True) is True)})
+    if isinstance(tool.get("data-files"), dict) and not found.values.get("data_files"):
+        files = {place: paths for place, paths in tool["data-files"].items() if isinstance(paths, list)}
+        rows = {place: [str(one) for one in paths] for place, paths in files.items()}
+        _complete(found, {"data_files": _data_files(folder, rows)})
 
 
 def _scripts_folder(sections: Mapping[str, Any]) -> str:
@@ -226,21 +238,21 @@ def _groups(points: object) -> dict[str, list[str]]:
     if isinstance(points, str):
         lines: list[str] = []
         for line in _entry_lines(points):
-            if line.startswith("["):
-                lines = groups.setdefault(line.partition("]")[0].lstrip("[").strip(), [])
+            if line.startswith("[") and line.endswith("]"):
+                lines = groups.setdefault(line.strip("[]").strip(), [])
             else:
                 lines.append(line)
     elif isinstance(points, dict):
-        groups = {group: [*_entry_lines(given)] for group, given in points.items() if isinstance(given, str | list)}
+        groups = {group: [*_entry_lines(given)] for group, given in points.items()}
     return groups
 
 
 def _entry_lines(given: object) -> Iterator[str]:
-    """Yield the lines of a text, or of lists of texts, without comments, as setuptools does."""
+    """Yield the lines of a text, or of texts in lists and keys of dicts, without comments, as setuptools does."""
     if isinstance(given, str):
         stripped = (line.strip() for line in given.splitlines())
         yield from (line for line in stripped if line and not line.startswith("#"))
-    elif isinstance(given, list):
+    elif isinstance(given, list | dict):
         for one in given:
             yield from _entry_lines(one)
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from rosidl_py_gen.compiler.frontend.package_budget import BudgetError, PackageBudget
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.type_loading.setup_reader.expressions import Expressions
-from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_MODULES, MODULES
+from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_MODULES, MODULES, SETUP_FUNCTIONS
 from rosidl_py_gen.type_loading.setup_reader.values import DictValue, FileValue, Gap, Known, ListValue, Scope, Unknown
 from rosidl_py_gen.type_loading.setup_reader.variables import FunctionReturnError, ProgramEndError
 
@@ -88,9 +88,10 @@ def merge_calls(calls: Sequence[Mapping[str, object]]) -> SetupArguments:
 def _literal_arguments(tree: ast.Module, why: str) -> SetupArguments:
     """Return the arguments of all calls of `setup` that are literals; they are uncertain for the reason `why`."""
     calls = []
+    names = (*ARGUMENTS, "options")
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "setup":
-            calls.append({word.arg: _literal(word.value) for word in node.keywords if word.arg in ARGUMENTS})
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("setup", *SETUP_FUNCTIONS, "core.setup"):
+            calls.append({word.arg: _literal(word.value) for word in node.keywords if word.arg in names})
     return SetupArguments(merge_calls(calls).values, dict.fromkeys(ARGUMENTS, why))
 
 
@@ -133,6 +134,9 @@ class _Interpreter(Expressions):
             reasons = (self._lost or given[name][1] for given, _ in self._calls if name in given)
             if why := next(filter(None, (*doubts, *reasons)), ""):
                 found.uncertain[name] = why
+        options = next((given["options"][1] for given, _ in self._calls if "options" in given), "")
+        for name in ("entry_points", "scripts") if options else ():  # their folder is an option
+            found.uncertain.setdefault(name, options)
         return found
 
     def _run(self, body: Sequence[ast.stmt], scope: Scope) -> None:
@@ -291,7 +295,7 @@ class _Interpreter(Expressions):
                     self._distrust(node, scope, element.why)
                     element = Unknown(element.why)
                 if isinstance(node, ast.For):
-                    self._assign_fresh(node.target, element, scope)
+                    self._assign(node.target, element, scope, is_fresh=True)
                 try:
                     self._run(node.body, scope)
                 except _Continue:
@@ -301,10 +305,10 @@ class _Interpreter(Expressions):
             why = self._doubts[self._loops[-1]]
         finally:
             del self._doubts[self._loops.pop() :]
+            if self._doubt() and isinstance(node, ast.For):  # the loop may not be executed
+                self._distrust(node.target, scope, self._doubt())
         if why:
             self._distrust(node, scope, why)
-        elif self._doubt() and isinstance(node, ast.For):
-            self._distrust(node.target, scope, self._doubt())
         self._doubtful(node.orelse, scope, why)
 
     def _run_While(self, node: ast.While, scope: Scope) -> None:

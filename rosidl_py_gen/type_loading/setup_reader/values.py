@@ -68,9 +68,10 @@ class IteratorValue:
 
 @dataclass(slots=True, eq=False)
 class FileValue:
-    """Text file that is open for reading; with a reason `why`, more or less of it may be left."""
+    """Text file that is open for reading, at a position; with a reason `why`, more or less of it may be left."""
 
     text: str
+    position: int = 0
     why: str = ""
 
 
@@ -102,6 +103,9 @@ class Scope:
         """Return the scope that has a variable, or None."""
         scope: Scope | None = self
         while scope is not None:
+            if name in scope.redirected:
+                scope = scope.redirected[name]
+                return scope if name in scope.names else None
             if name in scope.names:
                 return scope
             scope = scope.outer

@@ -5,11 +5,18 @@ from __future__ import annotations
 import ast
 import builtins
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from rosidl_py_gen.compiler.frontend.package_budget import PackageBudget
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.type_loading.setup_reader.functions import HARMLESS_BUILTINS, SETUP_FUNCTIONS, Functions, Words
+from rosidl_py_gen.type_loading.setup_reader.functions import (
+    HARMLESS_BUILTINS,
+    SETUP_FUNCTIONS,
+    Functions,
+    InterpreterMethods,
+    Words,
+)
 from rosidl_py_gen.type_loading.setup_reader.package_folder import PackageFolder
 from rosidl_py_gen.type_loading.setup_reader.values import (
     PLAIN_TYPES,
@@ -46,11 +53,13 @@ class Variables:
     def __init__(self, folder: Path, budget: PackageBudget) -> None:
         self._budget = budget
         self._folder = PackageFolder(folder, budget)
-        self._functions = Functions(self._folder, budget, self._iterate, self._call)
+        reader = InterpreterMethods(self._iterate, self._each, self._call, self._doubting, self._touch)
+        self._functions = Functions(self._folder, budget, reader)
         self._module = Scope({"__name__": "__main__", "__file__": f"{self._folder.real}/setup.py", "__doc__": ""})
         self._doubts: list[str] = []  # reasons of the blocks that are executed; empty texts for loops and calls
         self._loops: list[int] = []  # positions in `_doubts` of the loops and calls that are executed
         self._starts: list[int] = []  # positions in `_doubts` of the calls that are executed
+        self._frames: list[Scope] = []  # scopes of the calls that are executed
         self._returned: list[list[object]] = []  # values that the calls may return
         self._lost = ""  # reason why every variable is uncertain
         self._calls: list[tuple[dict[str, tuple[object, str]], str]] = []
@@ -64,6 +73,17 @@ class Variables:
     def _doubt(self) -> str:
         """Return the reason why the current statement may not be executed, or may be executed often; else empty."""
         return self._lost or next(filter(None, self._doubts), "")
+
+    @contextmanager
+    def _doubting(self, why: str) -> Iterator[None]:
+        """Evaluate something that may not be evaluated, for a reason; with an empty one, it certainly is."""
+        if why:
+            self._doubts.append(why)
+        try:
+            yield
+        finally:
+            if why:
+                self._doubts.pop()
 
     def _at(self, what: str) -> str:
         return f"{what} in line {self._line}"
@@ -105,12 +125,8 @@ class Variables:
             elif isinstance(one, Bound | ViewValue):
                 waiting.append(one.base)
             elif isinstance(one, IteratorValue):  # its elements belong to other values
-                elements = []
-                for element in self._iterate(one):
-                    self._budget.step()
-                    elements.append(element)
-                waiting += elements
-                one.elements = iter([Gap(why)])
+                with self._doubting(why):
+                    waiting += self._consume(one)
             elif isinstance(one, FileValue):
                 one.why = one.why or why
             elif isinstance(one, FunctionValue):
@@ -188,12 +204,13 @@ class Variables:
                 names |= self._reach(*(one for one in parts if not isinstance(one, PLAIN_TYPES)))
         return names
 
-    def _bind(self, name: str, value: object, scope: Scope) -> None:
+    def _bind(self, name: str, value: object, scope: Scope, is_fresh: bool = False) -> None:
+        """Assign to a variable; one that is fresh has no other value: it is the target of a loop or comprehension."""
         holder = scope.redirected.get(name, scope)
-        why = self._doubt()
-        if holder is scope and scope is not self._module and not self._lost:
+        why = self._doubt() if not is_fresh else ""
+        if why and self._frames and holder is scope is self._frames[-1] and not self._lost:
             # Variables of a call are new; only a doubt inside of the call matters.
-            why = next(filter(None, self._doubts[self._starts[-1] if self._starts else 0 :]), "")
+            why = next(filter(None, self._doubts[self._starts[-1] :]), "")
         if why and (name in holder.names or hasattr(builtins, name)):
             value = self._joined(self._lookup(name, holder), value, why)
         holder.names[name] = value
@@ -228,11 +245,14 @@ class Variables:
     def _iterate(self, value: object) -> Iterator[object]:
         """Yield the elements of a value, with gaps for unknown elements."""
         if isinstance(value, ListValue):
-            if value.why:
-                yield Gap(value.why)
-            index = 0
-            while index < len(value.items):  # it may grow
+            index, has_gap = 0, False
+            while True:  # it may grow, and become uncertain
                 self._budget.step()
+                if value.why and not has_gap:
+                    has_gap = True
+                    yield Gap(value.why)
+                if index >= len(value.items):
+                    return
                 yield value.items[index]
                 index += 1
         elif isinstance(value, IteratorValue):
@@ -252,8 +272,7 @@ class Variables:
                 self._budget.step()
                 yield element
         elif isinstance(value, FileValue):
-            lines = self._functions.call_method(Bound(value, "readlines"), [], {}, self._doubt())
-            yield from self._iterate(lines)
+            yield from self._lines(value)
         else:
             self._touch(value, getattr(value, "why", ""))
             yield Gap(located(getattr(value, "why", "") or "an iteration", self._line))
@@ -265,7 +284,8 @@ class Variables:
             try:
                 element = next(value.elements, self)
             except (UncertainError, ValueError) as error:  # ValueError: the generator is running
-                element = Gap(located(str(error), self._line))
+                yield Gap(located(str(error), self._line))
+                return
             if element is self:
                 return
             yield element
@@ -276,8 +296,35 @@ class Variables:
                 others.append(element)
         except (UncertainError, ValueError) as error:
             others.append(Gap(located(str(error), self._line)))
-        value.elements = iter([Gap(why), *others])
+        value.elements = iter([Gap(why), *(one for one in others if not isinstance(one, Gap))])
         yield from others
+
+    def _lines(self, file: FileValue) -> Iterator[object]:
+        """Yield the lines that are left in a file; those that are read with a doubt may still be in it."""
+        if file.why:
+            yield Gap(file.why)
+            return
+        while file.position < len(file.text):
+            self._budget.step()
+            if why := self._doubt():
+                start, file.position, file.why = file.position, len(file.text), why
+                yield from self._functions.lines(file.text[start:])
+                return
+            start = file.position
+            file.position = (file.text.find("\n", start) + 1) or len(file.text)
+            self._budget.spend(file.position - start)
+            yield file.text[start : file.position]
+
+    def _each(self, source: Iterator[object], why: str = "") -> Iterator[tuple[object, str]]:
+        """Yield elements, each with the reason why it may be missing: after a gap, all of them may."""
+        while True:
+            with self._doubting(why):
+                element = next(source, self)
+            if element is self:
+                return
+            if isinstance(element, Gap):
+                why = why or element.why
+            yield element, why
 
 
 def located(why: str, line: int) -> str:

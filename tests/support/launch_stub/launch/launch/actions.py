@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+from contextlib import suppress
 from typing import Any
 
 from launch.core import Action, Context
@@ -44,6 +45,11 @@ class IncludeLaunchDescription(Action):
         super().__init__()
         self.launch_description_source = source
         self._arguments = launch_arguments
+
+    def describe_sub_entities(self) -> list[Any]:
+        with suppress(OSError):
+            return [self.launch_description_source.get_launch_description(None)]
+        return []
 
     def execute(self, context: Context) -> list[Any]:
         description = self.launch_description_source.get_launch_description(context)
