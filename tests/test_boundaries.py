@@ -28,6 +28,8 @@ SHARED = {
 }
 # The same for modules of the runtime only: what nodes and contexts are made of, which users do not see.
 SHARED_IN_RUNTIME = {
+    "_refreshed_graph",
+    "_start_rosout",
     "_shared_loop",
     "_scope",
     "_core",
@@ -63,6 +65,11 @@ SHARED_IN_BAGS = {
 }
 # The same for the shim: what entities have for executors, where every public name would be one of rclpy's.
 SHARED_IN_SHIM = {
+    "_rosidl_destroy_clock",
+    "_rosidl_destroy_subscription",
+    "_rosidl_forget",
+    "_rosidl_on_destroy",
+    "_rosidl_task",
     "_executor_event",
     "_rosidl_endpoints",
     "_rosidl_replaced_take",

@@ -6,6 +6,7 @@ the functions have plain values as parameters.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.actions.states import MIN_RESULT_RETENTION_NS as MIN_RESULT_RETENTION_NS
@@ -24,12 +25,81 @@ from rosidl_py_gen.runtime.parameters.validation import integer_range_reason as 
 from rosidl_py_gen.runtime.parameters.validation import list_names as list_names
 from rosidl_py_gen.runtime.parameters.validation import read_only_reason as read_only_reason
 from rosidl_py_gen.runtime.parameters.validation import type_reason as type_reason
+from rosidl_py_gen.runtime.transport.api import TopicKey
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.graph.graph import NamesAndTypes
+    from rosidl_py_gen.runtime.graph.graph import Graph, NamesAndTypes
     from rosidl_py_gen.runtime.node.node import Node
+    from rosidl_py_gen.runtime.transport.api import DiscoveredEndpoint
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 
 def wire_topics_of_node(node: Node, name: str, namespace: str, *, writers: bool) -> NamesAndTypes:
     """Return all topics that another node writes or reads, those of services too, as they are in the middleware."""
     return node._of_node(name, namespace, writers=writers, demangle=False)
+
+
+def start_rosout(node: Node, qos: QoSProfile) -> None:
+    """Publish the node's log records on ``/rosout`` with this profile, unless the command line disables it."""
+    node._start_rosout(qos)
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceEndpoints:
+    """Client or server of a service, with its reader and its writer; one endpoint is both on Zenoh.
+
+    Attributes:
+        service_type: ``pkg/srv/Name``, or the DDS type name of the reader if it is not a ROS type.
+        service_type_hash: RIHS01 text of the service; empty before Lyrical, which is the first to announce it.
+    """
+
+    node_name: str
+    node_namespace: str
+    service_type: str
+    service_type_hash: str
+    gids: tuple[bytes, ...]
+    qos_profiles: tuple[QoSProfile, ...]
+
+
+def service_endpoints(node: Node, service: str, *, servers: bool, has_one_endpoint: bool) -> list[ServiceEndpoints]:
+    """Return the servers or clients of a service, given by its full name.
+
+    Args:
+        has_one_endpoint: the middleware has one endpoint for a client or server, as Zenoh, not a reader and a writer.
+    """
+    graph = node._refreshed_graph()
+    requests, replies = TopicKey("request", service), TopicKey("reply", service)
+    readers = graph.endpoints_on(requests if servers else replies, writers=False)
+    writers = list(graph.endpoints_on(replies if servers else requests, writers=True))
+    services = []
+    for reader in readers:
+        writer = _writer_of_service(graph, reader, writers)
+        if writer is not None:
+            writers.remove(writer)
+        endpoints = [reader] if writer is None or has_one_endpoint else [reader, writer]
+        namespace, name = graph.node_of(reader)
+        services.append(
+            ServiceEndpoints(
+                name,
+                namespace,
+                reader.service_type or reader.type,
+                reader.service_hash,
+                tuple(endpoint.guid for endpoint in endpoints),
+                tuple(endpoint.qos for endpoint in endpoints),
+            )
+        )
+    return services
+
+
+def _writer_of_service(
+    graph: Graph, reader: DiscoveredEndpoint, writers: list[DiscoveredEndpoint]
+) -> DiscoveredEndpoint | None:
+    """Return the writer of a reader's client or server: with its identifier, else the first one of its node."""
+    candidates = [writer for writer in writers if writer.participant_guid == reader.participant_guid]
+    for writer in candidates:
+        if reader.service_id and reader.service_id == writer.service_id:
+            return writer
+    if reader.service_id:
+        return None
+    node = graph.node_of(reader)
+    return next((writer for writer in candidates if graph.node_of(writer) == node), None)

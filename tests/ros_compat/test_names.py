@@ -1,17 +1,20 @@
 """Our rclpy has the names of the real one, with their kinds, parameters and values; exceptions are listed here.
 
-`tests/support/record_rclpy_names.py` records the real one and describes ours in the same words.
+`tests/support/record_rclpy_names.py` records the one of Jazzy and describes ours in the same words.
+`tests/support/record_lyrical_names.py` records what Lyrical has more.
 docs/internals/parity.md has the same tables; if it does not, a failed test prints the expected text.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support.program_processes import run
+from support.record_lyrical_names import RECORD as LYRICAL_RECORD
 from support.record_rclpy_names import RECORD
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "internals" / "parity.md"
@@ -42,6 +45,65 @@ MISSING = {
     "a name for type checkers inside the class": ("rclpy.exceptions.InvalidParameterTypeException.Parameter",),
 }
 """Reason -> names of rclpy that ours does not have."""
+MISSING_LYRICAL = {
+    "types that only type checkers need": (
+        "rclpy.action.client.T",
+        "rclpy.event_handler.EventHandlerData",
+        "rclpy.executors.T",
+        "rclpy.executors.TaskData",
+        "rclpy.executors.YieldedCallback",
+        "rclpy.guard_condition.GuardConditionCallbackType",
+        "rclpy.lifecycle.node.CallbackNames",
+        "rclpy.lifecycle.node.CreateLifecyclePublisherArgs",
+        "rclpy.lifecycle.node.LifecycleNodeArgs",
+        "rclpy.lifecycle.node.SRV_TYPES",
+        "rclpy.node.ParameterInput",
+        *(
+            f"rclpy.type_support.{name}"
+            for name in (
+                "EventMessage",
+                "FeedbackMessage",
+                "GetResultService",
+                "GetResultServiceRequest",
+                "GetResultServiceResponse",
+                "SendGoalService",
+                "SendGoalServiceRequest",
+                "SendGoalServiceResponse",
+            )
+        ),
+        "rclpy.waitable.T",
+    ),
+    "parts of the filters of loggers": tuple(
+        f"rclpy.impl.rcutils_logger.{name}"
+        for name in (
+            "LoggingArgs",
+            "LoggingFilterArgs",
+            "LoggingFilterParams",
+            "OnceContext",
+            "RcutilsLoggerContext",
+            "SkipFirstContext",
+            "SupportedFiltersKeys",
+            "ThrottleContext",
+        )
+    ),
+    "parameters of constructors that only nodes call": tuple(
+        f"rclpy.{name}.__init__(on_destroy)"
+        for name in (
+            "client.Client",
+            "publisher.Publisher",
+            "service.Service",
+            "subscription.Subscription",
+            "timer.Timer",
+        )
+    ),
+    "the node does this": ("rclpy.context.Context.track_node", "rclpy.context.Context.untrack_node"),
+    "the name of Jazzy is used": (
+        "rclpy.action.server.default_cancel_callback(goal_handle)",
+        "rclpy.qos.InvalidQoSProfileException.__init__(message)",
+    ),
+    "available in `rclpy.exceptions` and `rclpy._rclpy_pybind11`": ("rclpy.action.client.RCLError",),
+}
+"""Reason -> names and parameters of Lyrical's rclpy that ours does not have."""
 OTHER_VALUES = {
     "an enumeration whose numbers only C code uses": tuple(
         f"rclpy.action.server.GoalEvent.{name}" for name in ("ABORT", "CANCELED", "CANCEL_GOAL", "EXECUTE", "SUCCEED")
@@ -49,12 +111,14 @@ OTHER_VALUES = {
 }
 """Reason -> constants whose values differ."""
 MORE = {
-    "the result of `init` since Kilted": ("rclpy.InitContextManager",),
+    "imported from `rclpy.qos`, as in Lyrical": ("rclpy.node.qos_profile_rosout_default",),
     "moved out of `rclpy.node`": ("rclpy.node_parameters",),
     "replacements of C code": (
         "rclpy.entity_execution",
         "rclpy.handles",
         "rclpy.impl.action_endpoints",
+        "rclpy.impl.async_entities",
+        "rclpy.impl.content_filter",
         "rclpy.impl.entities",
         "rclpy.impl.names",
         "rclpy.impl.pending_requests",
@@ -103,7 +167,9 @@ MORE = {
         for name in ("file_path", "function_name", "last_index", "line_number")
     ),
 }
-"""Reason -> our names that begin with a letter and that rclpy does not have; no program can rely on them."""
+"""Reason -> our names that begin with a letter and that rclpy of Jazzy and Lyrical does not have; no program can rely
+on them.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -130,15 +196,25 @@ def test_what_differs_from_the_real_rclpy_is_listed(compared: dict[str, Any]) ->
     assert [one for one in different if one[1] not in ("missing", "value")] == []
 
 
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="asyncio nodes need Python 3.11")
+def test_what_lyrical_has_more_is_there_or_listed(compared: dict[str, Any]) -> None:
+    assert sorted(path for path, _ in compared["lyrical"]) == listed(MISSING_LYRICAL)
+
+
 def test_names_of_ours_are_explained(compared: dict[str, Any]) -> None:
     assert sorted(compared["more"]) == listed(MORE)
 
 
-@pytest.mark.parametrize("table", [MISSING, OTHER_VALUES, MORE], ids=["missing", "values", "more"])
+TABLES = {"missing": MISSING, "values": OTHER_VALUES, "more": MORE, "lyrical": MISSING_LYRICAL}
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
 def test_the_page_says_the_same(table: dict[str, tuple[str, ...]]) -> None:
     assert rows(table) in PAGE.read_text(encoding="utf-8"), f"it needs\n{rows(table)}"
 
 
 def test_the_page_counts_what_was_compared() -> None:
     count = sum(1 + len(entry.get("members", ())) for names in REAL.values() for entry in names.values())
-    assert f"{len(REAL)} modules, {count} names" in PAGE.read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
+    assert f"{len(REAL)} modules, {count} names" in page
+    assert f"{len(json.loads(LYRICAL_RECORD.read_text(encoding='utf-8')))} names of rclpy 10" in page

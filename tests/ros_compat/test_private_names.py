@@ -42,6 +42,14 @@ OF_COMPANIONS = {
 
 PARTS = {
     "NodeParameters": ["Node"],
+    "BaseNode": ["Node"],
+    "AsyncNode": ["Node"],
+    "BaseClient": ["Client"],
+    "BaseClock": ["Clock", "ROSClock"],
+    "BasePublisher": ["Publisher"],
+    "BaseService": ["Service"],
+    "BaseSubscription": ["Subscription"],
+    "BaseTimer": ["Timer"],
     "ActionWaitable": ["ActionClient", "ActionServer"],
     "SingleThreadedExecutor": ["Executor"],
 }

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, List, Optional
 import rclpy.impl.implementation_singleton
 from rclpy.context import Context
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, qos_profile_rosout_default
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
 from rclpy.task import Future
-from rclpy.utilities import explicit_context, get_default_context, get_rmw_implementation_identifier, ok, try_shutdown
+from rclpy.utilities import explicit_context, get_default_context, get_rmw_implementation_identifier, ok
 from rclpy.utilities import shutdown as _shutdown
+from rclpy.utilities import try_shutdown as _try_shutdown
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -104,6 +106,21 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
         uninstall_signal_handlers()
 
 
+def try_shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
+    """Shut a context down if it is open, by default the default one, which a new context replaces.
+
+    Args:
+        uninstall_handlers: restore the signal handlers from before `init`; None does so for the default context, if it
+            was open.
+    """
+    explicit = explicit_context(context)
+    is_default = explicit is None or explicit is get_default_context()
+    was_open = ok(context=explicit)
+    _try_shutdown(context=explicit)
+    if uninstall_handlers or (uninstall_handlers is None and is_default and was_open):
+        uninstall_signal_handlers()
+
+
 def create_node(
     node_name: str,
     *,
@@ -112,6 +129,7 @@ def create_node(
     namespace: str | None = None,
     use_global_arguments: bool = True,
     enable_rosout: bool = True,
+    rosout_qos_profile: QoSProfile | int = qos_profile_rosout_default,
     start_parameter_services: bool = True,
     parameter_overrides: list[Parameter] | None = None,
     allow_undeclared_parameters: bool = False,

@@ -20,6 +20,10 @@ class RCLError(RuntimeError):
     """Raised when ROS refuses an operation."""
 
 
+class TimerCancelledError(RCLError):
+    """Raised by rclpy 10 for the call of a cancelled timer; not raised here."""
+
+
 class RCLInvalidROSArgsError(RCLError):
     """Raised when the arguments after ``--ros-args`` cannot be parsed."""
 

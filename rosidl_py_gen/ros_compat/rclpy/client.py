@@ -6,6 +6,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Dict, Optional, TypeVar
 
+from rclpy._subscriptable import Subscriptable
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.context import Context
@@ -30,13 +31,40 @@ SrvTypeRequest = TypeVar("SrvTypeRequest")
 SrvTypeResponse = TypeVar("SrvTypeResponse")
 
 
-class Client(ServiceEntity[runtime.Client[Any, Any]]):
-    """Client of a service, created by `Node.create_client`. The executor of its node receives the responses.
+class BaseClient(Subscriptable, ServiceEntity[runtime.Client[Any, Any]]):
+    """Client of a service; base class of `Client` and `rclpy.experimental.AsyncClient`.
 
     Attributes:
         srv_type: class of the service.
         srv_name: name as it was passed.
     """
+
+    def __init__(
+        self,
+        context: Context,
+        client_impl: Handle[runtime.Client[Any, Any]],
+        srv_type: Any,
+        srv_name: str,
+        qos_profile: QoSProfile,
+        *,
+        on_destroy: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(client_impl, srv_type, srv_name, qos_profile, on_destroy)
+        self.context = context
+
+    def service_is_ready(self) -> bool:
+        """Return True if a server is connected.
+
+        Raises:
+            rosidl_py_gen.runtime.IncompatibleServiceError: there are only servers that this middleware cannot call.
+            RCLError: the context was shut down.
+        """
+        with self.handle.in_use() as client:
+            return client.service_is_available()
+
+
+class Client(BaseClient):
+    """Client of a service, created by `Node.create_client`. The executor of its node receives the responses."""
 
     _rosidl_take_method = "_take_client"
 
@@ -49,8 +77,9 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
         qos_profile: QoSProfile,
         callback_group: CallbackGroup,
     ) -> None:
-        super().__init__(client_impl, srv_type, srv_name, qos_profile, callback_group)
-        self.context = context
+        super().__init__(context, client_impl, srv_type, srv_name, qos_profile)
+        self.callback_group = callback_group
+        self._executor_event = False
         self._rosidl_requests = requests = PendingRequests(client_impl.entity, client_impl.notify_arrival)
         self._pending_requests, self._lock = requests.futures, requests.lock
         client_impl.set_ready_check(lambda: bool(requests.responses))
@@ -110,16 +139,6 @@ class Client(ServiceEntity[runtime.Client[Any, Any]]):
     def remove_pending_request(self, future: Future[Any]) -> None:
         """Discard a request, so that its response is ignored."""
         self._rosidl_requests.discard(future)
-
-    def service_is_ready(self) -> bool:
-        """Return True if a server is connected.
-
-        Raises:
-            rosidl_py_gen.runtime.IncompatibleServiceError: there are only servers that this middleware cannot call.
-            RCLError: the context was shut down.
-        """
-        with self.handle.in_use() as client:
-            return client.service_is_available()
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait until a server is connected, or the time has passed; no executor is needed.

@@ -85,7 +85,7 @@ class JumpHandle:
     def __init__(
         self,
         *,
-        clock: Clock,
+        clock: BaseClock,
         threshold: JumpThreshold,
         pre_callback: JumpHandlePreCallbackType | None,
         post_callback: Callable[[TimeJumpDictionary], Any] | None,
@@ -166,19 +166,20 @@ class ClockHandle(Destroyable):
         )
 
 
-class Clock:
-    """Clock of one type; for ROS_TIME an object of `ROSClock` is created."""
+class BaseClock:
+    """Clock of one type; base class of `Clock` and `rclpy.experimental.AsyncClock`."""
 
     _clock_type: AnyClockType
     _rosidl_clock: ClockHandle
 
-    def __new__(cls, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> Clock:
+    def __init__(self, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> None:
+        self._rosidl_open(clock_type)
+
+    def _rosidl_open(self, clock_type: AnyClockType) -> None:
         if not isinstance(clock_type, (ClockType, ClockTypeOfC)):
             raise TypeError("Clock type must be a ClockType enum")
-        clock = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
-        clock._rosidl_clock = ClockHandle(clock_type)
-        clock._clock_type = clock_type
-        return clock
+        self._rosidl_clock = ClockHandle(clock_type)
+        self._clock_type = clock_type
 
     @property
     def clock_type(self) -> AnyClockType:
@@ -189,7 +190,7 @@ class Clock:
         return self._rosidl_clock
 
     def __repr__(self) -> str:
-        return f"Clock(clock_type={self.clock_type.name})"
+        return f"{type(self).__name__}(clock_type={self.clock_type.name})"
 
     def now(self) -> Time:
         with self.handle as handle:
@@ -216,6 +217,49 @@ class Clock:
 
         post = after if callable(post_callback) else None
         return JumpHandle(clock=self, threshold=threshold, pre_callback=pre_callback, post_callback=post)
+
+    @property
+    def ros_time_is_active(self) -> bool:
+        """True while the clock reads simulated time; raises RCLError if its type is not ROS_TIME."""
+        self._rosidl_require_ros_time()
+        with self.handle as handle:
+            return handle.get_ros_time_override_is_enabled()
+
+    def _rosidl_require_ros_time(self) -> None:
+        if self._clock_type != ClockType.ROS_TIME:
+            raise RCLError(f"clock: got the type {self._clock_type.name}; simulated time needs ROS_TIME")
+
+    def _set_ros_time_is_active(self, enabled: bool) -> None:
+        with self.handle as handle:
+            handle.set_ros_time_override_is_enabled(enabled)
+
+    def set_ros_time_override(self, time: Time) -> None:
+        """Set the simulated time, which has effect while it is active.
+
+        Raises:
+            TypeError: `time` is not a Time.
+            RCLError: the clock type is not ROS_TIME.
+        """
+        if not isinstance(time, Time):
+            raise TypeError(f"Time must be specified as rclpy.time.Time. Received type: {type(time)}")
+        self._rosidl_require_ros_time()
+        with self.handle as handle:
+            handle.set_ros_time_override(time)
+
+
+class Clock(BaseClock):
+    """Clock of one type that threads can sleep by; for ROS_TIME an object of `ROSClock` is created."""
+
+    def __new__(cls, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> Clock:
+        clock = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
+        clock._rosidl_open(clock_type)
+        return clock
+
+    def __init__(self, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> None:
+        pass  # `__new__` has opened the clock
+
+    def __repr__(self) -> str:
+        return f"Clock(clock_type={self.clock_type.name})"
 
     def sleep_until(self, until: Time, context: Context | None = None) -> bool:
         """Block this thread until the clock reaches `until`.
@@ -268,19 +312,3 @@ class ROSClock(Clock):
         clock = super().__new__(cls, clock_type=ClockType.ROS_TIME)
         assert isinstance(clock, ROSClock)
         return clock
-
-    @property
-    def ros_time_is_active(self) -> bool:
-        with self.handle as handle:
-            return handle.get_ros_time_override_is_enabled()
-
-    def _set_ros_time_is_active(self, enabled: bool) -> None:
-        with self.handle as handle:
-            handle.set_ros_time_override_is_enabled(enabled)
-
-    def set_ros_time_override(self, time: Time) -> None:
-        """Set the simulated time, which has effect while it is active; raise TypeError unless `time` is a Time."""
-        if not isinstance(time, Time):
-            raise TypeError(f"Time must be specified as rclpy.time.Time. Received type: {type(time)}")
-        with self.handle as handle:
-            handle.set_ros_time_override(time)

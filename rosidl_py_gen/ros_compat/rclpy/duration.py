@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import total_ordering
+from math import isfinite
 from typing import Protocol, Union
 
 import builtin_interfaces.msg
@@ -55,6 +56,25 @@ class Duration(_Ordered):
     @property
     def nanoseconds(self) -> int:
         return self._rosidl_nanoseconds
+
+    def __add__(self, other: Duration) -> Duration:
+        if not isinstance(other, Duration):
+            return NotImplemented
+        return Duration(nanoseconds=self.nanoseconds + other.nanoseconds)
+
+    def __sub__(self, other: Duration) -> Duration:
+        if not isinstance(other, Duration):
+            return NotImplemented
+        return Duration(nanoseconds=self.nanoseconds - other.nanoseconds)
+
+    def __mul__(self, factor: float) -> Duration:
+        if not isinstance(factor, (int, float)):
+            return NotImplemented
+        if factor == float("inf"):
+            return Infinite
+        if isinstance(factor, float) and not isfinite(factor):
+            raise ValueError(f"factor of a duration: got {factor}; expected a finite number or inf")
+        return Duration(nanoseconds=int(self.nanoseconds * factor))
 
     def __repr__(self) -> str:
         return f"Duration(nanoseconds={self.nanoseconds})"

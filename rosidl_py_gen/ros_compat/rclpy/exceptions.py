@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, List, Optional, Union
 
-from rclpy._rclpy_pybind11 import InvalidHandle
+from rclpy._rclpy_pybind11 import InvalidHandle, TimerCancelledError
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
@@ -127,3 +127,7 @@ class ROSInterruptException(Exception):
 
     def __init__(self) -> None:
         super().__init__("rclpy.shutdown() has been called")
+
+
+class TimeSourceChangedError(Exception):
+    """Raised when simulated time starts or stops during `rclpy.experimental.AsyncClock.sleep`."""

@@ -116,6 +116,9 @@ class ContextHandle(Destroyable):
         counts it then and publishes would lose the message.
         """
         self._is_ok = True
+        self._loop_users = 0
+        self._stop_loop_thread = threading.Event()
+        self._loop_users_lock = threading.Lock()
         self._lock = threading.Lock()
         self._is_closed = False
 
@@ -171,6 +174,21 @@ class ContextHandle(Destroyable):
     def _destroy(self) -> None:
         self.close()
 
+    def start_loop_thread(self) -> None:
+        """Run the loop in a thread until `stop_loop_thread` was called as often; executors may run the loop as well."""
+        with self._loop_users_lock:
+            self._loop_users += 1
+            if self._loop_users == 1:
+                self._stop_loop_thread = stop = threading.Event()
+                threading.Thread(target=self.wait, args=(stop.is_set, None), name="rclpy loop", daemon=True).start()
+
+    def stop_loop_thread(self) -> None:
+        with self._loop_users_lock:
+            self._loop_users -= 1
+            if self._loop_users == 0:
+                self._stop_loop_thread.set()
+                self.notify()
+
     def wait(self, until: Callable[[], object], timeout_sec: float | None) -> bool:
         """Run the loop until `until` is true, the context is shut down or the time has passed.
 
@@ -189,6 +207,7 @@ class Handle(Destroyable, Generic[C]):
     Attributes:
         logger_name: name of the node's logger.
         events: queues of reported events, by number.
+        on_arrival: function that is called after each arrival. Thread: loop.
         marked_kinds: for a node, the kinds of its endpoints, such as ``clients``, of which some may be ready. Executors
             check no other endpoints.
     """
@@ -207,6 +226,7 @@ class Handle(Destroyable, Generic[C]):
         self.entity = entity
         self.logger_name = logger_name
         self.events: dict[int, deque[Any]] = {}
+        self.on_arrival: Callable[[], object] | None = None
         self._has_more: Callable[[], bool] = lambda: False
         self._may_be_ready = False
         self.marked_kinds: set[str] = set()
@@ -260,6 +280,8 @@ class Handle(Destroyable, Generic[C]):
         """Record that something may be taken. Thread: loop."""
         self._mark_ready()
         self.context.notify()
+        if self.on_arrival is not None:
+            self.on_arrival()
 
     def _destroy(self) -> None:
         self.entity.close()

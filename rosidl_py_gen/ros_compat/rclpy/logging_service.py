@@ -13,13 +13,13 @@ from rclpy.qos import qos_profile_services_default
 from rclpy.validate_topic_name import TOPIC_SEPARATOR_STRING
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from rclpy.node import BaseNode
 
 
 class LoggingService:
     """Services ``get_logger_levels`` and ``set_logger_levels`` of a node."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: BaseNode) -> None:
         for srv_type, name, callback in (
             (GetLoggerLevels, "get_logger_levels", self._get_logger_levels),
             (SetLoggerLevels, "set_logger_levels", self._set_logger_levels),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import weakref
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -16,9 +17,10 @@ from rcl_interfaces.srv import ListParameters
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError, RCLError
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client, SrvType, SrvTypeRequest, SrvTypeResponse
-from rclpy.clock import Clock, ROSClock
+from rclpy.clock import BaseClock, Clock, ROSClock
 from rclpy.constants import S_TO_NS
 from rclpy.context import Context, invalid_arguments_error
+from rclpy.endpoint_info import EndpointTypeEnum, ServiceEndpointInfo, TopicEndpointInfo
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.exceptions import (
     InvalidHandle,
@@ -38,13 +40,13 @@ from rclpy.node_parameters import NodeParameters
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 from rclpy.publisher import MsgType, Publisher
-from rclpy.qos import QoSProfile, qos_profile_services_default
+from rclpy.qos import HistoryPolicy, QoSProfile, qos_profile_rosout_default, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
 from rclpy.service import Service
-from rclpy.subscription import Subscription
+from rclpy.subscription import BaseSubscription, Subscription
+from rclpy.subscription_content_filter_options import ContentFilterOptions
 from rclpy.time_source import TimeSource
 from rclpy.timer import Rate, Timer
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_description_service import TypeDescriptionService
 from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type, message_class
 from rclpy.utilities import get_default_context, resolve_context
@@ -54,38 +56,58 @@ from rclpy.validate_node_name import validate_node_name
 from rclpy.validate_topic_name import validate_topic_name
 from rclpy.waitable import Waitable
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime._rclpy_support import wire_topics_of_node
+from rosidl_py_gen.runtime._rclpy_support import service_endpoints, start_rosout, wire_topics_of_node
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
+    from typing_extensions import Self
+
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
 HIDDEN_NODE_PREFIX = "_"
 _E = TypeVar("_E", Publisher, Subscription, Client, Service, Timer, GuardCondition)
 _KINDS = ("publishers", "subscriptions", "clients", "services", "timers", "guards")
 _NamesAndTypes = list[tuple[str, list[str]]]
+_ACTION_TOPIC_SUFFIX = "/_action/feedback"
+_ACTION_TYPE_SUFFIX = "_FeedbackMessage"
 
 
-class Node(NodeParameters):
-    """Member of the ROS graph, with publishers, subscriptions, services, clients, timers and parameters.
+def _actions_of_topics(topics: _NamesAndTypes) -> _NamesAndTypes:
+    """Return the actions that have a feedback topic among these."""
+    return [
+        (
+            name.removesuffix(_ACTION_TOPIC_SUFFIX),
+            [type_.removesuffix(_ACTION_TYPE_SUFFIX) for type_ in types if type_.endswith(_ACTION_TYPE_SUFFIX)],
+        )
+        for name, types in topics
+        if name.endswith(_ACTION_TOPIC_SUFFIX)
+    ]
 
-    Args:
-        node_name: name, which ``-r __node:=...`` overrides.
-        context: an open context. [default: the default context]
-        cli_args: command line of this node alone, with ``--ros-args``.
-        namespace: namespace, with or without a leading ``/``.
-        use_global_arguments: apply the arguments of the context as well.
-        enable_rosout: publish log records on ``/rosout``.
-        start_parameter_services: let other nodes read and set parameters.
-        parameter_overrides: initial values, which take precedence over those of command lines.
-        allow_undeclared_parameters: allow parameters to be set without a declaration.
-        automatically_declare_parameters_from_overrides: declare each parameter that has an initial value.
-        enable_logger_service: let other nodes read and set the levels of loggers.
 
-    Raises:
-        NotInitializedException: the context is not open.
-        InvalidNodeNameException, InvalidNamespaceException, UnknownROSArgsError, RCLInvalidROSArgsError: see the
-            classes.
+def _forget_entity(node: weakref.ref[Node], kind: str, entity: Any) -> None:
+    """Remove an entity that the program destroys itself from the lists of its node."""
+    if (owner := node()) is not None:
+        owner._rosidl_forget(entity, kind)
+
+
+def _min_depth(content_filter_options: ContentFilterOptions | None) -> int:
+    """Return the number of messages that a subscription with this filter has to retain at least."""
+    if content_filter_options is None or not content_filter_options.filter_expression:
+        return 0
+    from rclpy.impl.content_filter import MIN_DEPTH
+
+    return MIN_DEPTH
+
+
+class BaseNode(NodeParameters, ABC):
+    """Base class of `Node` and `rclpy.experimental.AsyncNode`: names, parameters, logging and the graph.
+
+    Subclasses create the entities, and the clock before they call the constructor.
     """
+
+    _clock: Any
+    _rosidl_clock: Any
 
     def __init__(
         self,
@@ -96,6 +118,7 @@ class Node(NodeParameters):
         namespace: str | None = None,
         use_global_arguments: bool = True,
         enable_rosout: bool = True,
+        rosout_qos_profile: QoSProfile | int = qos_profile_rosout_default,
         start_parameter_services: bool = True,
         parameter_overrides: list[Parameter] | None = None,
         allow_undeclared_parameters: bool = False,
@@ -103,19 +126,20 @@ class Node(NodeParameters):
         enable_logger_service: bool = False,
     ) -> None:
         self._rosidl_context = self._context = resolve_context(context)
-        self._rosidl_executor: weakref.ref[Executor] | None = None
         context_handle = self._rosidl_context.handle
         if context_handle is None or not context_handle.ok():
             raise NotInitializedException("cannot create node")
         validate_node_name(node_name)
         full_namespace = "/" + (namespace or "").removeprefix("/")
         validate_namespace(full_namespace)
+        rosout_profile = self._rosidl_to_profile(rosout_qos_profile)
+        has_default_rosout = rosout_profile == qos_profile_rosout_default
         try:
             node = runtime.Node(
                 node_name,
                 full_namespace,
                 context=context_handle.runtime,
-                enable_rosout=enable_rosout,
+                enable_rosout=enable_rosout and has_default_rosout,
                 start_services=False,
                 parameter_events=False,
                 automatically_declare_parameters_from_overrides=True,
@@ -128,18 +152,11 @@ class Node(NodeParameters):
             raise invalid_arguments_error(error) from error
         except (runtime.ClosedError, runtime.SecurityError) as error:
             raise RCLError(str(error)) from error
+        if enable_rosout and not has_default_rosout:
+            start_rosout(node, rosout_profile.get_c_qos_profile())
         logger_name = node.fully_qualified_name[1:].replace("/", ".")
         self._rosidl_node: Handle[runtime.Node] = Handle(context_handle, node, context_handle, logger_name=logger_name)
         self._rosidl_logger = self._logger = get_logger(logger_name)
-        self._rosidl_clock = self._clock = ROSClock()
-        # Some programs read rclpy's private attributes (`_timers`), others store values of other types in them. So each
-        # list is stored twice; the code here uses `_rosidl_entity_lists`.
-        self._rosidl_entity_lists: dict[str, list[Any]] = {kind: [] for kind in (*_KINDS, "waitables")}
-        self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
-        self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
-        for kind in _KINDS:
-            setattr(self, f"_{kind}", self._rosidl_entity_lists[kind])
-        self._default_callback_group, self._rate_group = self._rosidl_group, self._rosidl_rate_group
         self._rosidl_init_parameters(
             parameter_overrides, allow_undeclared_parameters, automatically_declare_parameters_from_overrides
         )
@@ -151,23 +168,30 @@ class Node(NodeParameters):
             self._logger_service = LoggingService(self)
         self._type_description_service = TypeDescriptionService(self)
 
-    @property
-    def executor(self) -> Executor | None:
-        """Executor that serves the node; setting it removes the node from the previous one."""
-        return None if self._rosidl_executor is None else self._rosidl_executor()
+    @abstractmethod
+    def get_clock(self) -> Any:
+        """Return the clock of ROS time, which may be simulated."""
 
-    @executor.setter
-    def executor(self, new_executor: Executor | None) -> None:
-        current = self.executor
-        if current is new_executor:
-            return
-        if current is not None:
-            current.remove_node(self)
-        if new_executor is None:
-            self._rosidl_executor = None
-        else:
-            new_executor.add_node(self)
-            self._rosidl_executor = weakref.ref(new_executor)
+    @abstractmethod
+    def create_publisher(self, msg_type: type[Any], topic: str, qos_profile: QoSProfile | int) -> Any:
+        """Create a publisher."""
+
+    @abstractmethod
+    def create_subscription(
+        self, msg_type: type[Any], topic: str, callback: Callable[..., Any], qos_profile: QoSProfile | int
+    ) -> Any:
+        """Create a subscription."""
+
+    @abstractmethod
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+    ) -> Any:
+        """Create a service."""
 
     @property
     def context(self) -> Context:
@@ -196,13 +220,8 @@ class Node(NodeParameters):
         with self.handle as handle:
             return handle.entity.fully_qualified_name
 
-    def get_clock(self) -> Clock:
-        """Return the clock of ROS time, which may be simulated."""
-        clock = self._clock
-        return clock if hasattr(clock, "now") else self._rosidl_clock
-
-    def _rosidl_own_clock(self) -> Clock:
-        return value_or_default(self._clock, Clock, self._rosidl_clock)
+    def _rosidl_own_clock(self) -> Any:
+        return value_or_default(self._clock, BaseClock, self._rosidl_clock)
 
     def get_logger(self) -> RcutilsLogger:
         """Return the logger with the node's name."""
@@ -235,40 +254,6 @@ class Node(NodeParameters):
     def _validate_topic_or_service_name(self, topic_or_service_name: str, *, is_service: bool = False) -> None:
         self._rosidl_resolve_name(topic_or_service_name, True, is_service=is_service)
 
-    @property
-    def publishers(self) -> Iterator[Publisher]:
-        """Publishers of the node; the properties below are analogous."""
-        yield from self._rosidl_entity_lists["publishers"]
-
-    @property
-    def subscriptions(self) -> Iterator[Subscription]:
-        yield from self._rosidl_entity_lists["subscriptions"]
-
-    @property
-    def clients(self) -> Iterator[Client]:
-        yield from self._rosidl_entity_lists["clients"]
-
-    @property
-    def services(self) -> Iterator[Service]:
-        yield from self._rosidl_entity_lists["services"]
-
-    @property
-    def timers(self) -> Iterator[Timer]:
-        yield from self._rosidl_entity_lists["timers"]
-
-    @property
-    def guards(self) -> Iterator[GuardCondition]:
-        yield from self._rosidl_entity_lists["guards"]
-
-    @property
-    def waitables(self) -> Iterator[Waitable]:
-        yield from self._rosidl_entity_lists["waitables"]
-
-    @property
-    def default_callback_group(self) -> CallbackGroup:
-        """Group of the entities that are created without a group: it runs one callback at a time."""
-        return value_or_default(self._default_callback_group, CallbackGroup, self._rosidl_group)
-
     @staticmethod
     def _rosidl_to_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
         if isinstance(qos_or_depth, QoSProfile):
@@ -287,62 +272,6 @@ class Node(NodeParameters):
             raise RCLError("failed to create an entity: the node's context is shut down")
         return handle.context, handle.entity
 
-    def _rosidl_register(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
-        if group is not None:
-            group.add_entity(entity)
-        for entities in self._rosidl_lists_of_kind(kind):
-            entities.append(entity)
-        self._rosidl_entity_lists["waitables"] += getattr(entity, "event_handlers", ())
-        self._rosidl_wake_executor()
-        return entity
-
-    def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
-        """Return the list of entities, and the list that the program has stored in rclpy's attribute instead."""
-        own_list, program_list = self._rosidl_entity_lists[kind], getattr(self, f"_{kind}", None)
-        if isinstance(program_list, list) and program_list is not own_list:
-            return [own_list, program_list]
-        return [own_list]
-
-    def _rosidl_wake_executor(self) -> None:
-        self.handle.context.notify()
-
-    _wake_executor = _rosidl_wake_executor
-
-    def create_publisher(
-        self,
-        msg_type: type[Any],
-        topic: str,
-        qos_profile: QoSProfile | int,
-        *,
-        callback_group: CallbackGroup | None = None,
-        event_callbacks: PublisherEventCallbacks | None = None,
-        qos_overriding_options: QoSOverridingOptions | None = None,
-        publisher_class: type[Publisher] = Publisher,
-    ) -> Publisher:
-        """Create a publisher; `qos_profile` may be a depth.
-
-        Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
-            TypeError, ValueError: `qos_profile` is not a profile or depth.
-            RCLError: the context is shut down.
-        """
-        profile = self._rosidl_to_profile(qos_profile)
-        group = callback_group or self.default_callback_group
-        callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
-        create = partial(self.handle.entity.create_publisher, message_class(msg_type), topic)
-        handle = self._rosidl_create_on_topic(
-            Publisher, msg_type, topic, profile, qos_overriding_options, callbacks, create
-        )
-        publisher = publisher_class(
-            handle,
-            msg_type,
-            topic,
-            profile,
-            event_callbacks=callbacks.create_event_handlers(group, handle, topic),
-            callback_group=group,
-        )
-        return self._rosidl_register(publisher, None, "publishers")
-
     def _rosidl_create_on_topic(
         self,
         entity_class: type[Publisher] | type[Subscription],
@@ -350,101 +279,34 @@ class Node(NodeParameters):
         topic: str,
         profile: QoSProfile,
         options: QoSOverridingOptions | None,
-        callbacks: PublisherEventCallbacks | SubscriptionEventCallbacks,
+        callbacks: PublisherEventCallbacks | SubscriptionEventCallbacks | None,
         create: Callable[..., Any],
+        min_depth: int = 0,
     ) -> Handle[Any]:
-        """Check the arguments, override the profile, and return the handle of the endpoint that `create` returns."""
+        """Check the arguments, override the profile, and return the handle of the endpoint that `create` returns.
+
+        Without callbacks, the runtime logs incompatible peers. The endpoint retains at least `min_depth` messages.
+        """
         full = self._rosidl_resolve_name(topic, is_service=False)
         options = QoSOverridingOptions([]) if options is None else options
         _declare_qos_parameters(entity_class, self, full, profile, options)
         check_is_valid_msg_type(msg_type)
         with self.handle:
             context, _ = self._rosidl_require_ok()
-            queues, runtime_callbacks = callbacks._rosidl_queues(context)
+            queues, runtime_callbacks = ({}, None) if callbacks is None else callbacks._rosidl_queues(context)
+            qos: Any = profile.get_c_qos_profile()
+            if qos.depth < min_depth and profile.history != HistoryPolicy.KEEP_ALL:
+                qos = qos.keep_last(min_depth)
             try:
                 with context.creation_lock, denied_as_rcl_error():
-                    endpoint = create(qos=profile.get_c_qos_profile(), event_callbacks=runtime_callbacks)
+                    endpoint = create(qos=qos, event_callbacks=runtime_callbacks)
                     handle = self.handle.create_endpoint_handle(endpoint, "subscriptions")
             except runtime.UnsupportedEventError as error:
                 raise UnsupportedEventTypeError(str(error)) from error
             handle.events = queues
-            context.add_topic_handle(handle)
+            if callbacks is not None:
+                context.add_topic_handle(handle)
         return handle
-
-    def create_subscription(
-        self,
-        msg_type: type[Any],
-        topic: str,
-        callback: Callable[..., Any],
-        qos_profile: QoSProfile | int,
-        *,
-        callback_group: CallbackGroup | None = None,
-        event_callbacks: SubscriptionEventCallbacks | None = None,
-        qos_overriding_options: QoSOverridingOptions | None = None,
-        raw: bool = False,
-    ) -> Subscription:
-        """Create a subscription; `qos_profile` may be a depth.
-
-        The callback is called with the message (bytes if `raw`), and with a dict of times and sequence numbers if it
-        takes two arguments.
-
-        Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
-            TypeError, ValueError: `qos_profile` is not a profile or depth.
-            RCLError: the context is shut down.
-            RuntimeError: the callback does not take one or two arguments.
-        """
-        profile = self._rosidl_to_profile(qos_profile)
-        group = callback_group or self.default_callback_group
-        callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
-        create: Callable[..., Any] = partial(
-            self.handle.entity.create_subscription, message_class(msg_type), topic, raw=raw
-        )
-        handle = self._rosidl_create_on_topic(
-            Subscription, msg_type, topic, profile, qos_overriding_options, callbacks, create
-        )
-        handlers = callbacks.create_event_handlers(group, handle, topic)
-        try:
-            subscription = Subscription(
-                handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers
-            )
-        except Exception:
-            handle.destroy_when_not_in_use()
-            raise
-        return self._rosidl_register(subscription, group, "subscriptions")
-
-    def create_client(
-        self,
-        srv_type: Any,
-        srv_name: str,
-        *,
-        qos_profile: QoSProfile = qos_profile_services_default,
-        callback_group: CallbackGroup | None = None,
-    ) -> Client:
-        """Create a client; raise InvalidServiceNameException, NoTypeSupportImportedException or RCLError."""
-        group = self.default_callback_group if callback_group is None else callback_group
-        handle = self._rosidl_create_on_service("client", srv_type, srv_name, qos_profile)
-        client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
-        return self._rosidl_register(client, group, "clients")
-
-    def create_service(
-        self,
-        srv_type: Any,
-        srv_name: str,
-        callback: Callable[[Any, Any], Any],
-        *,
-        qos_profile: QoSProfile = qos_profile_services_default,
-        callback_group: CallbackGroup | None = None,
-    ) -> Service:
-        """Create a service whose callback takes a request and an empty response, and returns the response.
-
-        Raises:
-            InvalidServiceNameException, NoTypeSupportImportedException, RCLError: see the classes.
-        """
-        group = self.default_callback_group if callback_group is None else callback_group
-        handle = self._rosidl_create_on_service("service", srv_type, srv_name, qos_profile)
-        service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
-        return self._rosidl_register(service, group, "services")
 
     def _rosidl_create_on_service(self, role: str, srv_type: Any, srv_name: str, profile: QoSProfile) -> Handle[Any]:
         """Check the arguments, and return the handle of a new ``client`` or ``service``."""
@@ -456,98 +318,6 @@ class Node(NodeParameters):
             return self.handle.create_endpoint_handle(
                 create(srv_type, srv_name, qos=profile.get_c_qos_profile()), f"{role}s"
             )
-
-    def create_timer(
-        self,
-        timer_period_sec: float,
-        callback: Callable[[], Any] | None,
-        callback_group: CallbackGroup | None = None,
-        clock: Clock | None = None,
-        autostart: bool = True,
-    ) -> Timer:
-        """Call a function every `timer_period_sec` seconds of the node's clock, or of `clock`.
-
-        Missed periods are skipped. Without `autostart`, the timer starts with `Timer.reset`.
-        """
-        period_ns = int(float(timer_period_sec) * S_TO_NS)
-        group = self.default_callback_group if callback_group is None else callback_group
-        self._rosidl_require_ok()
-        with self.handle:
-            clock = self._rosidl_own_clock() if clock is None else clock
-            timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
-        return self._rosidl_register(timer, group, "timers")
-
-    def create_guard_condition(
-        self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
-    ) -> GuardCondition:
-        """Create a guard condition: its callback is called after `GuardCondition.trigger`."""
-        group = self.default_callback_group if callback_group is None else callback_group
-        self._rosidl_require_ok()
-        with self.handle:
-            guard = GuardCondition(callback, group, context=self.context)
-        return self._rosidl_register(guard, group, "guards")
-
-    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        """Create a rate, whose ``sleep`` keeps a loop at a frequency in hertz while another thread spins the node.
-
-        Raises:
-            ValueError: the frequency is not positive.
-        """
-        if frequency <= 0:
-            raise ValueError("frequency must be > 0")
-        group = value_or_default(self._rate_group, CallbackGroup, self._rosidl_rate_group)
-        return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
-
-    def add_waitable(self, waitable: Waitable) -> None:
-        """Make the executor wait for an object of the program."""
-        self._rosidl_entity_lists["waitables"].append(waitable)
-        self._rosidl_wake_executor()
-
-    def remove_waitable(self, waitable: Waitable) -> None:
-        """Undo `add_waitable`."""
-        self._rosidl_entity_lists["waitables"].remove(waitable)
-        self._rosidl_wake_executor()
-
-    def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
-        own_list, *other_lists = self._rosidl_lists_of_kind(kind)
-        if entity not in own_list:
-            return False
-        for entities in (own_list, *other_lists):
-            if entity in entities:
-                entities.remove(entity)
-        for handler in getattr(entity, "event_handlers", ()):
-            self._rosidl_entity_lists["waitables"].remove(handler)
-        try:
-            entity.destroy()
-        except InvalidHandle:
-            return False
-        self._rosidl_wake_executor()
-        return True
-
-    def destroy_publisher(self, publisher: Publisher) -> bool:
-        """Destroy an entity after its current uses; return False if it is not, or no longer, of this node."""
-        return self._rosidl_destroy(publisher, "publishers")
-
-    def destroy_subscription(self, subscription: Subscription) -> bool:
-        return self._rosidl_destroy(subscription, "subscriptions")
-
-    def destroy_client(self, client: Client) -> bool:
-        return self._rosidl_destroy(client, "clients")
-
-    def destroy_service(self, service: Service) -> bool:
-        return self._rosidl_destroy(service, "services")
-
-    def destroy_timer(self, timer: Timer) -> bool:
-        return self._rosidl_destroy(timer, "timers")
-
-    def destroy_guard_condition(self, guard: GuardCondition) -> bool:
-        return self._rosidl_destroy(guard, "guards")
-
-    def destroy_rate(self, rate: Rate) -> bool:
-        """Destroy a rate and wake up its sleeping threads; return False if it is not of this node."""
-        was_destroyed = self.destroy_timer(rate._timer)
-        rate.destroy()
-        return was_destroyed
 
     def get_node_names(self) -> list[str]:
         """Return the names of all nodes, without namespaces."""
@@ -563,12 +333,6 @@ class Node(NodeParameters):
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         with self.handle.in_use() as node:
             return [(info.name, info.namespace, info.enclave) for info in node.get_nodes()]
-
-    def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
-        """Wait until a node is in the graph, or `timeout` seconds have passed; no executor is needed."""
-        name = "/" + fully_qualified_node_name.lstrip("/")
-        with self.handle as handle:
-            return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), timeout)
 
     def _rosidl_names_of_node(
         self, kind: str, node_name: str, node_namespace: str, no_demangle: bool = False
@@ -658,11 +422,447 @@ class Node(NodeParameters):
         """Return the subscriptions of a topic; with `no_mangle`, `topic_name` is a DDS topic."""
         return self._rosidl_endpoint_infos("subscriptions", topic_name, no_mangle)
 
+    def _rosidl_service_infos(self, name: str, no_mangle: bool, kind: EndpointTypeEnum) -> list[ServiceEndpointInfo]:
+        is_dds = self.handle.context.runtime.middleware == "DDS"
+        if no_mangle and is_dds:
+            raise RCLError(
+                "no_mangle: got True for a service; DDS has no services, only topics; use "
+                "get_publishers_info_by_topic or get_subscriptions_info_by_topic with no_mangle"
+            )
+        full_name = name if no_mangle else self._rosidl_full_name(name, is_service=True)
+        with self.handle.in_use() as node:
+            service = name if no_mangle else node.resolve_service_name(full_name)
+            infos = service_endpoints(
+                node, service, servers=kind is EndpointTypeEnum.SERVER, has_one_endpoint=not is_dds
+            )
+            return [ServiceEndpointInfo._rosidl_from_runtime(info, kind) for info in infos]
+
+    def get_clients_info_by_service(self, service_name: str, no_mangle: bool = False) -> list[ServiceEndpointInfo]:
+        """Return the clients of a service, whose name is expanded and remapped unless `no_mangle`.
+
+        Raises:
+            RCLError: `no_mangle` is true on DDS.
+        """
+        return self._rosidl_service_infos(service_name, no_mangle, EndpointTypeEnum.CLIENT)
+
+    def get_servers_info_by_service(self, service_name: str, no_mangle: bool = False) -> list[ServiceEndpointInfo]:
+        """Return the servers of a service; see `get_clients_info_by_service`."""
+        return self._rosidl_service_infos(service_name, no_mangle, EndpointTypeEnum.SERVER)
+
+    def get_action_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
+        """Return the actions a node has clients of, as ``('/turn', ['pkg/action/Turn'])``.
+
+        Raises:
+            NodeNameNonExistentError: the node is not in the graph.
+        """
+        return _actions_of_topics(self.get_subscriber_names_and_types_by_node(node_name, node_namespace))
+
+    def get_action_server_names_and_types_by_node(self, node_name: str, node_namespace: str) -> _NamesAndTypes:
+        """Return the actions of a node's servers; see `get_action_client_names_and_types_by_node`."""
+        return _actions_of_topics(self.get_publisher_names_and_types_by_node(node_name, node_namespace))
+
+    def get_action_names_and_types(self) -> _NamesAndTypes:
+        """Return the actions of all clients and servers."""
+        return _actions_of_topics(self.get_topic_names_and_types())
+
+    def _rosidl_destroy_subscription(self, subscription: BaseSubscription) -> None:
+        subscription.destroy()
+
+    def destroy_node(self) -> None:
+        """Destroy the node; later uses raise InvalidHandle, except for this method."""
+        self._parameter_event_publisher = None
+        self._rosidl_node.destroy_when_not_in_use()
+
+
+class Node(BaseNode):
+    """Member of the ROS graph, with publishers, subscriptions, services, clients, timers and parameters.
+
+    Args:
+        node_name: name, which ``-r __node:=...`` overrides.
+        context: an open context. [default: the default context]
+        cli_args: command line of this node alone, with ``--ros-args``.
+        namespace: namespace, with or without a leading ``/``.
+        use_global_arguments: apply the arguments of the context as well.
+        enable_rosout: publish log records on ``/rosout``.
+        rosout_qos_profile: profile or depth of the publisher on ``/rosout``.
+        start_parameter_services: let other nodes read and set parameters.
+        parameter_overrides: initial values, which take precedence over those of command lines.
+        allow_undeclared_parameters: allow parameters to be set without a declaration.
+        automatically_declare_parameters_from_overrides: declare each parameter that has an initial value.
+        enable_logger_service: let other nodes read and set the levels of loggers.
+
+    Raises:
+        NotInitializedException: the context is not open.
+        InvalidNodeNameException, InvalidNamespaceException, UnknownROSArgsError, RCLInvalidROSArgsError: see the
+            classes.
+    """
+
+    def __init__(
+        self,
+        node_name: str,
+        *,
+        context: Context | None = None,
+        cli_args: list[str] | None = None,
+        namespace: str | None = None,
+        use_global_arguments: bool = True,
+        enable_rosout: bool = True,
+        rosout_qos_profile: QoSProfile | int = qos_profile_rosout_default,
+        start_parameter_services: bool = True,
+        parameter_overrides: list[Parameter] | None = None,
+        allow_undeclared_parameters: bool = False,
+        automatically_declare_parameters_from_overrides: bool = False,
+        enable_logger_service: bool = False,
+    ) -> None:
+        self._rosidl_executor: weakref.ref[Executor] | None = None
+        self._rosidl_clock = self._clock = ROSClock()
+        # Some programs read rclpy's private attributes (`_timers`), others store values of other types in them. So each
+        # list is stored twice; the code here uses `_rosidl_entity_lists`.
+        self._rosidl_entity_lists: dict[str, list[Any]] = {kind: [] for kind in (*_KINDS, "waitables")}
+        self._rosidl_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._rosidl_rate_group: CallbackGroup = ReentrantCallbackGroup()
+        for kind in _KINDS:
+            setattr(self, f"_{kind}", self._rosidl_entity_lists[kind])
+        self._default_callback_group, self._rate_group = self._rosidl_group, self._rosidl_rate_group
+        super().__init__(
+            node_name,
+            context=context,
+            cli_args=cli_args,
+            namespace=namespace,
+            use_global_arguments=use_global_arguments,
+            enable_rosout=enable_rosout,
+            rosout_qos_profile=rosout_qos_profile,
+            start_parameter_services=start_parameter_services,
+            parameter_overrides=parameter_overrides,
+            allow_undeclared_parameters=allow_undeclared_parameters,
+            automatically_declare_parameters_from_overrides=automatically_declare_parameters_from_overrides,
+            enable_logger_service=enable_logger_service,
+        )
+
+    @property
+    def executor(self) -> Executor | None:
+        """Executor that serves the node; setting it removes the node from the previous one."""
+        return None if self._rosidl_executor is None else self._rosidl_executor()
+
+    @executor.setter
+    def executor(self, new_executor: Executor | None) -> None:
+        current = self.executor
+        if current is new_executor:
+            return
+        if current is not None:
+            current.remove_node(self)
+        if new_executor is None:
+            self._rosidl_executor = None
+        else:
+            new_executor.add_node(self)
+            self._rosidl_executor = weakref.ref(new_executor)
+
+    def get_clock(self) -> Clock:
+        """Return the clock of ROS time, which may be simulated."""
+        clock: Clock = self._clock
+        return clock if hasattr(clock, "now") else self._rosidl_clock
+
+    @property
+    def publishers(self) -> Iterator[Publisher]:
+        """Publishers of the node; the properties below are analogous."""
+        yield from self._rosidl_entity_lists["publishers"]
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        yield from self._rosidl_entity_lists["subscriptions"]
+
+    @property
+    def clients(self) -> Iterator[Client]:
+        yield from self._rosidl_entity_lists["clients"]
+
+    @property
+    def services(self) -> Iterator[Service]:
+        yield from self._rosidl_entity_lists["services"]
+
+    @property
+    def timers(self) -> Iterator[Timer]:
+        yield from self._rosidl_entity_lists["timers"]
+
+    @property
+    def guards(self) -> Iterator[GuardCondition]:
+        yield from self._rosidl_entity_lists["guards"]
+
+    @property
+    def waitables(self) -> Iterator[Waitable]:
+        yield from self._rosidl_entity_lists["waitables"]
+
+    @property
+    def default_callback_group(self) -> CallbackGroup:
+        """Group of the entities that are created without a group: it runs one callback at a time."""
+        return value_or_default(self._default_callback_group, CallbackGroup, self._rosidl_group)
+
+    def _rosidl_register(self, entity: _E, group: CallbackGroup | None, kind: str) -> _E:
+        if group is not None:
+            group.add_entity(entity)
+        for entities in self._rosidl_lists_of_kind(kind):
+            entities.append(entity)
+        if not isinstance(entity, GuardCondition):
+            entity._rosidl_on_destroy = partial(_forget_entity, weakref.ref(self), kind)
+        self._rosidl_entity_lists["waitables"] += getattr(entity, "event_handlers", ())
+        self._rosidl_wake_executor()
+        return entity
+
+    def _rosidl_lists_of_kind(self, kind: str) -> list[list[Any]]:
+        """Return the list of entities, and the list that the program has stored in rclpy's attribute instead."""
+        own_list, program_list = self._rosidl_entity_lists[kind], getattr(self, f"_{kind}", None)
+        if isinstance(program_list, list) and program_list is not own_list:
+            return [own_list, program_list]
+        return [own_list]
+
+    def _rosidl_wake_executor(self) -> None:
+        self.handle.context.notify()
+
+    _wake_executor = _rosidl_wake_executor
+
+    def create_publisher(
+        self,
+        msg_type: type[Any],
+        topic: str,
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        publisher_class: type[Publisher] = Publisher,
+    ) -> Publisher:
+        """Create a publisher; `qos_profile` may be a depth.
+
+        Raises:
+            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
+            TypeError, ValueError: `qos_profile` is not a profile or depth.
+            RCLError: the context is shut down.
+        """
+        profile = self._rosidl_to_profile(qos_profile)
+        group = callback_group or self.default_callback_group
+        callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
+        create = partial(self.handle.entity.create_publisher, message_class(msg_type), topic)
+        handle = self._rosidl_create_on_topic(
+            Publisher, msg_type, topic, profile, qos_overriding_options, callbacks, create
+        )
+        publisher = publisher_class(
+            handle,
+            msg_type,
+            topic,
+            profile,
+            event_callbacks=callbacks.create_event_handlers(group, handle, topic),
+            callback_group=group,
+        )
+        return self._rosidl_register(publisher, None, "publishers")
+
+    def create_subscription(
+        self,
+        msg_type: type[Any],
+        topic: str,
+        callback: Callable[..., Any],
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        raw: bool = False,
+        content_filter_options: ContentFilterOptions | None = None,
+        acceptable_buffer_backends: str | None = None,
+    ) -> Subscription:
+        """Create a subscription; `qos_profile` may be a depth.
+
+        The callback is called with the message (bytes if `raw`), and with a dict of times and sequence numbers if it
+        takes two arguments.
+
+        Args:
+            content_filter_options: filter of the messages, see `Subscription.set_content_filter`.
+            acceptable_buffer_backends: without effect; buffers are received in the memory of the process.
+
+        Raises:
+            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: see the classes.
+            TypeError, ValueError: `qos_profile` is not a profile or depth.
+            RCLError: the context is shut down.
+            RuntimeError: the callback does not take one or two arguments.
+        """
+        profile = self._rosidl_to_profile(qos_profile)
+        group = callback_group or self.default_callback_group
+        callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
+        create: Callable[..., Any] = partial(
+            self.handle.entity.create_subscription, message_class(msg_type), topic, raw=raw
+        )
+        handle = self._rosidl_create_on_topic(
+            Subscription,
+            msg_type,
+            topic,
+            profile,
+            qos_overriding_options,
+            callbacks,
+            create,
+            _min_depth(content_filter_options),
+        )
+        handlers = callbacks.create_event_handlers(group, handle, topic)
+        try:
+            subscription = Subscription(
+                handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers
+            )
+            if content_filter_options is not None:
+                subscription.set_content_filter(*content_filter_options)
+        except Exception:
+            handle.destroy_when_not_in_use()
+            raise
+        return self._rosidl_register(subscription, group, "subscriptions")
+
+    def create_client(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Client:
+        """Create a client; raise InvalidServiceNameException, NoTypeSupportImportedException or RCLError."""
+        group = self.default_callback_group if callback_group is None else callback_group
+        handle = self._rosidl_create_on_service("client", srv_type, srv_name, qos_profile)
+        client = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
+        return self._rosidl_register(client, group, "clients")
+
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Service:
+        """Create a service whose callback takes a request and an empty response, and returns the response.
+
+        Raises:
+            InvalidServiceNameException, NoTypeSupportImportedException, RCLError: see the classes.
+        """
+        group = self.default_callback_group if callback_group is None else callback_group
+        handle = self._rosidl_create_on_service("service", srv_type, srv_name, qos_profile)
+        service = Service(handle, srv_type, srv_name, callback, group, qos_profile)
+        return self._rosidl_register(service, group, "services")
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[[], Any] | None,
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Call a function every `timer_period_sec` seconds of the node's clock, or of `clock`.
+
+        Missed periods are skipped. Without `autostart`, the timer starts with `Timer.reset`.
+        """
+        period_ns = int(float(timer_period_sec) * S_TO_NS)
+        group = self.default_callback_group if callback_group is None else callback_group
+        self._rosidl_require_ok()
+        with self.handle:
+            clock = self._rosidl_own_clock() if clock is None else clock
+            timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
+        return self._rosidl_register(timer, group, "timers")
+
+    def create_guard_condition(
+        self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
+    ) -> GuardCondition:
+        """Create a guard condition: its callback is called after `GuardCondition.trigger`."""
+        group = self.default_callback_group if callback_group is None else callback_group
+        self._rosidl_require_ok()
+        with self.handle:
+            guard = GuardCondition(callback, group, context=self.context)
+        return self._rosidl_register(guard, group, "guards")
+
+    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
+        """Create a rate, whose ``sleep`` keeps a loop at a frequency in hertz while another thread spins the node.
+
+        Raises:
+            ValueError: the frequency is not positive.
+        """
+        if frequency <= 0:
+            raise ValueError("frequency must be > 0")
+        group = value_or_default(self._rate_group, CallbackGroup, self._rosidl_rate_group)
+        return Rate(self.create_timer(1.0 / frequency, None, group, clock), context=self.context)
+
+    def add_waitable(self, waitable: Waitable) -> None:
+        """Make the executor wait for an object of the program."""
+        self._rosidl_entity_lists["waitables"].append(waitable)
+        self._rosidl_wake_executor()
+
+    def remove_waitable(self, waitable: Waitable) -> None:
+        """Undo `add_waitable`."""
+        self._rosidl_entity_lists["waitables"].remove(waitable)
+        self._rosidl_wake_executor()
+
+    def _rosidl_forget(self, entity: Any, kind: str) -> bool:
+        """Remove an entity from the lists; return False if it is not, or no longer, of this node."""
+        own_list, *other_lists = self._rosidl_lists_of_kind(kind)
+        if entity not in own_list:
+            return False
+        for entities in (own_list, *other_lists):
+            if entity in entities:
+                entities.remove(entity)
+        for handler in getattr(entity, "event_handlers", ()):
+            self._rosidl_entity_lists["waitables"].remove(handler)
+        return True
+
+    def _rosidl_destroy(self, entity: Any, kind: str) -> bool:
+        if not self._rosidl_forget(entity, kind):
+            return False
+        try:
+            entity.destroy()
+        except InvalidHandle:
+            return False
+        self._rosidl_wake_executor()
+        return True
+
+    def destroy_publisher(self, publisher: Publisher) -> bool:
+        """Destroy an entity after its current uses; return False if it is not, or no longer, of this node."""
+        return self._rosidl_destroy(publisher, "publishers")
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        return self._rosidl_destroy(subscription, "subscriptions")
+
+    def _rosidl_destroy_subscription(self, subscription: BaseSubscription) -> None:
+        self._rosidl_destroy(subscription, "subscriptions")
+
+    def destroy_client(self, client: Client) -> bool:
+        return self._rosidl_destroy(client, "clients")
+
+    def destroy_service(self, service: Service) -> bool:
+        return self._rosidl_destroy(service, "services")
+
+    def destroy_timer(self, timer: Timer) -> bool:
+        return self._rosidl_destroy(timer, "timers")
+
+    def destroy_guard_condition(self, guard: GuardCondition) -> bool:
+        return self._rosidl_destroy(guard, "guards")
+
+    def destroy_rate(self, rate: Rate) -> bool:
+        """Destroy a rate and wake up its sleeping threads; return False if it is not of this node."""
+        was_destroyed = self.destroy_timer(rate._timer)
+        rate.destroy()
+        return was_destroyed
+
+    def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
+        """Wait until a node is in the graph, or `timeout` seconds have passed; no executor is needed."""
+        name = "/" + fully_qualified_node_name.lstrip("/")
+        with self.handle as handle:
+            return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), timeout)
+
     def destroy_node(self) -> None:
         """Destroy the node and its entities; later uses raise InvalidHandle, except for this method."""
         self._parameter_event_publisher = None
         for kind in _KINDS:
             while entities := self._rosidl_entity_lists[kind]:
                 self._rosidl_destroy(entities[0], kind)
-        self._rosidl_node.destroy_when_not_in_use()
+        super().destroy_node()
         self._rosidl_wake_executor()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.destroy_node()

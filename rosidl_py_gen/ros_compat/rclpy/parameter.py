@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import array
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple, Union
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple, TypeVar, Union
 
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
+from rclpy._subscriptable import Subscriptable
+
 PARAMETER_SEPARATOR_STRING = "."
 
 
-class Parameter:
+AllowableParameterValue = Union[
+    None, bool, int, float, str, list[bytes], list[bool], list[int], list[float], list[str], "array.array[Any]"
+]
+AllowableParameterValueT = TypeVar("AllowableParameterValueT")
+
+
+class Parameter(Subscriptable):
     """Name, type and value of a parameter. By default the type is that of the value.
 
     Raises:

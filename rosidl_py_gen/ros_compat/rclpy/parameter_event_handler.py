@@ -149,6 +149,15 @@ class ParameterEventHandler:
         """Remove a callback; raise RuntimeError if it is not registered."""
         self._callbacks.remove_parameter_event_callback(handle)
 
+    def configure_nodes_filter(self, node_names: list[str] | None = None) -> bool:
+        """Receive only the events of these nodes, given by their full names; without names, those of all nodes."""
+        names = [] if node_names is None else node_names
+        quoted = [f"'{name}'" for name in names]
+        self.parameter_event_subscription.set_content_filter(
+            " OR ".join(f"node = %{index}" for index in range(len(names))), quoted
+        )
+        return self.parameter_event_subscription.is_cft_enabled is bool(names)
+
     def _resolve_path(self, node_path: str | None = None) -> str:
         if not node_path:
             return str(self.node.get_fully_qualified_name())

@@ -22,7 +22,7 @@ from rclpy.qos import qos_profile_parameters
 from rclpy.validate_topic_name import TOPIC_SEPARATOR_STRING
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from rclpy.node import BaseNode
 
 _T = TypeVar("_T")
 
@@ -30,7 +30,7 @@ _T = TypeVar("_T")
 class ParameterService:
     """Parameter services of a node. If one requested name is unknown, the response is empty."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: BaseNode) -> None:
         self._node_weak_ref = weakref.ref(node)
         for srv_type, name, callback in (
             (DescribeParameters, "describe_parameters", self._describe_parameters_callback),
@@ -80,7 +80,7 @@ class ParameterService:
         except ParameterNotDeclaredException as error:
             return SetParametersResult(successful=False, reason=str(error))
 
-    def _get_node(self) -> Node:
+    def _get_node(self) -> BaseNode:
         node = self._node_weak_ref()
         if node is None:
             raise ReferenceError("Expected valid node weak reference")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar, Union
 
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy._subscriptable import Subscriptable
 from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler, PublisherEventCallbacks
@@ -13,13 +14,15 @@ from rclpy.qos import QoSProfile
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.handles import Handle
 
 MsgType = TypeVar("MsgType")
 
 
-class Publisher(TopicEntity[runtime.Publisher[Any]]):
-    """Publisher of a topic, created by `Node.create_publisher`.
+class BasePublisher(Subscriptable, TopicEntity[runtime.Publisher[Any]]):
+    """Publisher of a topic; base class of `Publisher` and `rclpy.experimental.AsyncPublisher`.
 
     Attributes:
         msg_type: class of the messages.
@@ -33,10 +36,10 @@ class Publisher(TopicEntity[runtime.Publisher[Any]]):
         msg_type: type[Any],
         topic: str,
         qos_profile: QoSProfile,
-        event_callbacks: list[EventHandler],
-        callback_group: CallbackGroup,
+        *,
+        on_destroy: Callable[[Any], None] | None = None,
     ) -> None:
-        super().__init__(publisher_impl, msg_type, topic, qos_profile, event_callbacks)
+        super().__init__(publisher_impl, msg_type, topic, qos_profile, [], on_destroy)
 
     def publish(self, msg: Any) -> None:
         """Publish a message, or the bytes of a serialized one. Thread: any.
@@ -68,6 +71,22 @@ class Publisher(TopicEntity[runtime.Publisher[Any]]):
         """Announce that the publisher is alive, for manual liveliness."""
         with self.handle.in_use() as publisher:
             publisher.assert_liveliness()
+
+
+class Publisher(BasePublisher):
+    """Publisher of a topic, created by `Node.create_publisher`."""
+
+    def __init__(
+        self,
+        publisher_impl: Handle[runtime.Publisher[Any]],
+        msg_type: type[Any],
+        topic: str,
+        qos_profile: QoSProfile,
+        event_callbacks: list[EventHandler],
+        callback_group: CallbackGroup,
+    ) -> None:
+        super().__init__(publisher_impl, msg_type, topic, qos_profile)
+        self.event_handlers = event_callbacks
 
     def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008  as in rclpy
         """Wait until all reliable subscriptions have acknowledged all messages; return False after `timeout`.

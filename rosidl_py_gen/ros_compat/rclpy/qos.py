@@ -256,6 +256,7 @@ qos_profile_parameters = QoSProfile._rosidl_from_runtime(presets.PARAMETERS)
 qos_profile_parameter_events = QoSProfile._rosidl_from_runtime(presets.PARAMETER_EVENTS)
 qos_profile_best_available = QoSProfile._rosidl_from_runtime(presets.BEST_AVAILABLE)
 qos_profile_action_status_default = QoSProfile._rosidl_from_runtime(presets.ACTION_STATUS)
+qos_profile_rosout_default = QoSProfile._rosidl_from_runtime(presets.ROSOUT)
 
 
 class QoSPresetProfiles(Enum):
@@ -270,6 +271,7 @@ class QoSPresetProfiles(Enum):
     PARAMETER_EVENTS = qos_profile_parameter_events
     ACTION_STATUS_DEFAULT = qos_profile_action_status_default
     BEST_AVAILABLE = qos_profile_best_available
+    ROSOUT_DEFAULT = qos_profile_rosout_default
 
     @classmethod
     def short_keys(cls) -> list[str]:

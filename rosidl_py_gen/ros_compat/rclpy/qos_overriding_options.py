@@ -28,7 +28,7 @@ from rclpy.qos import (
 from rclpy.subscription import Subscription
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from rclpy.node import BaseNode
 
 QosCallbackResult = SetParametersResult
 QosCallbackType = Callable[[QoSProfile], Any]
@@ -66,7 +66,7 @@ class QoSOverridingOptions:
 
 def _declare_qos_parameters(
     entity_type: type[Publisher] | type[Subscription],
-    node: Node,
+    node: BaseNode,
     topic_name: str,
     qos: QoSProfile,
     options: QoSOverridingOptions,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Any, Callable, TypeVar
+from typing import TYPE_CHECKING, Any, Awaitable, Callable, TypeVar
 
+from rclpy._subscriptable import Subscriptable
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.impl.entities import ServiceEntity
@@ -13,18 +14,19 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable
-
     from rclpy.executors import Executor
     from rclpy.handles import Handle
 
 SrvType = TypeVar("SrvType")
 SrvTypeRequest = TypeVar("SrvTypeRequest")
 SrvTypeResponse = TypeVar("SrvTypeResponse")
+GenericServiceCallback = Callable[[Any, Any], Any]
+AsyncGenericServiceCallback = Callable[[Any, Any], Awaitable[Any]]
+ServiceCallbackUnion = GenericServiceCallback | AsyncGenericServiceCallback
 
 
-class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
-    """Server of a service, created by `Node.create_service`.
+class BaseService(Subscriptable, ServiceEntity[runtime.ServiceServer[Any, Any]]):
+    """Server of a service; base class of `Service` and `rclpy.experimental.AsyncService`.
 
     Attributes:
         srv_type: class of the service.
@@ -32,18 +34,17 @@ class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
         callback: function, plain or async, that takes the request and an empty response, and returns the response.
     """
 
-    _rosidl_take_method = "_take_service"
-
     def __init__(
         self,
         service_impl: Handle[runtime.ServiceServer[Any, Any]],
         srv_type: Any,
         srv_name: str,
-        callback: Callable[[Any, Any], Any],
-        callback_group: CallbackGroup,
+        callback: ServiceCallbackUnion,
         qos_profile: QoSProfile,
+        *,
+        on_destroy: Callable[[Any], None] | None = None,
     ) -> None:
-        super().__init__(service_impl, srv_type, srv_name, qos_profile, callback_group)
+        super().__init__(service_impl, srv_type, srv_name, qos_profile, on_destroy)
         self.callback = callback
 
     def send_response(self, response: Any, header: runtime.ServiceRequest[Any, Any]) -> None:
@@ -58,6 +59,25 @@ class Service(ServiceEntity[runtime.ServiceServer[Any, Any]]):
     def _rosidl_take_request(self) -> runtime.ServiceRequest[Any, Any] | None:
         with self._rosidl_handle as handle:
             return handle.entity.take()
+
+
+class Service(BaseService):
+    """Server of a service, created by `Node.create_service`."""
+
+    _rosidl_take_method = "_take_service"
+
+    def __init__(
+        self,
+        service_impl: Handle[runtime.ServiceServer[Any, Any]],
+        srv_type: Any,
+        srv_name: str,
+        callback: ServiceCallbackUnion,
+        callback_group: CallbackGroup,
+        qos_profile: QoSProfile,
+    ) -> None:
+        super().__init__(service_impl, srv_type, srv_name, callback, qos_profile)
+        self.callback_group = callback_group
+        self._executor_event = False
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         request = self._rosidl_take_request()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Protocol, Tuple, Union, overload
 
 import builtin_interfaces.msg
@@ -56,6 +57,12 @@ class Time(_Ordered):
     def seconds_nanoseconds(self) -> tuple[int, int]:
         """Return the whole seconds and the remaining nanoseconds."""
         return divmod(self.nanoseconds, S_TO_NS)
+
+    def to_datetime(self) -> datetime:
+        """Return the time as a datetime in local time; raise TypeError for a steady clock."""
+        if self.clock_type not in (ClockType.ROS_TIME, ClockType.SYSTEM_TIME):
+            raise TypeError("Time object's clock type should be either ROS_TIME or SYSTEM_TIME")
+        return datetime.fromtimestamp(self.nanoseconds / S_TO_NS)
 
     @property
     def clock_type(self) -> ClockTypeOfC:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, List, Optional, Set
 import rosgraph_msgs.msg
 from rcl_interfaces.msg import SetParametersResult
 
-from rclpy.clock import ROSClock
+from rclpy.clock import BaseClock, ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.node_parameters import NodeParameters
 from rclpy.parameter import Parameter
@@ -16,8 +16,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
-    from rclpy.subscription import Subscription
+    from rclpy.node import BaseNode
+    from rclpy.subscription import BaseSubscription
 
 CLOCK_TOPIC = "/clock"
 USE_SIM_TIME_NAME = "use_sim_time"
@@ -26,10 +26,10 @@ USE_SIM_TIME_NAME = "use_sim_time"
 class TimeSource:
     """Subscription to /clock that sets clocks."""
 
-    def __init__(self, *, node: Node | None = None) -> None:
-        self._clock_sub: Subscription | None = None
-        self._node_weak_ref: weakref.ref[Node] | None = None
-        self._associated_clocks: set[ROSClock] = set()
+    def __init__(self, *, node: BaseNode | None = None) -> None:
+        self._clock_sub: BaseSubscription | None = None
+        self._node_weak_ref: weakref.ref[BaseNode] | None = None
+        self._associated_clocks: set[BaseClock] = set()
         self._last_time_set = Time(clock_type=ClockType.ROS_TIME)
         self._ros_time_is_active = False
         if node is not None:
@@ -51,7 +51,7 @@ class TimeSource:
         else:
             node = self._get_node()
             if self._clock_sub is not None and node is not None:
-                node.destroy_subscription(self._clock_sub)
+                node._rosidl_destroy_subscription(self._clock_sub)
                 self._clock_sub = None
 
     def _subscribe_to_clock_topic(self) -> None:
@@ -60,7 +60,7 @@ class TimeSource:
             qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._clock_sub = node.create_subscription(rosgraph_msgs.msg.Clock, CLOCK_TOPIC, self.clock_callback, qos)
 
-    def attach_node(self, node: Node) -> None:
+    def attach_node(self, node: BaseNode) -> None:
         """Follow the parameter of a node, and declare it if necessary; raise TypeError unless `node` is a Node."""
         if not isinstance(node, NodeParameters):  # which only nodes are
             raise TypeError("Node must be of type rclpy.node.Node")
@@ -85,13 +85,13 @@ class TimeSource:
             node = self._get_node()
             if node is None:
                 raise RuntimeError("Unable to destroy previously created clock subscription")
-            node.destroy_subscription(self._clock_sub)
+            node._rosidl_destroy_subscription(self._clock_sub)
         self._clock_sub = None
         self._node_weak_ref = None
 
-    def attach_clock(self, clock: ROSClock) -> None:
-        """Set this clock as well; raise ValueError unless it is a ROSClock."""
-        if not isinstance(clock, ROSClock):
+    def attach_clock(self, clock: BaseClock) -> None:
+        """Set this clock as well; raise ValueError unless its type is ROS_TIME."""
+        if not isinstance(clock, BaseClock) or clock.clock_type != ClockType.ROS_TIME:
             raise ValueError("Only clocks with type ROS_TIME can be attached.")
         clock.set_ros_time_override(self._last_time_set)
         clock._set_ros_time_is_active(self.ros_time_is_active)
@@ -117,5 +117,5 @@ class TimeSource:
             break
         return SetParametersResult(successful=True)
 
-    def _get_node(self) -> Node | None:
+    def _get_node(self) -> BaseNode | None:
         return None if self._node_weak_ref is None else self._node_weak_ref()

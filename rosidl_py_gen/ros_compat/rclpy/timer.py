@@ -2,29 +2,77 @@
 
 from __future__ import annotations
 
+import inspect
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any, Callable, Optional
+from functools import partial
+from typing import TYPE_CHECKING, Any, Awaitable, Callable, Optional
 
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup
-from rclpy.clock import Clock, JumpThreshold
+from rclpy.clock import BaseClock, Clock, JumpThreshold
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, NotInitializedException, ROSInterruptException
 from rclpy.handles import ContextHandle, Destroyable
+from rclpy.time import Time
 from rclpy.utilities import get_default_context, resolve_context
 
 if TYPE_CHECKING:
-    from rclpy.clock import Clock, TimeJump
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from rclpy.clock import TimeJump
     from rclpy.executors import Executor
+
+
+class TimerInfo:
+    """Times of a call of a timer: `expected_call_time` and `actual_call_time`.
+
+    A timer passes it to the parameter of its callback that is annotated with this class. Times are nanoseconds of the
+    timer's clock.
+
+    Raises:
+        TypeError: `clock_type` is not a ClockType.
+        ValueError: a time is negative.
+    """
+
+    def __init__(
+        self,
+        *,
+        expected_call_time: int = 0,
+        actual_call_time: int = 0,
+        clock_type: ClockType = ClockType.SYSTEM_TIME,
+    ) -> None:
+        if not isinstance(clock_type, ClockType):
+            raise TypeError("Clock type must be a ClockType enum")
+        if expected_call_time < 0 or actual_call_time < 0:
+            raise ValueError("call time values must not be negative")
+        self._rosidl_expected_call_time = Time(nanoseconds=expected_call_time, clock_type=clock_type)
+        self._rosidl_actual_call_time = Time(nanoseconds=actual_call_time, clock_type=clock_type)
+
+    @property
+    def expected_call_time(self) -> Time:
+        """Time when the call was due."""
+        return self._rosidl_expected_call_time
+
+    @property
+    def actual_call_time(self) -> Time:
+        """Time of the call."""
+        return self._rosidl_actual_call_time
+
+
+TimerCallbackType = Callable[[], None] | Callable[[TimerInfo], None]
+AsyncTimerCallbackType = Callable[[], Awaitable[None]] | Callable[[TimerInfo], Awaitable[None]]
+TimerCallbackUnion = TimerCallbackType | AsyncTimerCallbackType
 
 
 class TimerHandle(Destroyable):
     """Schedule of a timer, as in rcl: calls are whole periods apart, and missed ones are skipped."""
 
-    def __init__(self, context: ContextHandle, clock: Clock, period_ns: int, autostart: bool) -> None:
+    def __init__(self, context: ContextHandle, clock: BaseClock, period_ns: int, autostart: bool) -> None:
         super().__init__()
         if period_ns < 0:
             raise RCLError("failed to create timer: timer period must be non-negative")
@@ -62,16 +110,19 @@ class TimerHandle(Destroyable):
                 self._last_ns, self._next_ns = now_ns, now_ns + self.period_ns
         self._context.notify()
 
-    def call_timer(self) -> None:
+    def call_timer(self) -> tuple[int, int]:
+        """Start the next period, and return when this call was due and when it takes place, in nanoseconds."""
         now_ns = self._now_ns()
         with self._lock:
+            expected_ns = self._next_ns
             self._last_ns = now_ns
             if self.period_ns == 0:
                 self._next_ns = now_ns
-                return
+                return expected_ns, now_ns
             self._next_ns += self.period_ns
             if self._next_ns <= now_ns:  # the next call must be later than now, even if now is a multiple
                 self._next_ns += ((now_ns - self._next_ns) // self.period_ns + 1) * self.period_ns
+        return expected_ns, now_ns
 
     def is_ready(self) -> bool:
         return not self.canceled and not self._is_destruction_requested and self._next_ns <= self._now_ns()
@@ -114,18 +165,18 @@ def _weak_callback(method: Callable[..., None]) -> Callable[..., None]:
     return call
 
 
-class Timer:
-    """Timer, created by `Node.create_timer`. Times are nanoseconds of its clock."""
+class BaseTimer:
+    """Timer; base class of `Timer` and `rclpy.experimental.AsyncTimer`. Times are nanoseconds of its clock."""
 
-    _rosidl_take_method = "_take_timer"
+    callback: Callable[..., Any] | None
 
     def __init__(
         self,
-        callback: Callable[[], Any] | None,
-        callback_group: CallbackGroup | None,
+        callback: Callable[..., Any] | None,
         timer_period_ns: int,
-        clock: Clock,
+        clock: BaseClock,
         *,
+        on_destroy: Callable[[Any], None] | None = None,
         context: Context | None = None,
         autostart: bool = True,
     ) -> None:
@@ -137,9 +188,8 @@ class Timer:
         with handle:
             self._rosidl_timer = TimerHandle(handle, clock, int(timer_period_ns), autostart)
         self._rosidl_is_ready = self._rosidl_timer.is_ready
+        self._rosidl_on_destroy = on_destroy
         self.callback = callback
-        self.callback_group = callback_group
-        self._executor_event = False
 
     @property
     def handle(self) -> TimerHandle:
@@ -147,10 +197,13 @@ class Timer:
 
     def destroy(self) -> None:
         """Destroy the timer; use `Node.destroy_timer` for those of nodes."""
+        on_destroy, self._rosidl_on_destroy = self._rosidl_on_destroy, None
+        if on_destroy is not None:
+            on_destroy(self)
         self._rosidl_timer.destroy_when_not_in_use()
 
     @property
-    def clock(self) -> Clock:
+    def clock(self) -> Any:
         return self._clock
 
     @property
@@ -196,10 +249,61 @@ class Timer:
         with self._rosidl_timer:
             return self._rosidl_timer.time_until_next_call()
 
+    def _rosidl_info(self, expected_ns: int, actual_ns: int) -> TimerInfo:
+        return TimerInfo(
+            expected_call_time=max(0, expected_ns),  # negative after a jump back to the start of simulated time
+            actual_call_time=actual_ns,
+            clock_type=ClockType(int(self._clock.clock_type)),
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.destroy()
+
+
+class Timer(BaseTimer):
+    """Timer, created by `Node.create_timer`. Times are nanoseconds of its clock."""
+
+    _rosidl_take_method = "_take_timer"
+
+    def __init__(
+        self,
+        callback: Callable[..., Any] | None,
+        callback_group: CallbackGroup | None,
+        timer_period_ns: int,
+        clock: Clock,
+        *,
+        context: Context | None = None,
+        autostart: bool = True,
+    ) -> None:
+        super().__init__(callback, timer_period_ns, clock, context=context, autostart=autostart)
+        self.callback_group = callback_group
+        self._executor_event = False
+
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         with self._rosidl_timer:
-            self._rosidl_timer.call_timer()
-        return self.callback
+            times_ns = self._rosidl_timer.call_timer()
+        callback = self.callback
+        name = None if callback is None else _name_of_info_parameter(callback)
+        if callback is None or name is None:
+            return callback
+        return partial(callback, **{name: self._rosidl_info(*times_ns)})
+
+
+def _name_of_info_parameter(callback: Callable[..., Any]) -> str | None:
+    """Return the name of the first parameter that is annotated with `TimerInfo`; None if there is none."""
+    function = getattr(callback, "__func__", callback)
+    if hasattr(function, "__code__") and not function.__annotations__:  # nearly all callbacks; a signature takes 10 us
+        return None
+    try:
+        parameters = inspect.signature(callback).parameters.values()
+    except (TypeError, ValueError):  # functions of C
+        return None
+    return next((parameter.name for parameter in parameters if parameter.annotation in (TimerInfo, "TimerInfo")), None)
 
 
 class Rate:

@@ -14,7 +14,7 @@ from rclpy.type_support import check_is_valid_srv_type
 from rclpy.validate_topic_name import TOPIC_SEPARATOR_STRING
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from rclpy.node import BaseNode
 
 START_TYPE_DESCRIPTION_SERVICE_PARAM = "start_type_description_service"
 
@@ -22,7 +22,7 @@ START_TYPE_DESCRIPTION_SERVICE_PARAM = "start_type_description_service"
 class TypeDescriptionService:
     """Read-only parameter of a node that enables its service ``get_type_description``."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: BaseNode) -> None:
         self.service_name = f"{node.get_name()}/get_type_description"
         name = START_TYPE_DESCRIPTION_SERVICE_PARAM
         if not node.has_parameter(name):

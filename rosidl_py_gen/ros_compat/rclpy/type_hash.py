@@ -1,6 +1,15 @@
 """Type hashes that endpoints announce."""
 
+from typing import TypedDict
+
 from rclpy.impl._fields import Checked
+
+
+class TypeHashDictionary(TypedDict):
+    """Arguments of `TypeHash`."""
+
+    version: int
+    value: bytes
 
 
 class TypeHash:

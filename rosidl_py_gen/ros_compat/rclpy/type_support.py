@@ -1,8 +1,28 @@
 """Checks for classes of messages, services and actions."""
 
-from typing import Any
+from typing import Any, TypeVar
 
+from rclpy._subscriptable import Subscriptable
 from rclpy.exceptions import NoTypeSupportImportedException
+
+Msg = Any
+MsgT = TypeVar("MsgT")
+SrvRequestT = TypeVar("SrvRequestT")
+SrvResponseT = TypeVar("SrvResponseT")
+SrvT = TypeVar("SrvT")
+GoalT = TypeVar("GoalT")
+ResultT = TypeVar("ResultT")
+FeedbackT = TypeVar("FeedbackT")
+ImplT = TypeVar("ImplT")
+ActionT = TypeVar("ActionT")
+
+
+class Srv(Subscriptable):
+    """Class of a service, for annotations: ``type[Srv[RequestT, ResponseT]]``."""
+
+
+class Action(Subscriptable):
+    """Class of an action, for annotations: ``type[Action[GoalT, ResultT, FeedbackT, ImplT]]``."""
 
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partialmethod
 from typing import TYPE_CHECKING, Any
 
+from rclpy._subscriptable import Subscriptable
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
@@ -88,7 +90,7 @@ class WaitSet:
         return [handle.pointer for index, handle in enumerate(handles) if self.is_ready(entity_type, index)]
 
 
-class Waitable:
+class Waitable(Subscriptable):
     """Base class of objects that an executor waits for and executes."""
 
     _rosidl_queue: Collection[Any] | None = None

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
     from rosidl_py_gen.runtime.loop.callback_failures import OnError
     from rosidl_py_gen.runtime.time.clock import Clock
-    from rosidl_py_gen.runtime.transport.qos import QoSLike
+    from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
 
 MessageT = TypeVar("MessageT", bound=Message)
 
@@ -144,8 +144,8 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             self.logger.warning(sentence)
         try:
             core.loop_binding.adopt_running_loop()
-            if enable_rosout and core.ros_arguments.logs.rosout:
-                _start_rosout(self._scope)
+            if enable_rosout:
+                self._start_rosout(ROSOUT)
             self._open_parameters(
                 own_arguments.parameters,
                 parameter_overrides or {},
@@ -161,6 +161,11 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         except BaseException:
             self.close()
             raise
+
+    def _start_rosout(self, qos: QoSProfile) -> None:
+        """Publish log records on ``/rosout``, unless the command line disables it."""
+        if self.context._core.ros_arguments.logs.rosout:
+            _start_rosout(self._scope, qos)
 
     def _finish_open(self) -> None:
         """Start what a subclass adds; the node is closed when this fails."""
@@ -425,9 +430,9 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         return f"{type(self).__name__}({self.fully_qualified_name}, {state})"
 
 
-def _start_rosout(scope: EntityScope) -> None:
+def _start_rosout(scope: EntityScope, qos: QoSProfile) -> None:
     """Publish the node's log records on ``/rosout`` until it closes (docs/internals/protocol.md 9.7)."""
-    publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
+    publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", qos)
 
     def publish(record: logging.LogRecord) -> None:
         publisher._publish_without_waiting(log_message(record))

@@ -24,8 +24,8 @@ hash(QoSProfile(depth=1))
 QoSProfile(depth=True)
 QoSProfile(depth=1,avoid_ros_namespace_conventions=1)  # text
 [(k,v.value) for k,v in QoSPresetProfiles.__members__.items()][0]
-list(QoSPresetProfiles.__members__)
-QoSPresetProfiles.short_keys()
+list(QoSPresetProfiles.__members__)  # ours: with the one of Lyrical
+QoSPresetProfiles.short_keys()  # ours: with the one of Lyrical
 QoSPresetProfiles.get_from_short_key("sensor_data")
 QoSCompatibility.OK.name
 int(QoSCompatibility.ERROR)
@@ -57,7 +57,7 @@ str(InvalidQoSProfileException("x","y"))
 DeadlineBestAvailable
 LivelinessLeaseDurationeBestAvailable
 QoSProfile(depth=1)==5
-[str(preset.value) for preset in QoSPresetProfiles]
+[str(preset.value) for preset in QoSPresetProfiles]  # ours: with the one of Lyrical
 int(QoSCompatibility(2))
 DurabilityPolicy.VOLATILE.short_key
 LivelinessPolicy.RMW_QOS_POLICY_LIVELINESS_AUTOMATIC

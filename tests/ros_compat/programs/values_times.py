@@ -26,7 +26,7 @@ Duration(seconds=float("inf"))
 Duration(seconds=float("nan"))
 Time(seconds=1)-Time(seconds=2)
 Duration(seconds=1)+Time()
-Duration()+Duration()
+Duration()+Duration()  # ours: as in Lyrical
 Duration(seconds=-1)
 Duration(seconds=1,nanoseconds=-1)
 Duration(nanoseconds=-2**63-1)

@@ -13,6 +13,7 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from unique_identifier_msgs.msg import UUID
 
+from rclpy._subscriptable import Subscriptable
 from rclpy.executors import await_or_execute
 from rclpy.impl.action_endpoints import ActionWaitable
 from rclpy.impl.pending_requests import PendingRequests, wait_until_done
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 _FINAL_STATES = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 
 
-class ClientGoalHandle:
+class ClientGoalHandle(Subscriptable):
     """Goal to which a server replied, accepted or not."""
 
     def __init__(self, action_client: ActionClient, goal_id: Any, goal_response: Any) -> None:
@@ -94,6 +95,7 @@ class ActionClient(ActionWaitable):
     Args:
         action_type: class such as `example_interfaces.action.Fibonacci`.
         action_name: name, expanded and remapped like those of topics.
+        enable_feedback_msg_optimization: without effect; feedback for goals of other clients is always ignored here.
     """
 
     def __init__(
@@ -108,6 +110,7 @@ class ActionClient(ActionWaitable):
         cancel_service_qos_profile: QoSProfile = qos_profile_services_default,
         feedback_sub_qos_profile: QoSProfile = QoSProfile(depth=10),  # noqa: B008  # as in rclpy
         status_sub_qos_profile: QoSProfile = qos_profile_action_status_default,
+        enable_feedback_msg_optimization: bool = False,
     ) -> None:
         super().__init__(node, action_type, action_name, callback_group, "action_client")
         self._action_name = action_name

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from action_msgs.msg import GoalInfo, GoalStatus
 
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy._subscriptable import Subscriptable
 from rclpy.clock import Clock
 from rclpy.executors import await_or_execute
 from rclpy.impl.action_endpoints import ActionWaitable
@@ -53,7 +54,7 @@ class CancelResponse(Enum):
     ACCEPT = 2
 
 
-class ServerGoalHandle:
+class ServerGoalHandle(Subscriptable):
     """Accepted goal. `succeed`, `abort` and `canceled` end it; its result is what the execute callback returns."""
 
     def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
@@ -109,7 +110,7 @@ class ServerGoalHandle:
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
         """Schedule the execution, by this callback or that of the server."""
         if not self.is_cancel_requested:
-            self._update_state(GoalEvent.EXECUTE)
+            self.executing()
         self._action_server.notify_execute(self, execute_callback)
 
     def publish_feedback(self, feedback: Any) -> None:
@@ -120,16 +121,29 @@ class ServerGoalHandle:
         if not self._rosidl_is_destroyed:
             self._action_server._rosidl_publish_feedback(self.goal_id, feedback)
 
-    def succeed(self) -> None:
-        """End the goal as succeeded; raise RCLError if that is not possible, as the next two methods."""
-        self._update_state(GoalEvent.SUCCEED)
+    def executing(self) -> None:
+        """Mark the goal as executing, for servers without execute callback; raise RCLError if that is not possible."""
+        self._update_state(GoalEvent.EXECUTE)
 
-    def abort(self) -> None:
-        self._update_state(GoalEvent.ABORT)
+    def succeed(self, response: Any = None) -> None:
+        """End the goal as succeeded; raise RCLError if that is not possible, as the next two methods.
 
-    def canceled(self) -> None:
+        Args:
+            response: result of the goal. [default: the result that the execute callback returns]
+        """
+        self._rosidl_end(GoalEvent.SUCCEED, response)
+
+    def abort(self, response: Any = None) -> None:
+        self._rosidl_end(GoalEvent.ABORT, response)
+
+    def canceled(self, response: Any = None) -> None:
         """End the goal as canceled, after a client requested that."""
-        self._update_state(GoalEvent.CANCELED)
+        self._rosidl_end(GoalEvent.CANCELED, response)
+
+    def _rosidl_end(self, event: runtime.GoalEvent, response: Any) -> None:
+        self._update_state(event)
+        if response is not None:
+            self._action_server._rosidl_set_result(self, response)
 
     def destroy(self) -> None:
         """Invalidate the goal."""
@@ -158,7 +172,8 @@ class ActionServer(ActionWaitable):
     Args:
         action_type: class such as `example_interfaces.action.Fibonacci`.
         action_name: name, expanded and remapped like those of topics.
-        execute_callback: function that takes a `ServerGoalHandle` and returns a result of the action.
+        execute_callback: function that takes a `ServerGoalHandle` and returns a result of the action; None if the
+            program ends goals itself, as `ServerGoalHandle.succeed` does.
         goal_callback: function that takes the goal and returns a `GoalResponse`.
         handle_accepted_callback: function that takes the `ServerGoalHandle` and executes it, now or later.
         cancel_callback: function that takes the `ServerGoalHandle` and returns a `CancelResponse`.
@@ -174,7 +189,7 @@ class ActionServer(ActionWaitable):
         node: Node,
         action_type: Any,
         action_name: str,
-        execute_callback: Callable[[ServerGoalHandle], Any],
+        execute_callback: Callable[[ServerGoalHandle], Any] | None = None,
         *,
         callback_group: CallbackGroup | None = None,
         goal_callback: Callable[[Any], Any] | None = default_goal_callback,
@@ -190,7 +205,9 @@ class ActionServer(ActionWaitable):
         self.register_handle_accepted_callback(handle_accepted_callback)
         self.register_goal_callback(goal_callback)
         self.register_cancel_callback(cancel_callback)
-        self.register_execute_callback(execute_callback)
+        self._execute_callback: Callable[[ServerGoalHandle], Any] | None = None
+        if execute_callback is not None:
+            self.register_execute_callback(execute_callback)
         super().__init__(node, action_type, action_name, callback_group, "action_server")
         self._rosidl_result_timeout_ns = _to_timeout_ns(result_timeout)
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
@@ -265,10 +282,13 @@ class ActionServer(ActionWaitable):
         if goal_handle.is_active:
             self._logger.warning(f"Goal state not set, assuming aborted. Goal ID: {goal_handle.goal_id.uuid}")
             goal_handle.abort()
+        self._rosidl_set_result(goal_handle, result)
+
+    def _rosidl_set_result(self, goal_handle: ServerGoalHandle, result: Any) -> None:
         response = self._action_type.Impl.GetResultService.Response(status=goal_handle.status)
         response.result = self._rosidl_as_result(result)
         future = self._result_futures.get(bytes(goal_handle.goal_id.uuid))
-        if future is not None:  # None: it has expired
+        if future is not None and not future.done():  # None: it has expired
             future.set_result(response)
 
     def _rosidl_as_result(self, value: Any) -> Any:
@@ -381,11 +401,14 @@ class ActionServer(ActionWaitable):
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], Any] | None
     ) -> None:
-        """Schedule the execution of a goal, by this callback or the registered one."""
+        """Schedule the execution of a goal, by this callback or the registered one; do nothing if there is none."""
+        callback = execute_callback or self._execute_callback
+        if callback is None:
+            return
         executor = self._node.executor
         if executor is None:
             raise RuntimeError("cannot execute the goal: the node of its server is not in an executor")
-        executor.create_task(self._execute_goal, execute_callback or self._execute_callback, goal_handle)
+        executor.create_task(self._execute_goal, callback, goal_handle)
 
     def is_ready(self, wait_set: WaitSet) -> bool:
         has_request = any(service.is_ready for service in self._rosidl_services.values())

@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from rclpy.callback_groups import CallbackGroup
+    from rclpy.clock import BaseClock
     from rclpy.handles import Handle
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
+    from rclpy.service_introspection import ServiceIntrospectionState
     from rclpy.waitable import WaitSet
 
 
@@ -44,6 +46,14 @@ class ActionEndpoints(Destroyable):
             endpoint.on_ready(self.context.notify)
         self._endpoints.append(endpoint)
         return endpoint
+
+    def configure_introspection(
+        self, clock: runtime.Clock, qos: runtime.QoSProfile, state: runtime.IntrospectionState
+    ) -> None:
+        """Publish requests and responses of the services, as `state` says."""
+        for endpoint in self._endpoints:
+            if isinstance(endpoint, (runtime.Client, runtime.ServiceServer)):
+                endpoint.configure_introspection(clock, qos, state)
 
     @contextlib.contextmanager
     def closing_on_error(self) -> Iterator[ActionEndpoints]:
@@ -82,6 +92,17 @@ class ActionWaitable(Waitable):
 
     def __exit__(self, t: object, v: object, tb: object) -> None:
         self._rosidl_endpoints.__exit__()
+
+    def configure_introspection(
+        self, clock: BaseClock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
+    ) -> None:
+        """Publish requests and responses of the three services, as `introspection_state` says."""
+        with self._rosidl_endpoints as endpoints:
+            endpoints.configure_introspection(
+                clock.handle.clock,
+                service_event_qos_profile.get_c_qos_profile(),
+                runtime.IntrospectionState(int(introspection_state)),
+            )
 
     def destroy(self) -> None:
         """Destroy the endpoints."""

@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.clock import Clock
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from rclpy.clock import BaseClock
     from rclpy.event_handler import EventHandler
     from rclpy.handles import Handle
     from rclpy.qos import QoSProfile
@@ -20,8 +24,9 @@ E = TypeVar("E", bound=Any)
 class Entity(Generic[E]):
     """Entity of a node."""
 
-    def __init__(self, handle: Handle[E]) -> None:
+    def __init__(self, handle: Handle[E], on_destroy: Callable[[Any], None] | None = None) -> None:
         self._rosidl_handle = handle
+        self._rosidl_on_destroy = on_destroy
 
     @property
     def handle(self) -> Handle[E]:
@@ -35,16 +40,33 @@ class Entity(Generic[E]):
 
     def destroy(self) -> None:
         """Destroy the entity; use the methods of `Node` for it."""
+        on_destroy, self._rosidl_on_destroy = self._rosidl_on_destroy, None
+        if on_destroy is not None:
+            on_destroy(self)
         self.handle.destroy_when_not_in_use()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.destroy()
 
 
 class TopicEntity(Entity[E]):
     """Publisher or subscription."""
 
     def __init__(
-        self, handle: Handle[E], msg_type: type[Any], topic: str, qos: QoSProfile, event_handlers: list[EventHandler]
+        self,
+        handle: Handle[E],
+        msg_type: type[Any],
+        topic: str,
+        qos: QoSProfile,
+        event_handlers: list[EventHandler],
+        on_destroy: Callable[[Any], None] | None = None,
     ) -> None:
-        super().__init__(handle)
+        super().__init__(handle, on_destroy)
         self.msg_type = msg_type
         self.topic = topic
         self.qos_profile = qos
@@ -65,14 +87,19 @@ class TopicEntity(Entity[E]):
 class ServiceEntity(Entity[E]):
     """Client or server of a service."""
 
-    def __init__(self, handle: Handle[E], srv_type: Any, srv_name: str, qos: QoSProfile, group: CallbackGroup) -> None:
-        super().__init__(handle)
+    def __init__(
+        self,
+        handle: Handle[E],
+        srv_type: Any,
+        srv_name: str,
+        qos: QoSProfile,
+        on_destroy: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(handle, on_destroy)
         self._rosidl_is_ready = handle.is_ready
         self.srv_type = srv_type
         self.srv_name = srv_name
         self.qos_profile = qos
-        self.callback_group = group
-        self._executor_event = False
 
     @property
     def service_name(self) -> str:
@@ -81,7 +108,7 @@ class ServiceEntity(Entity[E]):
             return str(endpoint.name)
 
     def configure_introspection(
-        self, clock: Clock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
+        self, clock: BaseClock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
     ) -> None:
         """Publish requests and responses on ``<service>/_service_event``, as `introspection_state` says."""
         with self.handle.in_use(require_ok=False) as endpoint:

@@ -1,0 +1,93 @@
+"""Tasks of the entities of asyncio nodes: they take what arrived, and call back."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from rclpy._rclpy_pybind11 import InvalidHandle
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Coroutine
+
+    from rclpy.handles import Handle
+
+TaskGroup: Any = getattr(asyncio, "TaskGroup", None)
+"""`asyncio.TaskGroup`; None in Python 3.10, which is also the version that type checkers check for."""
+
+
+class Arrivals:
+    """Items that arrive at an endpoint, for the task of its entity."""
+
+    def __init__(self, handle: Handle[Any], take: Callable[[], Any]) -> None:
+        self._handle, self._take = handle, take
+        self._event = asyncio.Event()
+
+    async def items(self) -> AsyncIterator[Any]:
+        """Yield each item, until the task is cancelled or the endpoint destroyed."""
+        loop, event = asyncio.get_running_loop(), self._event
+
+        def notify() -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(event.set)
+
+        self._handle.on_arrival = notify
+        while True:
+            event.clear()  # before the check, because another thread reports arrivals
+            try:
+                item = self._take()
+            except InvalidHandle:  # the callback has destroyed the entity
+                return
+            if item is None:
+                await event.wait()
+            else:
+                yield item
+
+
+class EntityTask:
+    """Task of an entity, which runs while its node is entered; the entity is destroyed with it.
+
+    Args:
+        run: coroutine function of the task.
+        on_end: function that is called when the task ends.
+        task_group: `asyncio.TaskGroup` of the node; None before the node is entered.
+    """
+
+    def __init__(
+        self,
+        run: Callable[[], Coroutine[Any, Any, None]],
+        on_end: Callable[[], None],
+        task_group: Any = None,
+    ) -> None:
+        self._run, self._on_end = run, on_end
+        self._task: asyncio.Task[None] | None = None
+        if task_group is not None:
+            self.start(task_group)
+
+    def start(self, task_group: Any) -> None:
+        self._task = task_group.create_task(self._run_to_end())
+
+    def cancel(self) -> None:
+        """End the task, also from a callback that it runs."""
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _run_to_end(self) -> None:
+        try:
+            await self._run()
+        finally:
+            self._task = None
+            self._on_end()
+
+
+async def call_for_each(
+    items: AsyncIterator[Any], call: Callable[[Any], Coroutine[Any, Any, None]], *, concurrent: bool
+) -> None:
+    """Call a coroutine function for each item, one after the other or, if `concurrent`, in a task for each."""
+    if not concurrent:
+        async for item in items:
+            await call(item)
+        return
+    async with TaskGroup() as tasks:
+        async for item in items:
+            tasks.create_task(call(item))

@@ -1,0 +1,400 @@
+"""Content filters of subscriptions: expressions in the SQL subset of DDS, read as Fast DDS reads them.
+
+An expression is a list of conditions with AND and OR, evaluated from left to right; neither binds tighter. A condition
+is a predicate, a list in parentheses, or NOT, which negates all conditions that follow it in its list. A predicate
+compares a field with a field or value (``=``, ``<>``, ``!=``, ``<``, ``<=``, ``>``, ``>=``), tests a range (``BETWEEN 1
+AND 5``, ``NOT BETWEEN``) or a text (``LIKE``, where ``%`` and ``*`` mean any characters, ``_`` and ``?`` one; ``MATCH``
+with a regular expression). A value is a number, TRUE, FALSE, a text in quotes or a parameter, ``%0`` to ``%99``.
+
+Source: the grammar of Fast DDS, `DDSFilterGrammar.hpp`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import operator
+import re
+import struct
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.serialization import deserialize_message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from rosidl_py_gen import runtime
+
+    Condition = Callable[[Any], bool]
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<text>[`'][^'\r\n]*')|(?P<number>[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)|(?P<parameter>%\d{1,2}(?!\d))"
+    r"|(?P<operator><>|!=|<=|>=|[=<>])|(?P<bracket>[()])"
+    r"|(?P<word>[A-Za-z]\w*(?:\[\d+\])?(?:\.[A-Za-z]\w*(?:\[\d+\])?)*))"
+)
+_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    "=": operator.eq,
+    "<>": operator.ne,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+_TEXT_OPERATORS = ("LIKE", "like", "MATCH", "match")
+_KEYWORDS = {"AND", "OR", "NOT", "BETWEEN", "TRUE", "FALSE", *_TEXT_OPERATORS}
+_WILDCARDS = {"%": ".*", "*": ".*", "_": ".", "?": "."}
+_MAX_DEPTH = 100
+"""Maximum depth of parentheses and NOT; deeper expressions would exhaust Python's stack."""
+_MAX_PARAMETERS = 100
+MIN_DEPTH = 100
+"""Messages that a subscription with a filter retains at least until they are filtered, so that messages of a burst that
+the filter refuses do not replace messages that it accepts. A larger number needs more memory while no executor spins.
+"""
+_Kind = Literal["bool", "int", "float32", "float64", "text"]
+_KINDS: dict[str, _Kind] = {
+    "boolean": "bool",
+    "octet": "int",
+    "float": "float32",
+    "double": "float64",
+    "string": "text",
+    **dict.fromkeys(("char", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))), "int"),
+}
+_ARRAY = re.compile(r"sequence<(?P<sequence>.+?)(?:, \d+)?>|(?P<array>.+)\[\d+\]")
+
+
+class ContentFilterError(RCLError):
+    """Raised for an expression that cannot be evaluated for the message type."""
+
+
+class _Operand(NamedTuple):
+    kind: _Kind
+    get: Callable[[Any], Any]
+    """Returns the value for a message, None if the message has no element with the index."""
+    is_field: bool
+
+
+@dataclass
+class _Token:
+    kind: str
+    text: str
+
+
+class ContentFilter:
+    """Compiled filter of one message type.
+
+    Raises:
+        RCLError: the expression or a parameter is invalid, or does not fit the fields of the type.
+    """
+
+    def __init__(self, msg_type: Any, expression: str, parameters: Sequence[str]) -> None:
+        self.expression = expression
+        self.parameters = list(parameters)
+        self.matches = _Parser(msg_type, expression, self.parameters).condition()
+
+
+class _Parser:
+    def __init__(self, msg_type: Any, expression: str, parameters: list[str]) -> None:
+        self._msg_type = msg_type
+        self._expression = expression
+        self._parameters = parameters
+        if len(parameters) > _MAX_PARAMETERS:
+            raise self._error(f"got {len(parameters)} parameters; expected at most {_MAX_PARAMETERS}")
+        self._tokens = self._split(expression)
+        self._position = 0
+
+    def _error(self, text: str) -> ContentFilterError:
+        return ContentFilterError(f"content filter {self._expression!r:.200}: {text}")
+
+    def _split(self, text: str) -> list[_Token]:
+        tokens, position, end = [], 0, len(text.rstrip())
+        while position < end:
+            match = _TOKEN.match(text, position, end)
+            if match is None or match.lastgroup is None:
+                raise self._error(f"got {text[position:end].lstrip()!r:.50}; expected a field, value or operator")
+            tokens.append(_Token(match.lastgroup, match[match.lastgroup]))
+            position = match.end()
+        return tokens
+
+    def _peek(self) -> _Token:
+        return self._tokens[self._position] if self._position < len(self._tokens) else _Token("end", "")
+
+    def _next(self) -> _Token:
+        token = self._peek()
+        self._position += 1
+        return token
+
+    def _accept(self, *texts: str) -> str | None:
+        token = self._peek()
+        if token.kind == "text" or token.text not in texts:
+            return None
+        self._position += 1
+        return token.text
+
+    def _unexpected(self, expected: str) -> ContentFilterError:
+        return self._error(f"got {self._peek().text or 'the end'!r:.50}; expected {expected}")
+
+    def condition(self) -> Condition:
+        condition = self._conditions(0)
+        if self._peek().kind != "end":
+            raise self._unexpected("AND or OR")
+        return condition
+
+    def _conditions(self, depth: int) -> Condition:
+        if depth > _MAX_DEPTH:
+            raise self._error(f"got more than {_MAX_DEPTH} levels of parentheses and NOT; write it with fewer")
+        conditions = [("AND", self._one_condition(depth))]
+        while (joint := self._accept("AND", "OR")) is not None:
+            conditions.append((joint, self._one_condition(depth)))
+        if len(conditions) == 1:
+            return conditions[0][1]
+
+        def evaluate(message: Any) -> bool:
+            result = True
+            for joint, condition in conditions:
+                if result is (joint == "AND"):  # else the result is known
+                    result = condition(message)
+            return result
+
+        return evaluate
+
+    def _one_condition(self, depth: int) -> Condition:
+        if self._accept("("):
+            inner = self._conditions(depth + 1)
+            if not self._accept(")"):
+                raise self._unexpected("')'")
+            return inner
+        if self._accept("NOT"):
+            negated = self._conditions(depth + 1)
+            return lambda message: not negated(message)
+        return self._predicate()
+
+    def _predicate(self) -> Condition:
+        left = self._operand()
+        is_inverted = bool(self._accept("NOT"))
+        if self._accept("BETWEEN"):
+            return self._between(left, is_inverted)
+        if is_inverted:
+            raise self._unexpected("BETWEEN")
+        name = self._accept(*_OPERATORS, *_TEXT_OPERATORS)
+        if name is None:
+            raise self._unexpected("an operator")
+        right = self._operand()
+        if not (left.is_field or right.is_field):
+            raise self._error("got a comparison of two values; expected a field on one side")
+        if name in _TEXT_OPERATORS:
+            return self._text_predicate(left, right, name.upper())
+        return self._comparison(left, name, right)
+
+    def _comparison(self, left: _Operand, name: str, right: _Operand) -> Condition:
+        self._require_comparable(left.kind, right.kind)
+        compare, get_left, get_right = _OPERATORS[name], left.get, right.get
+        if "float32" in (left.kind, right.kind):  # the other side is rounded, so that a field can equal 0.1
+            get_left, get_right = _rounded(left), _rounded(right)
+
+        def evaluate(message: Any) -> bool:
+            one, other = get_left(message), get_right(message)
+            return one is not None and other is not None and bool(compare(one, other))
+
+        return evaluate
+
+    def _between(self, field: _Operand, is_inverted: bool) -> Condition:
+        if not field.is_field:
+            raise self._error("got a value before BETWEEN; expected a field")
+        low = self._value()
+        if not self._accept("AND"):
+            raise self._unexpected("AND")
+        at_least, at_most = self._comparison(field, ">=", low), self._comparison(field, "<=", self._value())
+        get = field.get
+
+        def evaluate(message: Any) -> bool:
+            return get(message) is not None and (at_least(message) and at_most(message)) is not is_inverted
+
+        return evaluate
+
+    def _text_predicate(self, left: _Operand, right: _Operand, name: str) -> Condition:
+        if (left.kind, right.kind) != ("text", "text"):
+            raise self._error(f"got {left.kind} {name} {right.kind}; expected texts")
+        get_text, get_pattern = left.get, right.get
+        if not right.is_field:
+            pattern = self._compiled(get_pattern(None), name)
+
+            def matches_constant(message: Any) -> bool:
+                text = get_text(message)
+                return text is not None and pattern.fullmatch(text) is not None
+
+            return matches_constant
+
+        def matches_field(message: Any) -> bool:
+            text, pattern_text = get_text(message), get_pattern(message)
+            if text is None or pattern_text is None:
+                return False
+            try:
+                return self._compiled(pattern_text, name).fullmatch(text) is not None
+            except ContentFilterError:  # a message must not end the executor
+                return False
+
+        return matches_field
+
+    def _compiled(self, text: str, name: str) -> re.Pattern[str]:
+        if name == "LIKE":
+            text = "".join(_WILDCARDS.get(character) or re.escape(character) for character in text)
+        try:
+            return re.compile(text, re.DOTALL)
+        except (re.error, OverflowError, RecursionError) as error:
+            raise self._error(f"got the regular expression {text!r:.100}; {error}") from None
+
+    def _require_comparable(self, one: _Kind, other: _Kind) -> None:
+        families = {kind.rstrip("0123456789") for kind in (one, other)}
+        if len(families) > 1 and families not in ({"bool", "int"}, {"int", "float"}):
+            raise self._error(f"got a comparison of {one} with {other}; expected the same kind of values")
+
+    def _operand(self) -> _Operand:
+        token = self._peek()
+        if token.kind == "word" and token.text not in _KEYWORDS:
+            self._next()
+            return self._field(token.text)
+        return self._value()
+
+    def _value(self) -> _Operand:
+        token = self._peek()
+        if token.kind == "parameter":
+            self._next()
+            index = int(token.text[1:])
+            if index >= len(self._parameters):
+                raise self._error(f"got {token.text}, but {len(self._parameters)} parameters; pass one for each number")
+            return self._parameter(self._parameters[index], index)
+        value = _literal(token)
+        if value is None:
+            raise self._unexpected("a field, number, text in quotes, TRUE, FALSE or parameter")
+        self._next()
+        return value
+
+    def _parameter(self, text: Any, index: int) -> _Operand:
+        match = _TOKEN.fullmatch(text) if isinstance(text, str) else None
+        value = None if match is None or match.lastgroup is None else _literal(_Token(match.lastgroup, text.strip()))
+        if value is None:
+            raise self._error(
+                f"parameter %{index}: got {text!r:.100}; expected a number, TRUE, FALSE or a text in quotes, as \"'x'\""
+            )
+        return value
+
+    def _field(self, path: str) -> _Operand:
+        cls, steps, ros_type = self._msg_type, [], ""
+        parts = path.split(".")
+        for number, part in enumerate(parts):
+            name, _, index = part.rstrip("]").partition("[")
+            types = cls.get_fields_and_field_types()
+            if name not in types:
+                raise self._error(f"got the field {path!r}; {cls.__name__} has the fields {', '.join(types)}")
+            ros_type = types[name]
+            array = _ARRAY.fullmatch(ros_type)
+            if bool(array) is not bool(index):
+                expected = "an index, as in field[0]" if array else "no index"
+                raise self._error(f"got {path!r}; {name} is {ros_type}: expected {expected}")
+            ros_type = ros_type if array is None else array["sequence"] or array["array"]
+            steps.append((name, int(index) if index else None))
+            if "/" in ros_type and number < len(parts) - 1:
+                package, _, type_name = ros_type.partition("/")
+                cls = getattr(importlib.import_module(f"{package}.msg"), type_name.rpartition("/")[2])
+            elif number < len(parts) - 1:
+                raise self._error(f"got {path!r}; {name} is {ros_type}, which has no fields")
+        kind = _KINDS.get(re.sub(r"<.*", "", ros_type))
+        if kind is None:
+            raise self._error(f"got {path!r}, which is {ros_type}; expected a number, bool or string")
+        return _Operand(kind, _getter(steps), True)
+
+
+def _literal(token: _Token) -> _Operand | None:
+    """Return the constant of a token; None if it is not a value."""
+    value: bool | int | float | str
+    kind: _Kind
+    if token.text in ("TRUE", "FALSE"):
+        kind, value = "bool", token.text == "TRUE"
+    elif token.kind == "text":
+        kind, value = "text", token.text[1:-1]
+    elif token.kind != "number":
+        return None
+    elif re.fullmatch(r"[+-]?\d{1,20}", token.text):
+        kind, value = "int", int(token.text)
+    else:
+        kind, value = "float64", float(token.text)
+    return _Operand(kind, lambda _: value, False)
+
+
+def _getter(steps: Sequence[tuple[str, int | None]]) -> Callable[[Any], Any]:
+    def get(message: Any) -> Any:
+        value = message
+        for name, index in steps:
+            value = getattr(value, name)
+            if index is not None:
+                if index >= len(value):
+                    return None
+                value = value[index]
+        return value[0] if isinstance(value, bytes) else value
+
+    return get
+
+
+def _rounded(operand: _Operand) -> Callable[[Any], Any]:
+    """Return the function of an operand with a result that is rounded to 32 bits."""
+    if operand.kind == "float32":
+        return operand.get
+
+    def get(message: Any) -> float | None:
+        value = operand.get(message)
+        if value is None:
+            return None
+        try:
+            rounded: float = struct.unpack("<f", struct.pack("<f", value))[0]
+        except OverflowError:
+            return float("inf") if value > 0 else float("-inf")
+        return rounded
+
+    return get
+
+
+class FilteredMessages:
+    """Received messages of a subscription that its filter accepts. Thread: any.
+
+    Args:
+        subscription: subscription of the runtime; several threads may take from it.
+        msg_type: class of the messages.
+        raw: True if the subscription returns bytes.
+        depth: number of accepted messages that are retained; None for all.
+    """
+
+    def __init__(
+        self, subscription: runtime.Subscription[Any], msg_type: type[Any], *, raw: bool, depth: int | None
+    ) -> None:
+        self.filter: ContentFilter | None = None
+        self._subscription, self._msg_type, self._raw = subscription, msg_type, raw
+        self._accepted: deque[tuple[Any, runtime.MessageInfo]] = deque(maxlen=depth)
+        self._lock = threading.Lock()
+
+    def has_messages(self) -> bool:
+        """Filter all received messages; return True if some are accepted and not taken yet."""
+        with self._lock:  # keeps the order of messages
+            while (item := self._subscription.take_with_info()) is not None:
+                if self._is_accepted(item[0]):
+                    self._accepted.append(item)
+        return bool(self._accepted)
+
+    def _is_accepted(self, message: Any) -> bool:
+        if self.filter is None:
+            return True
+        return self.filter.matches(deserialize_message(message, self._msg_type) if self._raw else message)
+
+    def is_ready(self) -> bool:
+        """Return True if something can be taken or filtered."""
+        return bool(self._accepted) or self._subscription.is_ready
+
+    def take(self) -> tuple[Any, runtime.MessageInfo] | None:
+        """Return the oldest accepted message, or None."""
+        try:
+            return self._accepted.popleft() if self.has_messages() else None
+        except IndexError:  # another thread was faster
+            return None
