@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.distributions import is_selected_since
 from rosidl_py_gen.runtime.actions.states import MIN_RESULT_RETENTION_NS as MIN_RESULT_RETENTION_NS
 from rosidl_py_gen.runtime.names.validation import NameFault as NameFault
 from rosidl_py_gen.runtime.names.validation import NameRule as NameRule
@@ -103,3 +104,8 @@ def _writer_of_service(
         return None
     node = graph.node_of(reader)
     return next((writer for writer in candidates if graph.node_of(writer) == node), None)
+
+
+def tells_publisher_gid() -> bool:
+    """Return True if the information about a message has the GID of its publisher in the selected distribution."""
+    return is_selected_since("lyrical")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from support.node_fixtures import domain_id
@@ -23,7 +23,10 @@ ACCEPTED: list[tuple[str, list[str]]] = [
     ("name = %0", ["'arm.left'"]),
     ("name LIKE 'arm%'", []),
     ("name LIKE 'arm_left'", []),
-    ("name MATCH 'arm[.](left|right)'", []),
+    ("name LIKE 'a%.*ft'", []),
+    ("name LIKE '%'", []),
+    ("name like '%arm.left%' and not level = 0x29", []),
+    ("level between 0x28 and %0 or level = 1", ["0x29"]),
     ("name = `arm.left'", []),
     ("name <> file", []),
     ("stamp.sec >= 5 AND stamp.nanosec != 1", []),
@@ -42,6 +45,8 @@ REFUSED: list[tuple[str, list[str]]] = [
     ("level NOT BETWEEN 10 AND 40", []),
     ("name LIKE 'left'", []),
     ("name LIKE 'arm?'", []),
+    ("name LIKE 'arm.l%left'", []),
+    ("name LIKE ''", []),
     ("NOT (level = 40 OR level = 1)", []),
 ]
 INVALID = {
@@ -56,7 +61,8 @@ INVALID = {
     "level = %1": "got %1, but 1 parameters; pass one for each number",
     "name = %0": "parameter %0: got 'arm'; expected a number, TRUE, FALSE or a text in quotes, as \"'x'\"",
     "name[0] = 1": "got 'name[0]'; name is string: expected no index",
-    "name MATCH '('": "got the regular expression '('; missing ), unterminated subpattern at position 0",
+    "name MATCH '('": "got MATCH, which is not supported; use LIKE, or filter in the callback",
+    f"level[{'1' * 5000}] = 1": f"got '[{'1' * 48}; expected a field, value or operator",
     "level = 1 level = 2": "got 'level'; expected AND or OR",
     "(level = 1": "got 'the end'; expected ')'",
     "(" * 101 + "level = 1" + ")" * 101: "got more than 100 levels of parentheses and NOT; write it with fewer",
@@ -174,6 +180,35 @@ def test_invalid_expressions_raise_rcl_error_with_the_reason(tmp_path: Path) -> 
     found = evaluated(tmp_path, [(expression, ["arm"]) for expression in INVALID])
     for (expression, reason), text in zip(INVALID.items(), found, strict=True):
         assert text == f"RCLError content filter {expression!r:.200}: {reason}"
+
+
+def test_arguments_of_other_kinds_and_lengths_raise_rcl_error(tmp_path: Path) -> None:
+    cases: list[tuple[Any, Any]] = [
+        (5, []),
+        ("level = %0", "5"),
+        ("level = 1" + " " * 10_000, []),
+        ("level = %0", ["1" * 10_001]),
+    ]
+    found = evaluated(tmp_path, cases)
+    assert [text.partition("got ")[2].partition(";")[0] for text in found] == [
+        "int and list",
+        "str and str",
+        *["more than 10000 characters"] * 2,
+    ]
+
+
+def test_like_takes_time_in_proportion_to_the_text(tmp_path: Path) -> None:
+    program = """
+import time
+from rclpy.impl.content_filter import ContentFilter
+from std_msgs.msg import String
+
+began = time.process_time()
+for pattern in ("%a%a%a%a%b", "%" + "a%" * 300 + "b", "%" + "_a" * 100 + "%b"):
+    assert not ContentFilter(String, f"data LIKE '{pattern}'", []).matches(String(data="a" * 100_000))
+print(time.process_time() - began < 5)
+"""
+    assert output_lines(tmp_path, program) == ["True"]
 
 
 def test_elements_of_arrays_and_rounded_floats_are_compared(tmp_path: Path) -> None:

@@ -220,8 +220,9 @@ class BaseClock:
 
     @property
     def ros_time_is_active(self) -> bool:
-        """True while the clock reads simulated time; raises RCLError if its type is not ROS_TIME."""
-        self._rosidl_require_ros_time()
+        """True while the clock reads simulated time; raises AttributeError if its type is not ROS_TIME."""
+        if self._clock_type != ClockType.ROS_TIME:
+            raise AttributeError(f"clock: got the type {self._clock_type.name}; simulated time needs ROS_TIME")
         with self.handle as handle:
             return handle.get_ros_time_override_is_enabled()
 

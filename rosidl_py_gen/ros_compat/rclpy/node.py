@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 import weakref
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -100,7 +99,7 @@ def _min_depth(content_filter_options: ContentFilterOptions | None) -> int:
     return MIN_DEPTH
 
 
-class BaseNode(NodeParameters, ABC):
+class BaseNode(NodeParameters):
     """Base class of `Node` and `rclpy.experimental.AsyncNode`: names, parameters, logging and the graph.
 
     Subclasses create the entities, and the clock before they call the constructor.
@@ -168,21 +167,17 @@ class BaseNode(NodeParameters, ABC):
             self._logger_service = LoggingService(self)
         self._type_description_service = TypeDescriptionService(self)
 
-    @abstractmethod
     def get_clock(self) -> Any:
         """Return the clock of ROS time, which may be simulated."""
 
-    @abstractmethod
     def create_publisher(self, msg_type: type[Any], topic: str, qos_profile: QoSProfile | int) -> Any:
         """Create a publisher."""
 
-    @abstractmethod
     def create_subscription(
         self, msg_type: type[Any], topic: str, callback: Callable[..., Any], qos_profile: QoSProfile | int
     ) -> Any:
         """Create a subscription."""
 
-    @abstractmethod
     def create_service(
         self,
         srv_type: Any,
@@ -564,31 +559,31 @@ class Node(BaseNode):
     @property
     def publishers(self) -> Iterator[Publisher]:
         """Publishers of the node; the properties below are analogous."""
-        yield from self._rosidl_entity_lists["publishers"]
+        yield from tuple(self._rosidl_entity_lists["publishers"])
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        yield from self._rosidl_entity_lists["subscriptions"]
+        yield from tuple(self._rosidl_entity_lists["subscriptions"])
 
     @property
     def clients(self) -> Iterator[Client]:
-        yield from self._rosidl_entity_lists["clients"]
+        yield from tuple(self._rosidl_entity_lists["clients"])
 
     @property
     def services(self) -> Iterator[Service]:
-        yield from self._rosidl_entity_lists["services"]
+        yield from tuple(self._rosidl_entity_lists["services"])
 
     @property
     def timers(self) -> Iterator[Timer]:
-        yield from self._rosidl_entity_lists["timers"]
+        yield from tuple(self._rosidl_entity_lists["timers"])
 
     @property
     def guards(self) -> Iterator[GuardCondition]:
-        yield from self._rosidl_entity_lists["guards"]
+        yield from tuple(self._rosidl_entity_lists["guards"])
 
     @property
     def waitables(self) -> Iterator[Waitable]:
-        yield from self._rosidl_entity_lists["waitables"]
+        yield from tuple(self._rosidl_entity_lists["waitables"])
 
     @property
     def default_callback_group(self) -> CallbackGroup:

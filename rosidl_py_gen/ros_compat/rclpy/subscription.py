@@ -16,6 +16,7 @@ from rclpy.impl.entities import TopicEntity
 from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.subscription_content_filter_options import ContentFilterOptions
 from rclpy.utilities import _IDENTIFIERS
+from rosidl_py_gen.runtime._rclpy_support import tells_publisher_gid
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
@@ -36,13 +37,19 @@ class PublisherGID(TypedDict):
     data: bytes
 
 
-class MessageInfo(TypedDict):
-    """Second argument of a callback: times in nanoseconds and sequence numbers, None where they are unknown."""
-
+class _MessageInfoOfJazzy(TypedDict):
     source_timestamp: int
     received_timestamp: int
     publication_sequence_number: int | None
     reception_sequence_number: int | None
+
+
+class MessageInfo(_MessageInfoOfJazzy, total=False):
+    """Second argument of a callback: times in nanoseconds and sequence numbers, None where they are unknown.
+
+    `publisher_gid` is there from Lyrical on: with ``ROS_DISTRO=lyrical``, and for nodes of `rclpy.experimental`.
+    """
+
     publisher_gid: PublisherGID | None
 
 
@@ -61,6 +68,8 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
         raw: True if messages stay bytes.
         event_handlers: waitables for its events.
     """
+
+    _rosidl_tells_gid = True
 
     class CallbackType(Enum):
         """Arguments of the callback."""
@@ -177,14 +186,16 @@ class BaseSubscription(Subscriptable, TopicEntity["runtime.Subscription[Any]"]):
         return message_and_info[0], self._rosidl_info_dict(message_and_info[1])
 
     def _rosidl_info_dict(self, info: runtime.MessageInfo) -> MessageInfo:
-        identifier = _IDENTIFIERS[self._rosidl_handle.context.runtime.middleware.lower()]
-        return {
+        found: MessageInfo = {
             "source_timestamp": info.source_timestamp_ns,
             "received_timestamp": info.received_timestamp_ns,
             "publication_sequence_number": info.publication_sequence_number,
             "reception_sequence_number": None,
-            "publisher_gid": {"implementation_identifier": identifier, "data": info.publisher_gid},
         }
+        if self._rosidl_tells_gid:
+            identifier = _IDENTIFIERS[self._rosidl_handle.context.runtime.middleware.lower()]
+            found["publisher_gid"] = {"implementation_identifier": identifier, "data": info.publisher_gid}
+        return found
 
 
 class Subscription(BaseSubscription):
@@ -207,6 +218,7 @@ class Subscription(BaseSubscription):
         self.event_handlers = event_callbacks
         self.callback_group = callback_group
         self._executor_event = False
+        self._rosidl_tells_gid = tells_publisher_gid()
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         arguments = self._rosidl_take_arguments()

@@ -283,12 +283,17 @@ class Timer(BaseTimer):
         super().__init__(callback, timer_period_ns, clock, context=context, autostart=autostart)
         self.callback_group = callback_group
         self._executor_event = False
+        self._rosidl_checked_callback: Callable[..., Any] | None = None
+        self._rosidl_info_name: str | None = None  # parameter of that callback
 
     def _rosidl_take(self, executor: Executor) -> Callable[[], Any] | None:
         with self._rosidl_timer:
             times_ns = self._rosidl_timer.call_timer()
         callback = self.callback
-        name = None if callback is None else _name_of_info_parameter(callback)
+        if callback is not self._rosidl_checked_callback:
+            self._rosidl_checked_callback = callback
+            self._rosidl_info_name = None if callback is None else _name_of_info_parameter(callback)
+        name = self._rosidl_info_name
         if callback is None or name is None:
             return callback
         return partial(callback, **{name: self._rosidl_info(*times_ns)})
@@ -296,14 +301,15 @@ class Timer(BaseTimer):
 
 def _name_of_info_parameter(callback: Callable[..., Any]) -> str | None:
     """Return the name of the first parameter that is annotated with `TimerInfo`; None if there is none."""
-    function = getattr(callback, "__func__", callback)
-    if hasattr(function, "__code__") and not function.__annotations__:  # nearly all callbacks; a signature takes 10 us
-        return None
     try:
         parameters = inspect.signature(callback).parameters.values()
-    except (TypeError, ValueError):  # functions of C
+    except (TypeError, ValueError, NameError, AttributeError):  # functions of C, and names for type checkers only
         return None
-    return next((parameter.name for parameter in parameters if parameter.annotation in (TimerInfo, "TimerInfo")), None)
+    for parameter in parameters:
+        annotation = parameter.annotation
+        if annotation is TimerInfo or (isinstance(annotation, str) and annotation.rpartition(".")[2] == "TimerInfo"):
+            return parameter.name
+    return None
 
 
 class Rate:

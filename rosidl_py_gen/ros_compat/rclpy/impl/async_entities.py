@@ -42,6 +42,7 @@ class Arrivals:
                 await event.wait()
             else:
                 yield item
+                await asyncio.sleep(0)  # else other tasks would wait while items arrive
 
 
 class EntityTask:

@@ -1,10 +1,13 @@
-"""Content filters of subscriptions: expressions in the SQL subset of DDS, read as Fast DDS reads them.
+"""Content filters of subscriptions: expressions in the SQL subset of DDS, as in Fast DDS without MATCH.
 
 An expression is a list of conditions with AND and OR, evaluated from left to right; neither binds tighter. A condition
 is a predicate, a list in parentheses, or NOT, which negates all conditions that follow it in its list. A predicate
 compares a field with a field or value (``=``, ``<>``, ``!=``, ``<``, ``<=``, ``>``, ``>=``), tests a range (``BETWEEN 1
-AND 5``, ``NOT BETWEEN``) or a text (``LIKE``, where ``%`` and ``*`` mean any characters, ``_`` and ``?`` one; ``MATCH``
-with a regular expression). A value is a number, TRUE, FALSE, a text in quotes or a parameter, ``%0`` to ``%99``.
+AND 5``, ``NOT BETWEEN``) or a text (``LIKE``, where ``%`` and ``*`` mean any characters, ``_`` and ``?`` one). A value
+is a number, TRUE, FALSE, a text in quotes or a parameter, ``%0`` to ``%99``. Keywords are in upper or lower case.
+
+``MATCH``, a regular expression of C++, is refused: Python reads some of them in another way, and a text of a peer could
+take minutes.
 
 Source: the grammar of Fast DDS, `DDSFilterGrammar.hpp`.
 """
@@ -12,6 +15,7 @@ Source: the grammar of Fast DDS, `DDSFilterGrammar.hpp`.
 from __future__ import annotations
 
 import importlib
+import logging
 import operator
 import re
 import struct
@@ -20,7 +24,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from rclpy._rclpy_pybind11 import RCLError
+from rclpy._rclpy_pybind11 import RCLError, RMWError
 from rclpy.serialization import deserialize_message
 
 if TYPE_CHECKING:
@@ -31,9 +35,10 @@ if TYPE_CHECKING:
     Condition = Callable[[Any], bool]
 
 _TOKEN = re.compile(
-    r"\s*(?:(?P<text>[`'][^'\r\n]*')|(?P<number>[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)|(?P<parameter>%\d{1,2}(?!\d))"
+    r"\s*(?:(?P<text>[`'][^'\r\n]*')|(?P<number>[+-]?(?:0[xX][0-9a-fA-F]{1,16}|\d+(?:\.\d+)?(?:[eE][+-]?\d+)?))"
+    r"|(?P<parameter>%\d{1,2}(?!\d))"
     r"|(?P<operator><>|!=|<=|>=|[=<>])|(?P<bracket>[()])"
-    r"|(?P<word>[A-Za-z]\w*(?:\[\d+\])?(?:\.[A-Za-z]\w*(?:\[\d+\])?)*))"
+    r"|(?P<word>[A-Za-z]\w*(?:\[\d{1,10}\])?(?:\.[A-Za-z]\w*(?:\[\d{1,10}\])?)*))"
 )
 _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     "=": operator.eq,
@@ -44,12 +49,17 @@ _OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
-_TEXT_OPERATORS = ("LIKE", "like", "MATCH", "match")
-_KEYWORDS = {"AND", "OR", "NOT", "BETWEEN", "TRUE", "FALSE", *_TEXT_OPERATORS}
-_WILDCARDS = {"%": ".*", "*": ".*", "_": ".", "?": "."}
+_KEYWORDS = {"AND", "OR", "NOT", "BETWEEN", "TRUE", "FALSE", "LIKE", "MATCH"}
+_MAX_CHARACTERS = 10_000
+"""Maximum length of an expression or parameter."""
+_MAX_PATTERN = 1000
+"""Maximum length of a pattern of LIKE that a message contains; a longer one matches nothing."""
+_LOGGER = logging.getLogger("rosidl_py_gen.rclpy")
 _MAX_DEPTH = 100
 """Maximum depth of parentheses and NOT; deeper expressions would exhaust Python's stack."""
 _MAX_PARAMETERS = 100
+_MAX_AT_ONCE = 1000
+"""Maximum number of messages that are filtered at once, so that a fast publisher does not hold an executor."""
 MIN_DEPTH = 100
 """Messages that a subscription with a filter retains at least until they are filtered, so that messages of a burst that
 the filter refuses do not replace messages that it accepts. A larger number needs more memory while no executor spins.
@@ -91,6 +101,11 @@ class ContentFilter:
     """
 
     def __init__(self, msg_type: Any, expression: str, parameters: Sequence[str]) -> None:
+        if not isinstance(expression, str) or isinstance(parameters, str):
+            kinds = f"{type(expression).__name__} and {type(parameters).__name__}"
+            raise ContentFilterError(f"content filter: got {kinds}; expected a text and a list of texts")
+        if any(len(text) > _MAX_CHARACTERS for text in (expression, *map(str, parameters))):
+            raise ContentFilterError(f"content filter: got more than {_MAX_CHARACTERS} characters; write it shorter")
         self.expression = expression
         self.parameters = list(parameters)
         self.matches = _Parser(msg_type, expression, self.parameters).condition()
@@ -115,7 +130,9 @@ class _Parser:
             match = _TOKEN.match(text, position, end)
             if match is None or match.lastgroup is None:
                 raise self._error(f"got {text[position:end].lstrip()!r:.50}; expected a field, value or operator")
-            tokens.append(_Token(match.lastgroup, match[match.lastgroup]))
+            kind, found = match.lastgroup, match[match.lastgroup]
+            is_keyword = kind == "word" and found.upper() in _KEYWORDS and (found.isupper() or found.islower())
+            tokens.append(_Token(kind, found.upper() if is_keyword else found))
             position = match.end()
         return tokens
 
@@ -179,14 +196,16 @@ class _Parser:
             return self._between(left, is_inverted)
         if is_inverted:
             raise self._unexpected("BETWEEN")
-        name = self._accept(*_OPERATORS, *_TEXT_OPERATORS)
+        name = self._accept(*_OPERATORS, "LIKE")
+        if self._accept("MATCH"):
+            raise self._error("got MATCH, which is not supported; use LIKE, or filter in the callback")
         if name is None:
             raise self._unexpected("an operator")
         right = self._operand()
         if not (left.is_field or right.is_field):
             raise self._error("got a comparison of two values; expected a field on one side")
-        if name in _TEXT_OPERATORS:
-            return self._text_predicate(left, right, name.upper())
+        if name == "LIKE":
+            return self._like(left, right)
         return self._comparison(left, name, right)
 
     def _comparison(self, left: _Operand, name: str, right: _Operand) -> Condition:
@@ -215,37 +234,24 @@ class _Parser:
 
         return evaluate
 
-    def _text_predicate(self, left: _Operand, right: _Operand, name: str) -> Condition:
+    def _like(self, left: _Operand, right: _Operand) -> Condition:
         if (left.kind, right.kind) != ("text", "text"):
-            raise self._error(f"got {left.kind} {name} {right.kind}; expected texts")
+            raise self._error(f"got {left.kind} LIKE {right.kind}; expected texts")
         get_text, get_pattern = left.get, right.get
         if not right.is_field:
-            pattern = self._compiled(get_pattern(None), name)
+            is_like = _matcher(get_pattern(None))
 
             def matches_constant(message: Any) -> bool:
                 text = get_text(message)
-                return text is not None and pattern.fullmatch(text) is not None
+                return text is not None and is_like(text)
 
             return matches_constant
 
         def matches_field(message: Any) -> bool:
-            text, pattern_text = get_text(message), get_pattern(message)
-            if text is None or pattern_text is None:
-                return False
-            try:
-                return self._compiled(pattern_text, name).fullmatch(text) is not None
-            except ContentFilterError:  # a message must not end the executor
-                return False
+            text, pattern = get_text(message), get_pattern(message)
+            return text is not None and pattern is not None and len(pattern) <= _MAX_PATTERN and _matcher(pattern)(text)
 
         return matches_field
-
-    def _compiled(self, text: str, name: str) -> re.Pattern[str]:
-        if name == "LIKE":
-            text = "".join(_WILDCARDS.get(character) or re.escape(character) for character in text)
-        try:
-            return re.compile(text, re.DOTALL)
-        except (re.error, OverflowError, RecursionError) as error:
-            raise self._error(f"got the regular expression {text!r:.100}; {error}") from None
 
     def _require_comparable(self, one: _Kind, other: _Kind) -> None:
         families = {kind.rstrip("0123456789") for kind in (one, other)}
@@ -308,16 +314,41 @@ class _Parser:
         return _Operand(kind, _getter(steps), True)
 
 
+def _matcher(pattern: str) -> Callable[[str], bool]:
+    """Return the function that tests a text for LIKE, in time that is linear in the text for each part of the pattern.
+
+    The parts between ``%`` and ``*`` have fixed lengths. The first one has to be at the beginning and the last one at
+    the end; the others are searched from left to right, each behind the one before it.
+    """
+    parts = re.split("[%*]+", pattern)
+    compiled = [re.compile(re.sub("[_?]", ".", re.escape(part)), re.DOTALL) for part in parts]
+    first, *middle, last = compiled if len(compiled) > 1 else [*compiled, re.compile("")]
+    last_length = len(parts[-1])
+
+    def matches(text: str) -> bool:
+        if len(compiled) == 1:
+            return first.fullmatch(text) is not None
+        found = first.match(text)
+        for part in middle:
+            found = found and part.search(text, found.end())
+        start = len(text) - last_length
+        return found is not None and start >= found.end() and last.match(text, start) is not None
+
+    return matches
+
+
 def _literal(token: _Token) -> _Operand | None:
     """Return the constant of a token; None if it is not a value."""
     value: bool | int | float | str
     kind: _Kind
-    if token.text in ("TRUE", "FALSE"):
-        kind, value = "bool", token.text == "TRUE"
+    if token.kind == "word" and token.text in ("TRUE", "FALSE", "true", "false"):
+        kind, value = "bool", token.text.upper() == "TRUE"
     elif token.kind == "text":
         kind, value = "text", token.text[1:-1]
     elif token.kind != "number":
         return None
+    elif "x" in token.text.lower():
+        kind, value = "int", int(token.text, 16)
     elif re.fullmatch(r"[+-]?\d{1,20}", token.text):
         kind, value = "int", int(token.text)
     else:
@@ -374,19 +405,29 @@ class FilteredMessages:
         self._subscription, self._msg_type, self._raw = subscription, msg_type, raw
         self._accepted: deque[tuple[Any, runtime.MessageInfo]] = deque(maxlen=depth)
         self._lock = threading.Lock()
+        self._name, self._has_warned = subscription.topic, False
 
     def has_messages(self) -> bool:
         """Filter all received messages; return True if some are accepted and not taken yet."""
         with self._lock:  # keeps the order of messages
-            while (item := self._subscription.take_with_info()) is not None:
+            for _ in range(_MAX_AT_ONCE):
+                if (item := self._subscription.take_with_info()) is None:
+                    break
                 if self._is_accepted(item[0]):
                     self._accepted.append(item)
         return bool(self._accepted)
 
     def _is_accepted(self, message: Any) -> bool:
-        if self.filter is None:
+        used = self.filter  # another thread may replace it
+        if used is None:
             return True
-        return self.filter.matches(deserialize_message(message, self._msg_type) if self._raw else message)
+        try:
+            return used.matches(deserialize_message(message, self._msg_type) if self._raw else message)
+        except RMWError as error:  # a message must not end the executor
+            if not self._has_warned:
+                self._has_warned = True
+                _LOGGER.warning("content filter %.200r refuses a message of %s: %s", used.expression, self._name, error)
+            return False
 
     def is_ready(self) -> bool:
         """Return True if something can be taken or filtered."""
