@@ -46,13 +46,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 HUMBLE = ["humble"] if "ROSIDL_PEER_HUMBLE" in os.environ else []
 """No package index has Humble: support/build_humble_peer.sh builds it."""
+LYRICAL = ["lyrical"] if "ROSIDL_PEER_LYRICAL" in os.environ else []
+"""No package index has Lyrical: the variable names a folder whose bin/python has rclpy of Lyrical."""
 
 
 CYCLONE = "cyclone_"
 """Begins the names of distributions whose peers use Cyclone DDS."""
 
 
-@pytest.fixture(scope="session", params=["jazzy", "kilted", *HUMBLE, *(CYCLONE + name for name in HUMBLE)])
+@pytest.fixture(scope="session", params=["jazzy", "kilted", *HUMBLE, *LYRICAL, *(CYCLONE + name for name in HUMBLE)])
 def _make(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -77,7 +79,7 @@ def _distribution_of_ours(request: pytest.FixtureRequest, monkeypatch: pytest.Mo
 @pytest.fixture(scope="session")
 def _pythons() -> dict[str, Path]:
     """Create the environments before a test enters the private network, from which no index can be reached."""
-    return {name: rclpy_python(name) for name in ("jazzy", "kilted", *HUMBLE)}
+    return {name: rclpy_python(name) for name in ("jazzy", "kilted", *HUMBLE, *LYRICAL)}
 
 
 @pytest.fixture(scope="session")

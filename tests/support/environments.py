@@ -77,7 +77,7 @@ def environment(name: str, requirements: Sequence[str]) -> Path:
 
 
 def rclpy_python(distro: str = "jazzy") -> Path:
-    """A Python that has rclpy: the one in $ROSIDL_PEER_JAZZY, ..._KILTED or ..._HUMBLE, or that of an `environment`."""
+    """Return a Python that has rclpy: the one in `$ROSIDL_PEER_<DISTRO>`, or the one of an `environment`."""
     made = os.environ.get(f"ROSIDL_PEER_{distro.upper()}")
     return Path(made, "bin", "python") if made else environment(f"rclpy-{distro}", _RCLPY.get(distro, ()))
 
