@@ -1,4 +1,5 @@
-"""Real rclpy nodes on Fast DDS, and of Humble on Cyclone DDS, as peers, in a network namespace of this test process.
+"""Real rclpy nodes as peers, in a network namespace of this test process. They are on Fast DDS; Humble and Lyrical also
+on Cyclone DDS.
 
 If the system refuses a namespace, all of them stay on this machine, as our nodes always do.
 """
@@ -54,7 +55,10 @@ CYCLONE = "cyclone_"
 """Begins the names of distributions whose peers use Cyclone DDS."""
 
 
-@pytest.fixture(scope="session", params=["jazzy", "kilted", *HUMBLE, *LYRICAL, *(CYCLONE + name for name in HUMBLE)])
+BUILT = [*HUMBLE, *LYRICAL]
+
+
+@pytest.fixture(scope="session", params=["jazzy", "kilted", *BUILT, *(CYCLONE + name for name in BUILT)])
 def _make(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -79,7 +83,7 @@ def _distribution_of_ours(request: pytest.FixtureRequest, monkeypatch: pytest.Mo
 @pytest.fixture(scope="session")
 def _pythons() -> dict[str, Path]:
     """Create the environments before a test enters the private network, from which no index can be reached."""
-    return {name: rclpy_python(name) for name in ("jazzy", "kilted", *HUMBLE, *LYRICAL)}
+    return {name: rclpy_python(name) for name in ("jazzy", "kilted", *BUILT)}
 
 
 @pytest.fixture(scope="session")

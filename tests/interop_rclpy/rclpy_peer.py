@@ -39,6 +39,7 @@ class Peer:
             **settings,
         }
         environment.pop("AMENT_PREFIX_PATH", None)
+        self.is_on_fast_dds = environment["RMW_IMPLEMENTATION"] == "rmw_fastrtps_cpp"
         self.stays_local = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST"
         self._process = subprocess.Popen(
             [str(python), str(SCRIPT), name, *arguments],

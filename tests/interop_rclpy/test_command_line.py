@@ -178,7 +178,7 @@ async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) ->
     assert "response:\ntest_msgs.srv.BasicTypes_Response(bool_value=True, byte_value=0," in shown
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("answers")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
@@ -309,7 +309,7 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
     assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
     shared_peer: Peer, distro: str, tool: Tool, tmp_path: Path
 ) -> None:
@@ -364,7 +364,7 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
             assert {one.request[0].goal.order for one in goals if one.request} == {3}
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, tmp_path: Path) -> None:
     topic = fresh("compared")
     await shared_peer.do("publisher", topic=topic, type="test_msgs/msg/BasicTypes")

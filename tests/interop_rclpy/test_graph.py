@@ -53,9 +53,9 @@ def owner_of(node: Node, peer: Peer) -> str:
     Fast DDS 3 requires an endpoint to name its participant, which is optional in the standard and missing in Cyclone
     DDS.
     """
-    return (
-        "_CREATED_BY_BARE_DDS_APP_/_CREATED_BY_BARE_DDS_APP_" if peer.distro == "kilted" else node.fully_qualified_name
-    )
+    if peer.distro in ("kilted", "lyrical") and peer.is_on_fast_dds:
+        return "_CREATED_BY_BARE_DDS_APP_/_CREATED_BY_BARE_DDS_APP_"
+    return node.fully_qualified_name
 
 
 def hash_text(peer: Peer, cls: Any) -> str:

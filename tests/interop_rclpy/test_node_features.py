@@ -78,7 +78,7 @@ async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
     assert await repeated(lambda: publisher.publish(stamp), arrived) == MINUTE_NS
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> None:
     node, kind = dds.node("tester"), "test_msgs/msg/MultiNested"
     await shared_peer.do("publisher", topic=fresh("described"), type=kind)
@@ -90,7 +90,7 @@ async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> No
         await node.get_type_description(f"/{shared_peer.name}", kind, f"RIHS01_{'0' * 64}", timeout_s=WAIT_S)
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_our_node_describes_its_types_as_theirs_would(
     dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,7 +111,7 @@ async def test_our_node_describes_its_types_as_theirs_would(
     assert described[0]["successful"] and described[0] == described[1]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     await shared_peer.do("add_node", name=name, enable_logger_service=True)
@@ -127,7 +127,7 @@ async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     assert plain(answer) == {"levels": levels}
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     node = Node(name, context=dds.context(), logger_services=True)
@@ -172,7 +172,8 @@ async def watched(node: Node, peer: Peer, name: str, is_ours: bool, state: str) 
     return call
 
 
-@pytest.mark.only_with("kilted")  # Jazzy's clients tell the GUID of their writer
+@pytest.mark.only_with("kilted", "lyrical")  # Jazzy's clients tell the GUID of their writer
+@pytest.mark.about_fast_dds("clients on Cyclone DDS have another identification in events")
 @OURS
 async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer: Peer, is_ours: bool) -> None:
     node, name = dds.node("tester"), fresh("watched")
@@ -190,7 +191,7 @@ async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer:
     assert gid in [reply.guid for reply in readers if not reply.is_writer]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 @OURS
 async def test_introspection_of_both_ends_tells_of_a_call(

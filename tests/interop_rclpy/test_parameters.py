@@ -92,7 +92,7 @@ async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared
     assert repr(await their_values(shared_peer, theirs, list(wanted))) == "[5.0, [1.0, 2.0], 6]"
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Peer, tmp_path: Path) -> None:
     ours = node_with_all_types(dds)
     file = tmp_path / "parameters.yaml"
@@ -101,7 +101,7 @@ async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Pe
     assert as_lists(ours.get_parameters(["count", "arm.left.labels"])) == [11, ["ab", "cd"]]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_their_client_undeclares_our_dynamic_parameter(dds: Any, shared_peer: Peer) -> None:
     ours = node_with_all_types(dds)
     ours.declare_parameter("dynamic", 1, ParameterDescriptor(dynamic_typing=True))

@@ -26,7 +26,7 @@ TYPES = [
             *("Defaults", "Empty", "MultiNested", "Nested", "Strings", "UnboundedSequences", "WStrings"),
         )
     ),
-    pytest.param("test_msgs/msg/NonKeyedWithNestedKey", marks=pytest.mark.only_with("kilted")),
+    pytest.param("test_msgs/msg/NonKeyedWithNestedKey", marks=pytest.mark.only_with("kilted", "lyrical")),
 ]
 KEYED = ["test_msgs/msg/KeyedLong", "test_msgs/msg/KeyedString", "test_msgs/msg/ComplexNestedKey"]
 MEGABYTE = 1_048_576
@@ -59,7 +59,12 @@ THEIR_DEEP = {"depth": 100}
 
 
 @pytest.mark.parametrize("name", TYPES)
-async def test_random_messages_arrive_as_sent(dds: Any, shared_peer: Peer, name: str) -> None:
+async def test_random_messages_arrive_as_sent(
+    dds: Any, shared_peer: Peer, name: str, request: pytest.FixtureRequest
+) -> None:
+    if name == "test_msgs/msg/WStrings" and shared_peer.distro == "lyrical" and not shared_peer.is_on_fast_dds:
+        reason = "rmw_cyclonedds of Lyrical writes two bytes for a character (docs/reference/compatibility.md)"
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
     node, sent = dds.node("tester"), random_values(shared_peer.share, name)
     cls = message(shared_peer, name)
     topic, back = fresh("to_them"), fresh("to_us")
@@ -93,7 +98,7 @@ async def test_endpoints_are_found_after_peers_told_each_other_their_types(
     await matched_subscription(node, shared_peer, cls, fresh("after"), DEEP, THEIR_DEEP)
 
 
-@pytest.mark.only_with("kilted")  # Jazzy's test_msgs have no keys
+@pytest.mark.only_with("kilted", "lyrical")  # Jazzy's test_msgs have no keys
 @pytest.mark.xfail(reason="our topics have no keys", strict=True)
 async def test_topics_with_keys_match(dds: Any, shared_peer: Peer) -> None:
     node = dds.node("tester")
