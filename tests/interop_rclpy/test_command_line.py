@@ -147,9 +147,7 @@ async def test_topics_and_services_have_information(shared_peer: Peer, tool: Too
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
 
 
-async def test_the_graph_shows_them_and_the_doctor_tells_their_make(
-    shared_peer: Peer, tool: Tool, is_on_cyclone: bool
-) -> None:
+async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
     overview = await overview_of(shared_peer, tool)
     (node,) = json.loads(overview.outputs["graph --json"])["nodes"]
     shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
@@ -162,8 +160,7 @@ async def test_the_graph_shows_them_and_the_doctor_tells_their_make(
     assert not any("parameter" in name for _, name, *_ in shown)
     texts = [row["text"] for row in json.loads(overview.outputs["doctor --json"])["peers"]]
     kind = "ROS Humble or earlier (no type hashes)" if shared_peer.distro == "humble" else "ROS Iron or later"
-    middleware = "Cyclone DDS" if is_on_cyclone else "Fast DDS"
-    (peers,) = [text for text in texts if text.startswith(f"{middleware}, {kind}: ")]
+    (peers,) = [text for text in texts if text.startswith(f"{shared_peer.middleware}, {kind}: ")]
     assert f"/{shared_peer.name}" in peers
     assert any("a message went there and back" in text for text in texts)
 

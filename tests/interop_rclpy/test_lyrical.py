@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from peer_helpers import fresh, random_bytes
+from support.environments import built_peers
 from support.node_fixtures import until
 
 from rosidl_py_gen import get_message
@@ -20,11 +20,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Subscription
 
 pytestmark = [
-    pytest.mark.parametrize("_make", ["lyrical"], indirect=True, scope="session"),
-    pytest.mark.skipif(
-        "ROSIDL_PEER_LYRICAL" not in os.environ,
-        reason="needs ROSIDL_PEER_LYRICAL, a folder whose bin/python has rclpy of Lyrical",
-    ),
+    pytest.mark.parametrize("peer_name", ["lyrical"], indirect=True, scope="session"),
+    pytest.mark.skipif("lyrical" not in built_peers(), reason="needs lyrical/bin/python in the folder $ROSIDL_PEERS"),
 ]
 NAME = "sensor_msgs/msg/Image"
 Image: Any = get_message(NAME)
@@ -65,12 +62,12 @@ async def received(subscription: Subscription[Any], count: int) -> list[int]:
 
 @pytest.mark.parametrize("end", ["closed", "process ends", "process is killed"])
 async def test_images_arrive_once_before_during_and_after_a_subscription_of_lyrical(
-    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer], start_mortal: Callable[[str], Peer], end: str
+    world: Any, shared_peer: Peer, start_peer: Callable[..., Peer], start_mortal: Callable[[str], Peer], end: str
 ) -> None:
     """After its subscription has gone, a publisher of Lyrical sends images to the second topic only."""
     camera = Camera(shared_peer)
     await camera.start()
-    subscription = dds.node("viewer").create_subscription(Image, camera.topic, qos=ALL)
+    subscription = world.node("viewer").create_subscription(Image, camera.topic, qos=ALL)
     await camera.wait_for_subscriptions(1)
     assert await subscription.wait_for_publishers(timeout_s=10)
     numbers = await camera.publish()
@@ -98,7 +95,7 @@ async def test_images_arrive_once_before_during_and_after_a_subscription_of_lyri
 
 
 async def test_images_arrive_at_a_subscription_that_starts_after_one_of_lyrical_has_gone(
-    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
+    world: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
 ) -> None:
     camera = Camera(shared_peer)
     await camera.start()
@@ -107,7 +104,7 @@ async def test_images_arrive_at_a_subscription_that_starts_after_one_of_lyrical_
     await camera.wait_for_subscriptions(1)
     await other.do("unsubscribe", topic=camera.topic)
     await camera.wait_for_subscriptions(0)
-    node = dds.node("viewer")
+    node = world.node("viewer")
     await until(lambda: f"{camera.topic}/_buf_cpu" in dict(node.get_topic_names_and_types()))
     subscription = node.create_subscription(Image, camera.topic, qos=ALL)
     await camera.wait_for_subscriptions(1)

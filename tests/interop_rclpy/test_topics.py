@@ -60,12 +60,12 @@ THEIR_DEEP = {"depth": 100}
 
 @pytest.mark.parametrize("name", TYPES)
 async def test_random_messages_arrive_as_sent(
-    dds: Any, shared_peer: Peer, name: str, request: pytest.FixtureRequest
+    world: Any, shared_peer: Peer, name: str, request: pytest.FixtureRequest
 ) -> None:
-    if name == "test_msgs/msg/WStrings" and shared_peer.distro == "lyrical" and not shared_peer.is_on_fast_dds:
+    if name == "test_msgs/msg/WStrings" and shared_peer.distro == "lyrical" and shared_peer.middleware == "Cyclone DDS":
         reason = "rmw_cyclonedds of Lyrical writes two bytes for a character (docs/reference/compatibility.md)"
         request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
-    node, sent = dds.node("tester"), random_values(shared_peer.share, name)
+    node, sent = world.node("tester"), random_values(shared_peer.share, name)
     cls = message(shared_peer, name)
     topic, back = fresh("to_them"), fresh("to_us")
     publisher = await matched_publisher(node, shared_peer, cls, topic, DEEP, THEIR_DEEP)
@@ -78,14 +78,14 @@ async def test_random_messages_arrive_as_sent(
 
 
 async def test_endpoints_are_found_after_peers_told_each_other_their_types(
-    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
+    world: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
 ) -> None:
     """Peers of Kilted request type definitions of each other, and Cyclone DDS receives the replies.
 
     It takes arrays in them for invalid, and would then ignore endpoints of such types, so it is configured to ignore
     type information.
     """
-    node, name = dds.node("tester"), "test_msgs/msg/Arrays"
+    node, name = world.node("tester"), "test_msgs/msg/Arrays"
     cls, first = message(shared_peer, name), fresh("before")
     await matched_subscription(node, shared_peer, cls, first, DEEP, THEIR_DEEP)
     other = start_peer("other_peer")  # asks for the types of all that shared_peer has
@@ -99,9 +99,10 @@ async def test_endpoints_are_found_after_peers_told_each_other_their_types(
 
 
 @pytest.mark.only_with("kilted", "lyrical")  # Jazzy's test_msgs have no keys
-@pytest.mark.xfail(reason="our topics have no keys", strict=True)
-async def test_topics_with_keys_match(dds: Any, shared_peer: Peer) -> None:
-    node = dds.node("tester")
+async def test_topics_with_keys_match(world: Any, shared_peer: Peer, request: pytest.FixtureRequest) -> None:
+    if shared_peer.middleware == "Fast DDS":  # rmw_cyclonedds and rmw_zenoh have no keys, either
+        request.applymarker(pytest.mark.xfail(reason="our topics have no keys", strict=True))
+    node = world.node("tester")
     publishers = []
     for name in KEYED:
         publishers.append(node.create_publisher(message(shared_peer, name), fresh("keyed")))
@@ -109,8 +110,8 @@ async def test_topics_with_keys_match(dds: Any, shared_peer: Peer) -> None:
     assert all(await asyncio.gather(*(publisher.wait_for_subscribers(timeout_s=3) for publisher in publishers)))
 
 
-async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer, distro: str) -> None:
-    node, data = dds.node("tester"), random_bytes(MEGABYTE, 1)
+async def test_a_megabyte_arrives_whole(world: Any, shared_peer: Peer, distro: str) -> None:
+    node, data = world.node("tester"), random_bytes(MEGABYTE, 1)
     at_once = 1 if distro == "humble" else 3  # docs/internals/dds.md 13
     cls = message(shared_peer, "std_msgs/msg/UInt8MultiArray")
     topic, back = fresh("big_to_them"), fresh("big_to_us")
@@ -128,11 +129,11 @@ async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer, distro: str
         assert (await subscription.receive(timeout_s=20)).data.tobytes() == data
 
 
-async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_peer: Peer) -> None:
+async def test_the_first_message_of_a_publisher_may_be_large(world: Any, shared_peer: Peer) -> None:
     """Fast DDS splits messages into packets of 64 KB. Its first heartbeat mostly precedes Cyclone's discovery of the
     publisher, and Cyclone would take the packets before the next heartbeat for old.
     """
-    node, order = dds.node("tester"), {"data": {"random_bytes": 200_000, "seed": 1}}
+    node, order = world.node("tester"), {"data": {"random_bytes": 200_000, "seed": 1}}
     cls, topics = message(shared_peer, "std_msgs/msg/UInt8MultiArray"), [fresh("big_at_once") for _ in range(10)]
     subscriptions = [await matched_subscription(node, shared_peer, cls, topic, DEEP, THEIR_DEEP) for topic in topics]
     for topic in topics:
@@ -141,9 +142,9 @@ async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_pe
         assert (await subscription.receive(timeout_s=10)).data.tobytes() == random_bytes(200_000, 1)
 
 
-async def test_best_effort_topics_deliver(dds: Any, shared_peer: Peer) -> None:
+async def test_best_effort_topics_deliver(world: Any, shared_peer: Peer) -> None:
     """Losses are allowed, so each message is sent until one arrives."""
-    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
+    node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, back = fresh("lossy_to_them"), fresh("lossy_to_us")
     theirs = {"depth": 5, "reliability": "BEST_EFFORT"}
     publisher = await matched_publisher(node, shared_peer, cls, topic, SENSOR_DATA, theirs)
@@ -162,8 +163,8 @@ THEIR_LATCHED = {"depth": 3, "durability": "TRANSIENT_LOCAL"}
 FIVE = [{"data": f"message {number}"} for number in range(5)]
 
 
-async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(dds: Any, shared_peer: Peer) -> None:
-    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
+async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(world: Any, shared_peer: Peer) -> None:
+    node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     ours, theirs = fresh("latched_by_us"), fresh("latched_by_them")
     publisher = node.create_publisher(cls, ours, LATCHED)
     for values in FIVE:
@@ -176,8 +177,8 @@ async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(dd
     assert [plain(await subscription.receive(timeout_s=10)) for _ in range(3)] == FIVE[-3:]
 
 
-async def test_a_busy_subscriber_keeps_the_newest(dds: Any, shared_peer: Peer) -> None:
-    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
+async def test_a_busy_subscriber_keeps_the_newest(world: Any, shared_peer: Peer) -> None:
+    node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, last = fresh("newest"), {"data": "message 499"}
     subscription = await matched_subscription(node, shared_peer, cls, topic, QoSProfile().keep_last(2), {"depth": 1000})
     many = [{"data": f"message {number}"} for number in range(500)]

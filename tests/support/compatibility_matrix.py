@@ -3,8 +3,8 @@
 Each filled cell names tests that ran with such a peer. ``python tests/support/compatibility_matrix.py`` runs all of
 them, writes their outcomes into `tests/golden/compatibility_results.json`, and the table into the page; with
 ``--table`` it writes the table only. `docs/test_compatibility_matrix.py` compares, and checks that the tests exist and
-are not skipped. No package index has Humble: results with it stay as they were unless ROSIDL_PEER_HUMBLE is set. An end
-such as ``[jazzy`` selects the tests whose parameters begin so.
+are not skipped. No package index has rclpy of Humble, or on Cyclone DDS and Zenoh. Results with such a peer stay as
+they were unless $ROSIDL_PEERS has it. An end such as ``[jazzy`` selects the tests whose parameters begin so.
 """
 
 from __future__ import annotations
@@ -222,9 +222,10 @@ def named_tests() -> list[str]:
     return sorted({test for cell in cells for test in cell.tests})
 
 
-def rclpy_of_humble() -> list[str]:
-    """Names of the tests with rclpy of Humble."""
-    return [test for test in named_tests() if test.endswith("humble")]
+def with_built_peers() -> list[str]:
+    """Return the tests with rclpy peers that no package index has."""
+    names = ("humble", "cyclone_jazzy", "cyclone_kilted", "zenoh_jazzy", "zenoh_kilted")
+    return [test for test in named_tests() if test.endswith(names)]
 
 
 def rows() -> Iterator[str]:
@@ -283,7 +284,7 @@ def _run(folder: str, result: Path) -> None:
 def record() -> None:
     """Run all named tests, each folder in a process of its own, and write their outcomes."""
     before = json.loads(RESULTS.read_text(encoding="utf-8"))
-    outcomes: dict[str, dict[str, int]] = {test: before[test] for test in before if test in rclpy_of_humble()}
+    outcomes: dict[str, dict[str, int]] = {test: before[test] for test in before if test in with_built_peers()}
     for folder in sorted({"/".join(test.split("/")[:2]) + "/" for test in named_tests()}):
         with tempfile.TemporaryDirectory() as scratch:
             result = Path(scratch, "result.json")
