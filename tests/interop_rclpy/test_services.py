@@ -122,14 +122,14 @@ async def test_a_service_with_servers_of_both_kinds_answers_every_client(world: 
     node, other = world.node("tester"), world.node("server")
     client = await client_of_theirs(node, shared_peer, name, "std_srvs/srv/Trigger", "trigger", note="theirs")
     other.create_service(cls, name, lambda _: cls.Response(success=True, message="ours"))
-    await until(lambda: len(node.get_subscriptions_info_by_topic(f"rq{name}Request", no_mangle=True)) == 2)
+    await until(lambda: node.count_services(name) == 2)
     answers = {(await client.call(cls.Request(), CALL_S)).message for _ in range(20)}
     assert answers and answers <= {"ours", "theirs"}
     await shared_peer.do("client", name=name, type="std_srvs/srv/Trigger")
     got = [(await shared_peer.do("call", name=name, requests_=[{}]))[0]["message"] for _ in range(20)]
     assert set(got) <= {"ours", "theirs"}
     await shared_peer.do("unserve", name=name)
-    await until(lambda: len(node.get_subscriptions_info_by_topic(f"rq{name}Request", no_mangle=True)) == 1)
+    await until(lambda: node.count_services(name) == 1)
     assert {(await client.call(cls.Request(), CALL_S)).message for _ in range(5)} == {"ours"}
 
 
@@ -249,6 +249,7 @@ def delay_match(server: Any, delay_s: float) -> Any:
     return function
 
 
+@pytest.mark.about_dds("Zenoh connects no single writers")
 async def test_a_request_is_answered_that_came_before_its_writer_was_connected(world: Any, shared_peer: Peer) -> None:
     """The request is repeated after the peer's next heartbeat, 3 s later; without the early-request mechanism it is
     lost.

@@ -71,8 +71,9 @@ async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: 
     name = fresh("unknown")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     request = {"int32_value": -5, "string_value": "words"}
-    error = await resolver("call", is_right=False, service=name, request=request, type_hash=None)
-    assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
+    if shared_peer.middleware != "Zenoh":  # where keys of services have the hash of the service
+        error = await resolver("call", is_right=False, service=name, request=request, type_hash=None)
+        assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
     told = type_hash(service(shared_peer, BASIC))
     answer = await resolver("call", service=name, request=request, type_hash=told)
     assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
