@@ -22,6 +22,10 @@ ANSWER_S = 25
 """Default timeout for a result."""
 
 
+_OF_OURS = ("ROS_", "CYCLONEDDS", "ZENOH_", "PYTHON")
+"""Beginnings of the variables of our nodes."""
+
+
 class PeerError(Exception):
     """Traceback of the peer, or its end."""
 
@@ -29,11 +33,20 @@ class PeerError(Exception):
 class Peer:
     """Running peer with one node, ready for commands."""
 
-    def __init__(self, python: Path, name: str, distro: str, *arguments: str, domain_id: int, **settings: str) -> None:
-        self.name, self.distro = name, distro
+    def __init__(
+        self,
+        python: Path,
+        name: str,
+        *arguments: str,
+        middleware: str,
+        distro: str,
+        domain_id: int,
+        **settings: str,
+    ) -> None:
+        self.name, self.middleware, self.distro = name, middleware, distro
         self.python = python
         environment = {
-            **{key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "CYCLONEDDS", "PYTHON"))},
+            **{key: value for key, value in os.environ.items() if not key.startswith(_OF_OURS)},
             "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
             "ROS_DOMAIN_ID": str(domain_id),
             **settings,

@@ -147,9 +147,7 @@ async def test_topics_and_services_have_information(shared_peer: Peer, tool: Too
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
 
 
-async def test_the_graph_shows_them_and_the_doctor_tells_their_make(
-    shared_peer: Peer, tool: Tool, is_on_cyclone: bool
-) -> None:
+async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
     overview = await overview_of(shared_peer, tool)
     (node,) = json.loads(overview.outputs["graph --json"])["nodes"]
     shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
@@ -162,8 +160,7 @@ async def test_the_graph_shows_them_and_the_doctor_tells_their_make(
     assert not any("parameter" in name for _, name, *_ in shown)
     texts = [row["text"] for row in json.loads(overview.outputs["doctor --json"])["peers"]]
     kind = "ROS Humble or earlier (no type hashes)" if shared_peer.distro == "humble" else "ROS Iron or later"
-    middleware = "Cyclone DDS" if is_on_cyclone else "Fast DDS"
-    (peers,) = [text for text in texts if text.startswith(f"{middleware}, {kind}: ")]
+    (peers,) = [text for text in texts if text.startswith(f"{shared_peer.middleware}, {kind}: ")]
     assert f"/{shared_peer.name}" in peers
     assert any("a message went there and back" in text for text in texts)
 
@@ -178,7 +175,7 @@ async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) ->
     assert "response:\ntest_msgs.srv.BasicTypes_Response(bool_value=True, byte_value=0," in shown
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("answers")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
@@ -309,7 +306,7 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
     assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
     shared_peer: Peer, distro: str, tool: Tool, tmp_path: Path
 ) -> None:
@@ -364,7 +361,7 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
             assert {one.request[0].goal.order for one in goals if one.request} == {3}
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, tmp_path: Path) -> None:
     topic = fresh("compared")
     await shared_peer.do("publisher", topic=topic, type="test_msgs/msg/BasicTypes")

@@ -1,4 +1,4 @@
-"""Events of our endpoints about rclpy's on Fast DDS, with the numbers of rclpy."""
+"""Events of our endpoints about rclpy's endpoints, with the numbers of rclpy."""
 
 from __future__ import annotations
 
@@ -38,26 +38,29 @@ String: Any = get_message(STRING)
     ],
 )
 async def test_policies_decide_who_is_matched(
-    dds: Any, shared_peer: Peer, theirs: dict[str, Any], ours: QoSProfile, kind: QoSPolicyKind | None
+    world: Any, shared_peer: Peer, theirs: dict[str, Any], ours: QoSProfile, kind: QoSPolicyKind | None
 ) -> None:
+    if shared_peer.middleware == "Zenoh":
+        kind = None  # no policies are incompatible: docs/internals/zenoh.md 5
     topic = fresh("policies")
     events: list[IncompatibleStatus] = []
     callbacks = SubscriptionEventCallbacks(incompatible_qos=events.append)
-    subscription = dds.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
+    subscription = world.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
     await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
     await until(lambda: subscription.publisher_count > 0 or events)
     assert subscription.publisher_count == (kind is None)
     assert [(one.total_count, one.last_policy_kind) for one in events] == ([] if kind is None else [(1, kind)])
 
 
-async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer: Peer) -> None:
+@pytest.mark.about_dds("Zenoh has no events for deadlines and liveliness")
+async def test_their_publisher_comes_falls_silent_and_goes(world: Any, shared_peer: Peer) -> None:
     topic = fresh("silent")
     matched: list[MatchedStatus] = []
     alive: list[LivelinessStatus] = []
     missed: list[CountStatus] = []
     callbacks = SubscriptionEventCallbacks(matched=matched.append, liveliness=alive.append, deadline=missed.append)
     qos = QoSProfile().deadline(0.5).manual_liveliness(1.0)
-    dds.node().create_subscription(String, topic, qos=qos, event_callbacks=callbacks)
+    world.node().create_subscription(String, topic, qos=qos, event_callbacks=callbacks)
     theirs = {"deadline_s": 0.5, "lease_s": 1, "liveliness": "MANUAL_BY_TOPIC"}
     await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
     await shared_peer.do("matched", topic=topic)
@@ -70,12 +73,13 @@ async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer
     assert matched == [MatchedStatus(1, 1, 1, 1), MatchedStatus(1, 0, 0, -1)]
 
 
-async def test_their_subscriptions_come_and_do_not_fit(dds: Any, shared_peer: Peer) -> None:
+@pytest.mark.about_dds("no policies are incompatible on Zenoh")
+async def test_their_subscriptions_come_and_do_not_fit(world: Any, shared_peer: Peer) -> None:
     topic = fresh("both")
     matched: list[MatchedStatus] = []
     incompatible: list[IncompatibleStatus] = []
     callbacks = PublisherEventCallbacks(matched=matched.append, incompatible_qos=incompatible.append)
-    dds.node().create_publisher(String, topic, QoSProfile().best_effort(), event_callbacks=callbacks)
+    world.node().create_publisher(String, topic, QoSProfile().best_effort(), event_callbacks=callbacks)
     await shared_peer.do("subscribe", topic=topic, type=STRING, qos={"reliability": "RELIABLE"})
     await until(lambda: bool(incompatible))
     assert (incompatible[0].total_count, incompatible[0].last_policy_kind) == (1, QoSPolicyKind.RELIABILITY)

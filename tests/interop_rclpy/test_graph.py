@@ -30,10 +30,10 @@ PROFILES = [
 IDS = ["default", "best effort", "transient local", "manual liveliness", "deadline and lifespan"]
 
 
-async def test_nodes_see_each_other_come_and_go(dds: Any, shared_peer: Peer) -> None:
-    context, guest = dds.context(), fresh("guest").strip("/")
-    stays = dds.node(fresh("host").strip("/"), "/deep/space", context=context)
-    leaves = dds.node(fresh("guest").strip("/"), context=context)
+async def test_nodes_see_each_other_come_and_go(world: Any, shared_peer: Peer) -> None:
+    context, guest = world.context(), fresh("guest").strip("/")
+    stays = world.node(fresh("host").strip("/"), "/deep/space", context=context)
+    leaves = world.node(fresh("guest").strip("/"), context=context)
     await shared_peer.do("add_node", name=guest, namespace="/deep/space")
     for name in (f"/{shared_peer.name}", f"/deep/space/{guest}"):
         assert await stays.wait_for_node(name, timeout_s=SEEN_S)
@@ -53,9 +53,9 @@ def owner_of(node: Node, peer: Peer) -> str:
     Fast DDS 3 requires an endpoint to name its participant, which is optional in the standard and missing in Cyclone
     DDS.
     """
-    return (
-        "_CREATED_BY_BARE_DDS_APP_/_CREATED_BY_BARE_DDS_APP_" if peer.distro == "kilted" else node.fully_qualified_name
-    )
+    if peer.middleware == "Fast DDS" and peer.distro in ("kilted", "lyrical"):
+        return "_CREATED_BY_BARE_DDS_APP_/_CREATED_BY_BARE_DDS_APP_"
+    return node.fully_qualified_name
 
 
 def hash_text(peer: Peer, cls: Any) -> str:
@@ -74,18 +74,19 @@ def _of(qos: QoSProfile) -> dict[str, Any]:
     }
 
 
-def _expected(qos: QoSProfile, *, reader: bool) -> dict[str, Any]:
+def _expected(qos: QoSProfile, peer: Peer, *, reader: bool) -> dict[str, Any]:
+    """Return the QoS that an endpoint announces; readers on DDS have no lifespan."""
     announced = {key: value or INFINITE_NS for key, value in _of(qos).items()}
     announced |= {"liveliness": qos.liveliness.name.replace("SYSTEM_DEFAULT", "AUTOMATIC")}
-    return announced | ({"lifespan": INFINITE_NS} if reader else {})
+    return announced | ({"lifespan": INFINITE_NS} if reader and peer.middleware != "Zenoh" else {})
 
 
 @pytest.mark.parametrize(("qos", "theirs"), PROFILES, ids=IDS)
 async def test_they_see_type_hash_gid_and_qos_of_our_endpoints(
-    dds: Any, shared_peer: Peer, qos: QoSProfile, theirs: dict[str, Any]
+    world: Any, shared_peer: Peer, qos: QoSProfile, theirs: dict[str, Any]
 ) -> None:
     topic, cls = fresh("described"), message(shared_peer, STRING)
-    node = dds.node(fresh("owner").strip("/"))
+    node = world.node(fresh("owner").strip("/"))
     publisher = node.create_publisher(cls, topic, qos)
     subscription = node.create_subscription(cls, topic, qos=qos)
     for what, endpoint in (("publishers", publisher), ("subscriptions", subscription)):
@@ -96,15 +97,15 @@ async def test_they_see_type_hash_gid_and_qos_of_our_endpoints(
             "type": STRING,
             "hash": hash_text(shared_peer, cls),
             "kind": what.upper().rstrip("S"),
-            **_expected(qos, reader=what == "subscriptions"),
+            **_expected(qos, shared_peer, reader=what == "subscriptions"),
         }
 
 
 @pytest.mark.parametrize(("qos", "theirs"), PROFILES, ids=IDS)
 async def test_we_see_type_hash_and_qos_of_their_endpoints(
-    dds: Any, shared_peer: Peer, qos: QoSProfile, theirs: dict[str, Any]
+    world: Any, shared_peer: Peer, qos: QoSProfile, theirs: dict[str, Any]
 ) -> None:
-    node, topic = dds.node("tester"), fresh("described")
+    node, topic = world.node("tester"), fresh("described")
     await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
     await shared_peer.do("subscribe", topic=topic, type=STRING, qos=theirs)
     for look, kind in (
@@ -115,12 +116,12 @@ async def test_we_see_type_hash_and_qos_of_their_endpoints(
         (info,) = look(topic)
         assert (info.node_namespace, info.topic_type, info.endpoint_type) == ("/", STRING, kind)
         assert info.topic_type_hash == hash_text(shared_peer, message(shared_peer, STRING))
-        assert _of(info.qos_profile) == _expected(qos, reader=kind is EndpointType.SUBSCRIPTION)
+        assert _of(info.qos_profile) == _expected(qos, shared_peer, reader=kind is EndpointType.SUBSCRIPTION)
 
 
-async def test_they_see_our_topics_and_services_come_and_go(dds: Any, shared_peer: Peer) -> None:
+async def test_they_see_our_topics_and_services_come_and_go(world: Any, shared_peer: Peer) -> None:
     topic, served, called = fresh("topic"), fresh("served"), fresh("called")
-    node = dds.node(fresh("owner").strip("/"))
+    node = world.node(fresh("owner").strip("/"))
     name, cls, srv = node.name, message(shared_peer, STRING), service(shared_peer, TRIGGER)
     made = [
         node.create_publisher(cls, topic),
@@ -147,9 +148,9 @@ async def test_they_see_our_topics_and_services_come_and_go(dds: Any, shared_pee
         await shared_peer.do("until_by_node", what=what, name=name, thing=thing, there=False)
 
 
-async def test_we_see_their_topics_and_services_come_and_go(dds: Any, shared_peer: Peer) -> None:
+async def test_we_see_their_topics_and_services_come_and_go(world: Any, shared_peer: Peer) -> None:
     topic, served, called = fresh("topic"), fresh("served"), fresh("called")
-    node, name = dds.node("tester"), shared_peer.name
+    node, name = world.node("tester"), shared_peer.name
     looks: list[tuple[Callable[[str], dict[str, list[str]]], str, str]] = [
         (node.get_publisher_names_and_types_by_node, topic, STRING),
         (node.get_subscriber_names_and_types_by_node, topic, STRING),
@@ -180,8 +181,8 @@ def _pairs(found: Any) -> list[tuple[str, list[str]]]:
 
 
 @pytest.mark.parametrize("end", ["close", "kill"])
-async def test_we_miss_a_peer_that_ends(dds: Any, start_mortal: Callable[[str], Peer], end: str) -> None:
-    node, topic = dds.node("tester"), fresh("mortal")
+async def test_we_miss_a_peer_that_ends(world: Any, start_mortal: Callable[[str], Peer], end: str) -> None:
+    node, topic = world.node("tester"), fresh("mortal")
     peer = start_mortal("mortal_node")
     await peer.do("publisher", topic=topic, type=STRING)
     assert await node.wait_for_node("/mortal_node", timeout_s=SEEN_S)
@@ -192,11 +193,11 @@ async def test_we_miss_a_peer_that_ends(dds: Any, start_mortal: Callable[[str], 
 
 
 async def test_they_miss_our_context_when_it_closes(
-    dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
+    world: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(*SOON_MISSED)
-    topic, context = fresh("ours"), dds.context()
-    node = dds.node(fresh("mortal").strip("/"), context=context)
+    topic, context = fresh("ours"), world.context()
+    node = world.node(fresh("mortal").strip("/"), context=context)
     node.create_publisher(message(shared_peer, STRING), topic)
     await shared_peer.do("until_infos", topic=topic, what="publishers", nodes=[owner_of(node, shared_peer)])
     name = node.fully_qualified_name
@@ -206,10 +207,10 @@ async def test_they_miss_our_context_when_it_closes(
 
 
 async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_later(
-    dds: Any, start_peer: Callable[..., Peer]
+    world: Any, start_peer: Callable[..., Peer]
 ) -> None:
     """Such a peer announces itself by multicast, to which a node that stays local does not listen."""
-    node = dds.node("tester")
+    node = world.node("tester")
     peer = start_peer("wide", wide=True)
     try:
         if peer.stays_local:
@@ -219,9 +220,9 @@ async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_la
         peer.close()
 
 
-async def test_names_of_nodes_are_known_soon_after_their_endpoints(dds: Any, start_peer: Callable[..., Peer]) -> None:
+async def test_names_of_nodes_are_known_soon_after_their_endpoints(world: Any, start_peer: Callable[..., Peer]) -> None:
     """Fast DDS repeats a graph message that Cyclone DDS dropped only after 3 s."""
-    peer, node = start_peer("on_this_machine"), dds.node("watcher")
+    peer, node = start_peer("on_this_machine"), world.node("watcher")
     await until(lambda: any(name.startswith(f"/{peer.name}/") for name, _ in node.get_service_names_and_types()))
     began = time.monotonic()
     assert await node.wait_for_node(f"/{peer.name}", timeout_s=SEEN_S)
@@ -235,11 +236,11 @@ longer.
 """
 
 
-async def seconds_to_know(dds: Any, peer: Peer) -> float:
+async def seconds_to_know(world: Any, peer: Peer) -> float:
     """Return the time from the start of our node until it knows a service of the peer."""
     clock = asyncio.get_running_loop().time
     started = clock()
-    node = dds.node("newcomer")
+    node = world.node("newcomer")
     while f"/{peer.name}/get_parameters" not in dict(node.get_service_names_and_types()):
         assert clock() < started + 10, "never known"
         await asyncio.sleep(0.005)
@@ -247,9 +248,9 @@ async def seconds_to_know(dds: Any, peer: Peer) -> float:
     return clock() - started
 
 
-async def test_endpoints_of_fast_dds_are_known_soon(dds: Any, shared_peer: Peer) -> None:
+async def test_endpoints_of_fast_dds_are_known_soon(world: Any, shared_peer: Peer) -> None:
     times, busy = [], []
     for _ in range(RUNS):
         busy.append(held_up())
-        times.append(await seconds_to_know(dds, shared_peer))
+        times.append(await seconds_to_know(world, shared_peer))
     assert statistics.median(times) < SOON_S * statistics.mean(busy), (sorted(times), busy)

@@ -44,10 +44,10 @@ async def matched(node: Any, peer: Peer, cls: Any, topic: str) -> tuple[Any, Any
 
 
 @pytest.mark.parametrize("ours", ["humble", "jazzy"])
-async def test_ranges_go_both_ways(dds: Any, shared_peer: Peer, selected: str | None, ours: str) -> None:
+async def test_ranges_go_both_ways(world: Any, shared_peer: Peer, selected: str | None, ours: str) -> None:
     """Humble ignores the variance of a Range of ours, and theirs have none, which reads as zero."""
     cls = get_message(RANGE, distro=ours)
-    publisher, subscription = await matched(dds.node("ranger"), shared_peer, cls, fresh("range"))
+    publisher, subscription = await matched(world.node("ranger"), shared_peer, cls, fresh("range"))
     sent = cls(min_range=0.5, max_range=4.0, range=2.0)
     sent.header.frame_id = "sonar"
     extra = {"variance": 9.0} if ours == "jazzy" else {}
@@ -63,9 +63,9 @@ async def test_ranges_go_both_ways(dds: Any, shared_peer: Peer, selected: str | 
     assert (subscription.undecodable, subscription.incompatible_dropped) == (0, 0)
 
 
-async def test_six_megabytes_go_both_ways(dds: Any, shared_peer: Peer) -> None:
+async def test_six_megabytes_go_both_ways(world: Any, shared_peer: Peer) -> None:
     cls, data = get_message("sensor_msgs/msg/Image"), random_bytes(SIX_MEGABYTES, 1)
-    publisher, subscription = await matched(dds.node("camera"), shared_peer, cls, fresh("image"))
+    publisher, subscription = await matched(world.node("camera"), shared_peer, cls, fresh("image"))
     publisher.publish(cls(height=1024, width=2048, encoding="rgb8", step=6144, data=data))
     (taken,) = await shared_peer.do("take", topic=publisher.topic, within_s=60)
     assert (taken["width"], taken["data"]) == (2048, digest(data))
@@ -77,19 +77,19 @@ async def test_six_megabytes_go_both_ways(dds: Any, shared_peer: Peer) -> None:
 
 @pytest.mark.parametrize("namespace", ["/", "/ab"])
 async def test_nodes_are_listed_both_ways_and_only_another_distribution_takes_memory(
-    dds: Any, start_peer: Callable[..., Peer], is_on_cyclone: bool, selected: str | None, namespace: str
+    world: Any, start_peer: Callable[..., Peer], selected: str | None, namespace: str
 ) -> None:
     """With another distribution, two letters in the namespace of the first node are 6.4 million nodes for Humble.
 
     On Cyclone DDS it takes no memory.
     """
     peer = start_peer(fresh("modest").strip("/"), wide=True)
-    node = dds.node(fresh("ours").strip("/"), namespace)
+    node = world.node(fresh("ours").strip("/"), namespace)
     assert await node.wait_for_node(f"/{peer.name}", 10)
     if selected != "jazzy":
         await peer.do("until_node", name=node.fully_qualified_name)
         assert await peer.do("memory_mb") < LITTLE_MB
-    elif is_on_cyclone:
+    elif peer.middleware == "Cyclone DDS":
         assert await peer.do("memory_mb") < LITTLE_MB
     elif namespace == "/ab":
         while await peer.do("memory_mb") < MUCH_MB:

@@ -35,8 +35,8 @@ async def call(node: Node, peer: Peer, kind: str, name: str, request: dict[str, 
     return plain(response)
 
 
-async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> None:
-    node, name = dds.node("tester"), fresh("managed")
+async def test_we_drive_their_lifecycle_node(world: Any, shared_peer: Peer) -> None:
+    node, name = world.node("tester"), fresh("managed")
     await shared_peer.do("lifecycle_node", name=name.strip("/"))
     events = node.create_subscription(message(shared_peer, EVENT), f"{name}/transition_event")
     assert await events.wait_for_publishers(timeout_s=WAIT_S)
@@ -70,9 +70,9 @@ class Managed(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
 
-async def test_they_drive_our_lifecycle_node(dds: Any, shared_peer: Peer) -> None:
+async def test_they_drive_our_lifecycle_node(world: Any, shared_peer: Peer) -> None:
     name = fresh("managed")
-    node = Managed(name.strip("/"), context=dds.context())
+    node = Managed(name.strip("/"), context=world.context())
     try:
         await shared_peer.do("subscribe", topic=f"{name}/transition_event", type=EVENT)
         await shared_peer.do("matched", topic=f"{name}/transition_event")

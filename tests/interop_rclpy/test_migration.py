@@ -7,6 +7,7 @@ import re
 import subprocess
 from typing import TYPE_CHECKING
 
+import pytest
 from support.markdown_pages import ROOT, blocks
 from support.node_fixtures import second_domain_id
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 PAGE = ROOT / "docs" / "start" / "from-rclpy.md"
 
 
+@pytest.mark.about_dds("Zenoh may log to the standard output")
 def test_the_rclpy_code_for_its_users_runs(peer_python: Path, tmp_path: Path) -> None:
     (code,) = (block.text for block in blocks(PAGE) if block.title == "counter.py")
     script = tmp_path / "counter.py"

@@ -22,8 +22,8 @@ LEVELS = [20, 30, 40, 50]
 MINUTE_NS = 60_000_000_000
 
 
-async def test_we_read_their_rosout(dds: Any, shared_peer: Peer) -> None:
-    node, text = dds.node("reader"), fresh("words from them")
+async def test_we_read_their_rosout(world: Any, shared_peer: Peer) -> None:
+    node, text = world.node("reader"), fresh("words from them")
     subscription = node.create_subscription(message(shared_peer, LOG), "/rosout", qos=ROSOUT)
     await shared_peer.do("log", text=text)
     records: list[Any] = []
@@ -36,9 +36,9 @@ async def test_we_read_their_rosout(dds: Any, shared_peer: Peer) -> None:
     )
 
 
-async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
+async def test_they_read_our_rosout(world: Any, shared_peer: Peer) -> None:
     name, text = fresh("writer"), fresh("words from us")
-    node = dds.node(name.strip("/"), "/deep")
+    node = world.node(name.strip("/"), "/deep")
     for level in LEVELS:
         node.logger.log(level, text)
     await shared_peer.do("subscribe", topic="/rosout", type=LOG, qos=THEIR_ROSOUT)
@@ -50,8 +50,8 @@ async def test_they_read_our_rosout(dds: Any, shared_peer: Peer) -> None:
     assert [(one["level"], one["name"]) for one in records] == expected
 
 
-async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
-    node = Node(fresh("simulated").strip("/"), context=dds.context(), parameter_overrides={"use_sim_time": True})
+async def test_their_clock_drives_our_node(world: Any, shared_peer: Peer) -> None:
+    node = Node(fresh("simulated").strip("/"), context=world.context(), parameter_overrides={"use_sim_time": True})
     await shared_peer.do("publisher", topic="/clock", type="rosgraph_msgs/msg/Clock")
     stamp = {"clock": {"sec": 1234, "nanosec": 5}}
 
@@ -67,20 +67,20 @@ async def test_their_clock_drives_our_node(dds: Any, shared_peer: Peer) -> None:
         node.close()
 
 
-async def test_our_clock_drives_their_node(dds: Any, shared_peer: Peer) -> None:
+async def test_our_clock_drives_their_node(world: Any, shared_peer: Peer) -> None:
     name = fresh("simulated").strip("/")
     await shared_peer.do("add_node", name=name, parameters={"use_sim_time": True})
     cls = message(shared_peer, "rosgraph_msgs/msg/Clock")
-    publisher = dds.node("tester").create_publisher(cls, "/clock")
+    publisher = world.node("tester").create_publisher(cls, "/clock")
     stamp = cls()
     stamp.clock.sec = 60
     arrived = shared_peer.do("now_ns", node=name, at_least=MINUTE_NS)
     assert await repeated(lambda: publisher.publish(stamp), arrived) == MINUTE_NS
 
 
-@pytest.mark.only_with("jazzy", "kilted")
-async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> None:
-    node, kind = dds.node("tester"), "test_msgs/msg/MultiNested"
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
+async def test_their_node_describes_its_types(world: Any, shared_peer: Peer) -> None:
+    node, kind = world.node("tester"), "test_msgs/msg/MultiNested"
     await shared_peer.do("publisher", topic=fresh("described"), type=kind)
     wanted = type_hash(message(shared_peer, kind))
     answer = await node.get_type_description(f"/{shared_peer.name}", kind, wanted, timeout_s=WAIT_S)
@@ -90,12 +90,12 @@ async def test_their_node_describes_its_types(dds: Any, shared_peer: Peer) -> No
         await node.get_type_description(f"/{shared_peer.name}", kind, f"RIHS01_{'0' * 64}", timeout_s=WAIT_S)
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 async def test_our_node_describes_its_types_as_theirs_would(
-    dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
+    world: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(shared_peer.share.parent))  # where sources of types are looked for
-    node, kind = dds.node(fresh("owner").strip("/")), "test_msgs/msg/MultiNested"
+    node, kind = world.node(fresh("owner").strip("/")), "test_msgs/msg/MultiNested"
     cls = message(shared_peer, kind)
     node.create_publisher(cls, fresh("described"))
     await shared_peer.do("publisher", topic=fresh("described"), type=kind)
@@ -111,11 +111,11 @@ async def test_our_node_describes_its_types_as_theirs_would(
     assert described[0]["successful"] and described[0] == described[1]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
-async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
+async def test_we_set_their_logger_levels(world: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     await shared_peer.do("add_node", name=name, enable_logger_service=True)
-    node = dds.node("tester")
+    node = world.node("tester")
     levels = [{"name": f"{name}.part", "level": 40}]
     setter, getter = (service(shared_peer, f"rcl_interfaces/srv/{verb}LoggerLevels") for verb in ("Set", "Get"))
     setting = node.create_client(setter, f"/{name}/set_logger_levels")
@@ -127,10 +127,10 @@ async def test_we_set_their_logger_levels(dds: Any, shared_peer: Peer) -> None:
     assert plain(answer) == {"levels": levels}
 
 
-@pytest.mark.only_with("jazzy", "kilted")
-async def test_they_set_our_logger_levels(dds: Any, shared_peer: Peer) -> None:
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
+async def test_they_set_our_logger_levels(world: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
-    node = Node(name, context=dds.context(), logger_services=True)
+    node = Node(name, context=world.context(), logger_services=True)
     levels = [{"name": name, "level": 40}]
     try:
         for verb, request, expected in (
@@ -172,10 +172,11 @@ async def watched(node: Node, peer: Peer, name: str, is_ours: bool, state: str) 
     return call
 
 
-@pytest.mark.only_with("kilted")  # Jazzy's clients tell the GUID of their writer
+@pytest.mark.only_with("kilted", "lyrical")  # Jazzy's clients tell the GUID of their writer
+@pytest.mark.about_fast_dds("with rmw_cyclonedds client and server announce different values")
 @OURS
-async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer: Peer, is_ours: bool) -> None:
-    node, name = dds.node("tester"), fresh("watched")
+async def test_all_events_of_a_call_name_the_reply_reader(world: Any, shared_peer: Peer, is_ours: bool) -> None:
+    node, name = world.node("tester"), fresh("watched")
     subscription = node.create_subscription(
         get_message(f"{SET_BOOL}_Event", path=shared_peer.share), f"{name}/_service_event", qos=100
     )
@@ -190,13 +191,13 @@ async def test_all_events_of_a_call_name_the_reply_reader(dds: Any, shared_peer:
     assert gid in [reply.guid for reply in readers if not reply.is_writer]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 @OURS
 async def test_introspection_of_both_ends_tells_of_a_call(
-    dds: Any, shared_peer: Peer, is_ours: bool, state: str
+    world: Any, shared_peer: Peer, is_ours: bool, state: str
 ) -> None:
-    node, name = dds.node("tester"), fresh("watched")
+    node, name = world.node("tester"), fresh("watched")
     await check_events(node, shared_peer, name, state, await watched(node, shared_peer, name, is_ours, state))
 
 

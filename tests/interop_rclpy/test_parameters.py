@@ -41,8 +41,8 @@ def member(answer: dict[str, Any]) -> Any:
     return answer[names.split()[answer["type"] - 1]]
 
 
-def node_with_all_types(dds: Any) -> Node:
-    node: Node = dds.node(fresh("ours").strip("/"))
+def node_with_all_types(world: Any) -> Node:
+    node: Node = world.node(fresh("ours").strip("/"))
     for name, value in VALUES.items():
         node.declare_parameter(name, value)
     return node
@@ -53,8 +53,8 @@ async def call_ours(peer: Peer, node: Node, method: str, argument: Any) -> Any:
     return await peer.do("remote", node=node.fully_qualified_name, method=method, argument=argument)
 
 
-async def test_their_client_reads_our_parameters(dds: Any, shared_peer: Peer) -> None:
-    ours = node_with_all_types(dds)
+async def test_their_client_reads_our_parameters(world: Any, shared_peer: Peer) -> None:
+    ours = node_with_all_types(world)
     names = list(VALUES)
     answer = await call_ours(shared_peer, ours, "get_parameters", names)
     assert [member(value) for value in answer["values"]] == list(VALUES.values())
@@ -69,8 +69,8 @@ async def test_their_client_reads_our_parameters(dds: Any, shared_peer: Peer) ->
 
 
 @pytest.mark.parametrize("method", ["set_parameters", "set_parameters_atomically"])
-async def test_their_client_sets_our_parameters(dds: Any, shared_peer: Peer, method: str) -> None:
-    ours = node_with_all_types(dds)
+async def test_their_client_sets_our_parameters(world: Any, shared_peer: Peer, method: str) -> None:
+    ours = node_with_all_types(world)
     answer = await call_ours(shared_peer, ours, method, {"count": 8, "gain": "text", "missing": 1})
     if method == "set_parameters":
         assert [one["successful"] for one in answer["results"]] == [True, False, False]
@@ -81,8 +81,8 @@ async def test_their_client_sets_our_parameters(dds: Any, shared_peer: Peer, met
     assert as_lists(ours.get_parameters(list(NEW))) == list(NEW.values())
 
 
-async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared_peer: Peer, theirs: Any) -> None:
-    ours = node_with_all_types(dds)
+async def test_their_whole_number_is_our_double_and_ours_theirs(world: Any, shared_peer: Peer, theirs: Any) -> None:
+    ours = node_with_all_types(world)
     wanted = {"gain": 3, "gains": [1, 2], "count": 4}
     answer = await call_ours(shared_peer, ours, "set_parameters", wanted)
     assert [one["successful"] for one in answer["results"]] == [True] * 3
@@ -92,25 +92,25 @@ async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared
     assert repr(await their_values(shared_peer, theirs, list(wanted))) == "[5.0, [1.0, 2.0], 6]"
 
 
-@pytest.mark.only_with("jazzy", "kilted")
-async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Peer, tmp_path: Path) -> None:
-    ours = node_with_all_types(dds)
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
+async def test_their_client_loads_a_file_into_our_node(world: Any, shared_peer: Peer, tmp_path: Path) -> None:
+    ours = node_with_all_types(world)
     file = tmp_path / "parameters.yaml"
     file.write_text(FILE.format(ours.fully_qualified_name))
     await call_ours(shared_peer, ours, "load_parameter_file", str(file))
     assert as_lists(ours.get_parameters(["count", "arm.left.labels"])) == [11, ["ab", "cd"]]
 
 
-@pytest.mark.only_with("jazzy", "kilted")
-async def test_their_client_undeclares_our_dynamic_parameter(dds: Any, shared_peer: Peer) -> None:
-    ours = node_with_all_types(dds)
+@pytest.mark.only_with("jazzy", "kilted", "lyrical")
+async def test_their_client_undeclares_our_dynamic_parameter(world: Any, shared_peer: Peer) -> None:
+    ours = node_with_all_types(world)
     ours.declare_parameter("dynamic", 1, ParameterDescriptor(dynamic_typing=True))
     answer = await call_ours(shared_peer, ours, "delete_parameters", ["dynamic"])
     assert [one["successful"] for one in answer["results"]] == [True] and not ours.has_parameter("dynamic")
 
 
-async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Peer) -> None:
-    ours = node_with_all_types(dds)
+async def test_they_hear_of_changes_of_our_parameters(world: Any, shared_peer: Peer) -> None:
+    ours = node_with_all_types(world)
     topic, name = "/parameter_events", ours.fully_qualified_name
     await shared_peer.do("subscribe", topic=topic, type="rcl_interfaces/msg/ParameterEvent", qos=THEIR_QOS)
     await shared_peer.do("matched", topic=topic, count=2)  # their own node is one
@@ -126,12 +126,12 @@ async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Pee
 
 
 @pytest.fixture
-def theirs(dds: Any, shared_peer: Peer) -> Any:
+def theirs(world: Any, shared_peer: Peer) -> Any:
     """Return our client for the parameters of a new node of the peer with all types of values."""
     name = fresh("theirs")
     shared_peer.start("add_node", name=name.strip("/")).result(WAIT_S)
     shared_peer.start("declare", node=name.strip("/"), parameters=VALUES).result(WAIT_S)
-    return dds.node("tester").create_parameter_client(name)
+    return world.node("tester").create_parameter_client(name)
 
 
 async def their_values(peer: Peer, client: Any, names: list[str]) -> Any:

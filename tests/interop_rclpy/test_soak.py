@@ -56,9 +56,9 @@ async def retried(once: Callable[[], Awaitable[Any]]) -> Any:
 class Soak:
     """Concurrent activities and their counters."""
 
-    def __init__(self, dds: Any, stays: Peer) -> None:
+    def __init__(self, world: Any, stays: Peer) -> None:
         self.stays = stays
-        self.ours = dds.node(fresh("ours").strip("/"))
+        self.ours = world.node(fresh("ours").strip("/"))
         self.basic, self.trigger = service(stays, BASIC), service(stays, TRIGGER)
         self.fibonacci = action(stays, FIBONACCI)
         names = ("theirs", "ours", "ours_mortal", "both_for_us", "both_for_them", "goals_theirs", "goals_ours")
@@ -171,13 +171,13 @@ class Soak:
 
 @pytest.mark.timeout(60 * MINUTES + 240)
 async def test_soak_nothing_that_was_answered_is_lost(
-    dds: Any,
+    world: Any,
     start_peer: Callable[..., Peer],
     start_mortal: Callable[[str], Peer],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", _LOSSES)
-    soak = Soak(dds, start_peer("soak_peer", wide=True))
+    soak = Soak(world, start_peer("soak_peer", wide=True))
     await soak.prepare()
     work = {
         "our calls to theirs": soak.our_calls("theirs"),

@@ -26,7 +26,7 @@ TYPES = [
             *("Defaults", "Empty", "MultiNested", "Nested", "Strings", "UnboundedSequences", "WStrings"),
         )
     ),
-    pytest.param("test_msgs/msg/NonKeyedWithNestedKey", marks=pytest.mark.only_with("kilted")),
+    pytest.param("test_msgs/msg/NonKeyedWithNestedKey", marks=pytest.mark.only_with("kilted", "lyrical")),
 ]
 KEYED = ["test_msgs/msg/KeyedLong", "test_msgs/msg/KeyedString", "test_msgs/msg/ComplexNestedKey"]
 MEGABYTE = 1_048_576
@@ -58,9 +58,23 @@ DEEP = QoSProfile().keep_last(100)
 THEIR_DEEP = {"depth": 100}
 
 
+def lossless(peer: Peer) -> tuple[QoSProfile, dict[str, Any]]:
+    """Return the QoS of our endpoints and of the peer's with which large messages at once arrive on a busy machine.
+
+    Zenoh drops reliable messages of an endpoint that keeps the last ones: rmw_zenoh's nodes lose them between
+    themselves, too. With keep all, Zenoh blocks the publisher.
+    """
+    return (QoSProfile().keep_all(), {"history": "KEEP_ALL"}) if peer.middleware == "Zenoh" else (DEEP, THEIR_DEEP)
+
+
 @pytest.mark.parametrize("name", TYPES)
-async def test_random_messages_arrive_as_sent(dds: Any, shared_peer: Peer, name: str) -> None:
-    node, sent = dds.node("tester"), random_values(shared_peer.share, name)
+async def test_random_messages_arrive_as_sent(
+    world: Any, shared_peer: Peer, name: str, request: pytest.FixtureRequest
+) -> None:
+    if name == "test_msgs/msg/WStrings" and shared_peer.distro == "lyrical" and shared_peer.middleware == "Cyclone DDS":
+        reason = "rmw_cyclonedds of Lyrical writes two bytes for a character (docs/reference/compatibility.md)"
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+    node, sent = world.node("tester"), random_values(shared_peer.share, name)
     cls = message(shared_peer, name)
     topic, back = fresh("to_them"), fresh("to_us")
     publisher = await matched_publisher(node, shared_peer, cls, topic, DEEP, THEIR_DEEP)
@@ -73,14 +87,14 @@ async def test_random_messages_arrive_as_sent(dds: Any, shared_peer: Peer, name:
 
 
 async def test_endpoints_are_found_after_peers_told_each_other_their_types(
-    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
+    world: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
 ) -> None:
     """Peers of Kilted request type definitions of each other, and Cyclone DDS receives the replies.
 
     It takes arrays in them for invalid, and would then ignore endpoints of such types, so it is configured to ignore
     type information.
     """
-    node, name = dds.node("tester"), "test_msgs/msg/Arrays"
+    node, name = world.node("tester"), "test_msgs/msg/Arrays"
     cls, first = message(shared_peer, name), fresh("before")
     await matched_subscription(node, shared_peer, cls, first, DEEP, THEIR_DEEP)
     other = start_peer("other_peer")  # asks for the types of all that shared_peer has
@@ -93,10 +107,11 @@ async def test_endpoints_are_found_after_peers_told_each_other_their_types(
     await matched_subscription(node, shared_peer, cls, fresh("after"), DEEP, THEIR_DEEP)
 
 
-@pytest.mark.only_with("kilted")  # Jazzy's test_msgs have no keys
-@pytest.mark.xfail(reason="our topics have no keys", strict=True)
-async def test_topics_with_keys_match(dds: Any, shared_peer: Peer) -> None:
-    node = dds.node("tester")
+@pytest.mark.only_with("kilted", "lyrical")  # Jazzy's test_msgs have no keys
+async def test_topics_with_keys_match(world: Any, shared_peer: Peer, request: pytest.FixtureRequest) -> None:
+    if shared_peer.middleware == "Fast DDS":  # rmw_cyclonedds and rmw_zenoh have no keys, either
+        request.applymarker(pytest.mark.xfail(reason="our topics have no keys", strict=True))
+    node = world.node("tester")
     publishers = []
     for name in KEYED:
         publishers.append(node.create_publisher(message(shared_peer, name), fresh("keyed")))
@@ -104,18 +119,18 @@ async def test_topics_with_keys_match(dds: Any, shared_peer: Peer) -> None:
     assert all(await asyncio.gather(*(publisher.wait_for_subscribers(timeout_s=3) for publisher in publishers)))
 
 
-async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer, distro: str) -> None:
-    node, data = dds.node("tester"), random_bytes(MEGABYTE, 1)
+async def test_a_megabyte_arrives_whole(world: Any, shared_peer: Peer, distro: str) -> None:
+    node, data = world.node("tester"), random_bytes(MEGABYTE, 1)
     at_once = 1 if distro == "humble" else 3  # docs/internals/dds.md 13
     cls = message(shared_peer, "std_msgs/msg/UInt8MultiArray")
     topic, back = fresh("big_to_them"), fresh("big_to_us")
-    publisher = await matched_publisher(node, shared_peer, cls, topic, DEEP, THEIR_DEEP)
+    publisher = await matched_publisher(node, shared_peer, cls, topic, *lossless(shared_peer))
     for _ in range(3 // at_once):
         for _ in range(at_once):
             publisher.publish(cls(data=data))
         taken = await shared_peer.do("take", topic=topic, count=at_once)
         assert [one["data"] for one in taken] == [digest(data)] * at_once
-    subscription = await matched_subscription(node, shared_peer, cls, back, DEEP, THEIR_DEEP)
+    subscription = await matched_subscription(node, shared_peer, cls, back, *lossless(shared_peer))
     order = {"data": {"random_bytes": MEGABYTE, "seed": 1}}
 
     await shared_peer.do("publish", topic=back, messages_=[order] * 3)
@@ -123,22 +138,24 @@ async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer, distro: str
         assert (await subscription.receive(timeout_s=20)).data.tobytes() == data
 
 
-async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_peer: Peer) -> None:
+async def test_the_first_message_of_a_publisher_may_be_large(world: Any, shared_peer: Peer) -> None:
     """Fast DDS splits messages into packets of 64 KB. Its first heartbeat mostly precedes Cyclone's discovery of the
     publisher, and Cyclone would take the packets before the next heartbeat for old.
     """
-    node, order = dds.node("tester"), {"data": {"random_bytes": 200_000, "seed": 1}}
+    node, order = world.node("tester"), {"data": {"random_bytes": 200_000, "seed": 1}}
     cls, topics = message(shared_peer, "std_msgs/msg/UInt8MultiArray"), [fresh("big_at_once") for _ in range(10)]
-    subscriptions = [await matched_subscription(node, shared_peer, cls, topic, DEEP, THEIR_DEEP) for topic in topics]
+    subscriptions = [
+        await matched_subscription(node, shared_peer, cls, topic, *lossless(shared_peer)) for topic in topics
+    ]
     for topic in topics:
         await shared_peer.do("publish", topic=topic, messages_=[order])
     for subscription in subscriptions:
         assert (await subscription.receive(timeout_s=10)).data.tobytes() == random_bytes(200_000, 1)
 
 
-async def test_best_effort_topics_deliver(dds: Any, shared_peer: Peer) -> None:
+async def test_best_effort_topics_deliver(world: Any, shared_peer: Peer) -> None:
     """Losses are allowed, so each message is sent until one arrives."""
-    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
+    node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, back = fresh("lossy_to_them"), fresh("lossy_to_us")
     theirs = {"depth": 5, "reliability": "BEST_EFFORT"}
     publisher = await matched_publisher(node, shared_peer, cls, topic, SENSOR_DATA, theirs)
@@ -157,8 +174,8 @@ THEIR_LATCHED = {"depth": 3, "durability": "TRANSIENT_LOCAL"}
 FIVE = [{"data": f"message {number}"} for number in range(5)]
 
 
-async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(dds: Any, shared_peer: Peer) -> None:
-    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
+async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(world: Any, shared_peer: Peer) -> None:
+    node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     ours, theirs = fresh("latched_by_us"), fresh("latched_by_them")
     publisher = node.create_publisher(cls, ours, LATCHED)
     for values in FIVE:
@@ -171,8 +188,8 @@ async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(dd
     assert [plain(await subscription.receive(timeout_s=10)) for _ in range(3)] == FIVE[-3:]
 
 
-async def test_a_busy_subscriber_keeps_the_newest(dds: Any, shared_peer: Peer) -> None:
-    node, cls = dds.node("tester"), message(shared_peer, "std_msgs/msg/String")
+async def test_a_busy_subscriber_keeps_the_newest(world: Any, shared_peer: Peer) -> None:
+    node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, last = fresh("newest"), {"data": "message 499"}
     subscription = await matched_subscription(node, shared_peer, cls, topic, QoSProfile().keep_last(2), {"depth": 1000})
     many = [{"data": f"message {number}"} for number in range(500)]

@@ -2,7 +2,8 @@
 # Builds rclpy of ROS 2 Humble, with `ros2`, on Fast DDS 2.6 and Cyclone DDS 0.10. No package index has it.
 #
 #     tests/support/build_humble_peer.sh FOLDER
-#     ROSIDL_PEER_HUMBLE=FOLDER/install pytest tests/interop_rclpy -k humble
+#     mkdir PEERS && ln -s "$PWD"/FOLDER/install PEERS/humble && ln -s humble PEERS/cyclone_humble
+#     ROSIDL_PEERS=PEERS pytest tests/interop_rclpy -k humble
 #     FOLDER/install/bin/python FOLDER/install/bin/ros2 node list
 #
 # FOLDER gets about 1 GB in 25 to 50 minutes on two processors; a second run continues. $CLONES may name a folder that has

@@ -3,8 +3,8 @@
 Each filled cell names tests that ran with such a peer. ``python tests/support/compatibility_matrix.py`` runs all of
 them, writes their outcomes into `tests/golden/compatibility_results.json`, and the table into the page; with
 ``--table`` it writes the table only. `docs/test_compatibility_matrix.py` compares, and checks that the tests exist and
-are not skipped. No package index has Humble: results with it stay as they were unless ROSIDL_PEER_HUMBLE is set. An end
-such as ``[jazzy`` selects the tests whose parameters begin so.
+are not skipped. No package index has rclpy of Humble, or on Cyclone DDS and Zenoh. Results with such a peer stay as
+they were unless $ROSIDL_PEERS has it. An end such as ``[jazzy`` selects the tests whose parameters begin so.
 """
 
 from __future__ import annotations
@@ -96,29 +96,13 @@ def of_rclpy(distro: str) -> dict[str, Cell]:
     }
 
 
-_PEERS = "tests/interop/test_peers.py::"
 _SECURITY = "tests/interop/test_security.py::"
 _ZENOH = "tests/runtime/transport/zenoh/"
 _DEFINITIONS = "tests/runtime/entities/test_peer_definitions.py::"
 _HUMBLE_ZENOH = f"{_ZENOH}test_humble.py::"
 _LYRICAL_ZENOH = f"{_ZENOH}test_lyrical.py::"
-_CYCLONE = {
-    "topics": Cell("program", (f"{_PEERS}test_cyclone_echoes",)),
-    "services": Cell(
-        "program",
-        (f"{_PEERS}test_our_client_calls_a_cyclone_server", f"{_PEERS}test_a_cyclone_client_calls_our_server"),
-    ),
-    "security": Cell("program", (f"{_SECURITY}test_a_program_on_cyclone",)),
-}
+_SECURED_CYCLONE = {"security": Cell("program", (f"{_SECURITY}test_a_program_on_cyclone",))}
 """Cyclone DDS 0.10, which rmw_cyclonedds of Humble, Jazzy and Kilted uses."""
-_ZENOH_PEERS = "tests/interop_zenoh/test_peers.py::"
-_RMW_ZENOH = {
-    "topics": Cell("bytes", (f"{_ZENOH_PEERS}test_topics_and_services_work_both_ways",)),
-    "services": Cell("bytes", (f"{_ZENOH_PEERS}test_topics_and_services_work_both_ways",)),
-    "graph": Cell("bytes", (f"{_ZENOH_PEERS}test_the_peer_reads_our_tokens",)),
-    "type hash": Cell("bytes", (f"{_ZENOH_PEERS}test_the_peer_reads_our_tokens",)),
-    "security": NOT_SUPPORTED,
-}
 _SECURED_FAST_DDS = {
     "security": Cell("program", (f"{_SECURITY}test_services_with_fast_dds", f"{_SECURITY}test_topics_with_fast_dds"))
 }
@@ -127,47 +111,13 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
         "Humble": {**of_rclpy("humble"), "type hash": NOT_SUPPORTED, **_SECURED_FAST_DDS},
         "Jazzy": {**of_rclpy("jazzy"), **_SECURED_FAST_DDS},
         "Kilted": of_rclpy("kilted"),
-        "Lyrical": {
-            "topics": Cell(
-                "bytes",
-                (
-                    "tests/runtime/transport/test_type_information.py::"
-                    "test_endpoints_of_lyrical_with_buffer_backends_are_ordinary_ones",
-                ),
-            ),
-            "type hash": Cell("bytes", (f"{_DEFINITIONS}test_an_event_of_lyrical_is_not_misread[dds",)),
-            "lifecycle": Cell(
-                "bytes",
-                (
-                    "tests/runtime/lifecycle/test_lifecycle.py::"
-                    "test_events_of_lyrical_have_its_definition_with_time_and_transition[dds",
-                ),
-            ),
-        },
+        "Lyrical": of_rclpy("lyrical"),
     },
     "Cyclone DDS": {
-        "Humble": {**_CYCLONE, **of_rclpy("cyclone_humble"), "type hash": NOT_SUPPORTED},
-        "Jazzy": _CYCLONE,
-        "Kilted": _CYCLONE,
-        "Lyrical": {
-            "topics": Cell(
-                "program",
-                (
-                    "tests/runtime/transport/test_type_information.py::"
-                    "test_peers_that_announce_type_information_match_by_name",
-                ),
-            ),
-            **dict.fromkeys(
-                ("services", "type hash"),
-                Cell(
-                    "program",
-                    (
-                        "tests/runtime/transport/test_type_information.py::"
-                        "test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_called",
-                    ),
-                ),
-            ),
-        },
+        "Humble": {**_SECURED_CYCLONE, **of_rclpy("cyclone_humble"), "type hash": NOT_SUPPORTED},
+        "Jazzy": {**_SECURED_CYCLONE, **of_rclpy("cyclone_jazzy")},
+        "Kilted": {**_SECURED_CYCLONE, **of_rclpy("cyclone_kilted")},
+        "Lyrical": of_rclpy("cyclone_lyrical"),
     },
     "Zenoh": {
         "Humble": {
@@ -188,8 +138,8 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
             "type hash": NOT_SUPPORTED,
             "security": NOT_SUPPORTED,
         },
-        "Jazzy": _RMW_ZENOH,
-        "Kilted": _RMW_ZENOH,
+        "Jazzy": {**of_rclpy("zenoh_jazzy"), "security": NOT_SUPPORTED},
+        "Kilted": {**of_rclpy("zenoh_kilted"), "security": NOT_SUPPORTED},
         "Lyrical": {
             "topics": Cell(
                 "bytes",
@@ -222,9 +172,10 @@ def named_tests() -> list[str]:
     return sorted({test for cell in cells for test in cell.tests})
 
 
-def rclpy_of_humble() -> list[str]:
-    """Names of the tests with rclpy of Humble."""
-    return [test for test in named_tests() if test.endswith("humble")]
+def with_built_peers() -> list[str]:
+    """Return the tests with rclpy peers that no package index has."""
+    tests = [test for test in named_tests() if test.startswith("tests/interop_rclpy/")]
+    return [test for test in tests if not test.endswith(("[jazzy", "[kilted"))]
 
 
 def rows() -> Iterator[str]:
@@ -283,7 +234,7 @@ def _run(folder: str, result: Path) -> None:
 def record() -> None:
     """Run all named tests, each folder in a process of its own, and write their outcomes."""
     before = json.loads(RESULTS.read_text(encoding="utf-8"))
-    outcomes: dict[str, dict[str, int]] = {test: before[test] for test in before if test in rclpy_of_humble()}
+    outcomes: dict[str, dict[str, int]] = {test: before[test] for test in before if test in with_built_peers()}
     for folder in sorted({"/".join(test.split("/")[:2]) + "/" for test in named_tests()}):
         with tempfile.TemporaryDirectory() as scratch:
             result = Path(scratch, "result.json")

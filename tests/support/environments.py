@@ -30,19 +30,6 @@ from support.machine_locks import lock
 SHARED_MEMORY_LOST = re.compile(r"\S+ [^\n]*RTPS_TRANSPORT_SHM[^\n]* Error\] [^\n]*open_and_lock_file failed[^\n]*\n")
 """Output of Fast DDS if another program on this machine has taken its shared memory; it continues with UDP."""
 
-_RCLPY = {
-    "jazzy": (
-        *("ros-jazzy-rclpy==7.1.6", "ros-jazzy-rmw-fastrtps-cpp==8.4.3", "ros-jazzy-std-msgs==5.3.6"),
-        *("ros-jazzy-std-srvs==5.3.6", "ros-jazzy-test-msgs==2.0.3", "ros-jazzy-sensor-msgs==5.3.6"),
-        "ros-jazzy-nav-msgs==5.3.6",
-    ),
-    "kilted": (
-        *("ros-kilted-rclpy==9.1.2", "ros-kilted-rmw-fastrtps-cpp==9.3.3", "ros-kilted-test-msgs==2.3.0"),
-        *("ros-std-msgs==5.5.1", "ros-std-srvs==5.5.1"),
-    ),
-}
-"""Distribution -> packages of an environment with rclpy."""
-
 _PYTHON = Path("Scripts", "python.exe") if os.name == "nt" else Path("bin", "python")
 
 
@@ -76,10 +63,21 @@ def environment(name: str, requirements: Sequence[str]) -> Path:
     return _folder(name, wanted.encode(), is_whole, partial(_build, requirements)) / _PYTHON
 
 
-def rclpy_python(distro: str = "jazzy") -> Path:
-    """A Python that has rclpy: the one in $ROSIDL_PEER_JAZZY, ..._KILTED or ..._HUMBLE, or that of an `environment`."""
-    made = os.environ.get(f"ROSIDL_PEER_{distro.upper()}")
-    return Path(made, "bin", "python") if made else environment(f"rclpy-{distro}", _RCLPY.get(distro, ()))
+def built_peers() -> dict[str, Path]:
+    """Return the Python of each peer in $ROSIDL_PEERS, by the name of its folder.
+
+    A name is a distribution, or a middleware and a distribution: ``humble``, ``cyclone_jazzy``, ``zenoh_kilted``.
+    """
+    folder = os.environ.get("ROSIDL_PEERS")
+    return {one.parts[-3]: one for one in sorted(Path(folder).absolute().glob("*/bin/python"))} if folder else {}
+
+
+def rclpy_python(name: str = "jazzy") -> Path:
+    """Return the Python of a built peer with this name, or of an `environment` with rclpy of this distribution."""
+    if (built := built_peers().get(name)) is not None:
+        return built
+    packages = Path(__file__).parent / "rclpy_packages" / f"{name}.txt"
+    return environment(f"rclpy-{name}", packages.read_text(encoding="utf-8").split())
 
 
 def kept(name: str, sources: Sequence[Path], make: Callable[[Path], None]) -> Path:

@@ -134,6 +134,7 @@ def zenoh_router() -> str:
 
 
 def zenoh_environment() -> dict[str, str]:
+    """Return the variables of nodes and peers that use the router of this process on the loopback interface."""
     endpoints = f'connect/endpoints=["{zenoh_router()}"];listen/endpoints=["tcp/127.0.0.1:0"]'
     return {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp", "ZENOH_CONFIG_OVERRIDE": endpoints}
 

@@ -3,12 +3,12 @@
 Humble has no service introspection at all: `ServiceIntrospectionState` is only a name.
 """
 
+import importlib
 import sys
 import types
 
 from rcl_interfaces import srv
 from rclpy.node import Node
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 CALLS = {
     "get_parameters": ("GetParameters", "names"),
@@ -63,4 +63,5 @@ if not hasattr(Node, "get_fully_qualified_node_names"):
     Node.get_fully_qualified_node_names = names
     Node.count_services = count("get_service_names_and_types_by_node")
     Node.count_clients = count("get_client_names_and_types_by_node")
-    TopicEndpointInfo.topic_type_hash = ""
+    module_of_infos = importlib.import_module("rclpy.topic_endpoint_info")  # Lyrical has no such module
+    module_of_infos.TopicEndpointInfo.topic_type_hash = ""

@@ -26,6 +26,8 @@ import services  # isort: skip
 import topics  # isort: skip
 
 MODULES = (topics, services, actions, nodes)
+ANSWERS = os.dup(1)
+os.dup2(2, 1)  # Zenoh logs to the standard output
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
@@ -60,7 +62,7 @@ class Peer:
 
 def answer(**content):
     # One write, so that lines of two threads do not mix.
-    os.write(1, (json.dumps(content) + "\n").encode())
+    os.write(ANSWERS, (json.dumps(content) + "\n").encode())
 
 
 async def execute(peer, line):
@@ -90,7 +92,7 @@ def main():
     peer = Peer(sys.argv[1])
     ended = threading.Event()
     threading.Thread(target=read, args=(peer, ended), daemon=True).start()
-    os.write(1, b"READY\n")
+    os.write(ANSWERS, b"READY\n")
     while not ended.is_set():
         with suppress(InvalidHandle):  # it looks once more at what was destroyed between two looks
             peer.executor.spin_once(1)  # Humble may miss a task that another thread has created

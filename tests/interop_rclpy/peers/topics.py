@@ -86,3 +86,8 @@ async def matched(peer, topic, count=1):
     made = peer.entities.get(("publisher", topic)) or peer.entities["subscription", topic].subscription
     number = getattr(made, "get_subscription_count", None) or getattr(made, "get_publisher_count", None)
     await peer.until(lambda: (number() if number else peer.node.count_publishers(topic)) >= count)
+
+
+async def matched_exactly(peer, topic, count):
+    """Wait until the publisher has this number of subscriptions."""
+    await peer.until(lambda: peer.entities["publisher", topic].get_subscription_count() == count)
