@@ -233,3 +233,30 @@ def test_parameter_event_handler_receives_events_of_the_chosen_nodes(tmp_path: P
     lines = output_lines(tmp_path, EVENTS, **settings)
     assert lines[:3] == ["True", "['/two']", "True"]
     assert sorted(json.loads(lines[3].replace("'", '"'))) == ["/one", "/two", "/two"]
+
+
+def test_a_message_that_cannot_be_decoded_is_refused_and_does_not_end_the_executor(tmp_path: Path) -> None:
+    program = """
+import time
+import rclpy
+from rclpy.serialization import serialize_message
+from rclpy.subscription_content_filter_options import ContentFilterOptions
+from std_msgs.msg import String
+
+with rclpy.init(), rclpy.create_node("raw") as node:
+    received = []
+    node.create_subscription(
+        String, "texts", received.append, 10, raw=True, content_filter_options=ContentFilterOptions("data = 'x'", [])
+    )
+    publisher = node.create_publisher(String, "texts", 10)
+    end = time.monotonic() + 20
+    while not publisher.get_subscription_count() and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    for data in (b"\\x00\\x01\\x00\\x00\\xff\\xff\\xff\\x7f\\x00", serialize_message(String(data="x"))):
+        publisher.publish(data)
+    while not received and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    print(len(received), received[0][4:10])
+"""
+    settings = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    assert output_lines(tmp_path, program, **settings) == ["1 b'\\x02\\x00\\x00\\x00x\\x00'"]
