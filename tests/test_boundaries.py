@@ -159,7 +159,7 @@ class Module:
         used: lines and names: attributes with what they are of, imported names, and short texts for `getattr`.
         imported: packages that are imported.
         own: functions, classes, variables, and attributes of `self` that the module defines.
-        private: lines, names and texts of attributes with an underscore, except those of `self` and `cls`.
+        private: lines, names and texts of attributes with an underscore, except attributes of `self` and `cls`.
         private_texts: lines and private names that are imported, or given to `setattr` and the like.
         classes: names of its classes; a class for type checkers and the class in the other branch are one.
     """

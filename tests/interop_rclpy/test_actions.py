@@ -120,8 +120,8 @@ async def test_twenty_goals_of_theirs_that_end_together_get_their_results(world:
     await until(lambda: all(goal._record.changed for goal in server.goals))
     may_end.set()
     done, lost = await asyncio.wait(results, timeout=10)
-    # On a busy machine rclpy may lose replies that have arrived, as beside a server of its own.
-    assert len(done) >= len(keys) // 2
+    # A busy machine may lose replies that rclpy has received and not taken. Without flow control it loses half of them.
+    assert len(done) >= 14
     for task in lost:
         task.cancel()
     again = [await shared_peer.do("result", key=results[task]) for task in lost]

@@ -147,7 +147,7 @@ async def test_topics_and_services_have_information(shared_peer: Peer, tool: Too
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
 
 
-async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
+async def test_graph_and_doctor_list_a_peer_with_its_middleware(shared_peer: Peer, tool: Tool) -> None:
     overview = await overview_of(shared_peer, tool)
     (node,) = json.loads(overview.outputs["graph --json"])["nodes"]
     shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}

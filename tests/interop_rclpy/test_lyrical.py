@@ -94,7 +94,7 @@ async def test_images_arrive_once_before_during_and_after_a_subscription_of_lyri
     assert subscription.take() is None
 
 
-async def test_images_arrive_at_a_subscription_that_starts_after_one_of_lyrical_has_gone(
+async def test_late_subscription_receives_images_after_a_subscription_of_lyrical_has_closed(
     world: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
 ) -> None:
     camera = Camera(shared_peer)

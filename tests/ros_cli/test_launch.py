@@ -334,7 +334,7 @@ def test_wrong_element_of_a_printed_description_is_one_line(tmp_path: Path, opti
     assert done.returncode == 1 and re.fullmatch(rf"error: wrong\.launch\.py:\d+: {text}\n", done.stderr)
 
 
-def test_launch_file_that_includes_itself_is_one_line(tmp_path: Path) -> None:
+def test_launch_file_that_includes_itself_ends_with_one_line_of_error(tmp_path: Path) -> None:
     text = """
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 def generate_launch_description():

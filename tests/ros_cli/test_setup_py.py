@@ -18,6 +18,7 @@ from rosidl_py_gen.ros_cli.prefix import setup_process
 from rosidl_py_gen.ros_cli.prefix.build import build_prefix
 from rosidl_py_gen.ros_cli.prefix.setup_process import SetupRunError, run_setup_py
 from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
+from rosidl_py_gen.type_loading import scan_cache
 from rosidl_py_gen.type_loading.import_hook import FoundPackage, ImportHookWarning
 
 pytestmark = [
@@ -169,10 +170,19 @@ def test_the_result_of_setup_py_depends_on_each_variable(tmp_path: Path, monkeyp
         setup(name="foo", packages=["foo"], data_files=[("share/foo", [os.environ["ANY_NAME"]])])
         """,
     )
-    time.sleep(2.1)  # files that have changed a moment ago are not cached
+    monkeypatch.setattr(scan_cache, "MIN_AGE_NS", 0)  # files that have changed a moment ago are cached, too
     for value in ("params/a.yaml", "setup.cfg"):
         monkeypatch.setenv("ANY_NAME", value)
         assert run_setup_py(package, "it must").values["data_files"] == [["share/foo", [value]]]
+    code = f"""
+from pathlib import Path
+from rosidl_py_gen.ros_cli.prefix.setup_process import run_setup_py
+from rosidl_py_gen.type_loading import scan_cache
+scan_cache.MIN_AGE_NS = 0
+print(run_setup_py(Path({str(package)!r}), "it must").values["data_files"])
+"""
+    for value in ("package.xml", "foo/n1.py"):
+        assert started(sys.executable, "-c", code, ANY_NAME=value).stdout == f"[['share/foo', ['{value}']]]\n"
 
 
 def test_code_after_setup_that_fails_does_not_lose_the_call(tmp_path: Path) -> None:

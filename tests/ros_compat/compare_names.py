@@ -61,7 +61,7 @@ def _parameter_names(thing: Any) -> list[str]:
 
 
 def _adds_lyrical_parameters(path: str, thing: Any, recorded: str) -> bool:
-    """Return True if a function has the parameters of Jazzy, and more of those of Lyrical."""
+    """Return True if a function has the parameters of Jazzy, and more parameters of Lyrical."""
     lyrical = {name.rstrip("=") for name in LYRICAL.get(path) or ()}
     old = [part.partition("=")[0].strip("* ") for part in recorded.split(", ") if part != "*"]
     own = _parameter_names(thing)

@@ -197,7 +197,7 @@ def test_what_differs_from_the_real_rclpy_is_listed(compared: dict[str, Any]) ->
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="asyncio nodes need Python 3.11")
-def test_what_lyrical_has_more_is_there_or_listed(compared: dict[str, Any]) -> None:
+def test_additional_names_of_lyrical_exist_or_are_listed_as_missing(compared: dict[str, Any]) -> None:
     assert sorted(path for path, _ in compared["lyrical"]) == listed(MISSING_LYRICAL)
 
 

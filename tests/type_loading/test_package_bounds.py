@@ -136,7 +136,8 @@ LINKS: dict[str, tuple[str, Callable[[Path], None]]] = {
     ),
     "names of folders by links": (
         "def below(place, depth):\n    for name in ('l', 'k') if depth else ():\n        os.listdir(place)\n"
-        "        below(f'{place}/{name}', depth - 1)\nbelow('m', 9)\nrows = [('x', glob('m/*/*/*/*/*/*/*/*/f1'))]",
+        "        below(f'{place}/{name}', depth - 1)\nbelow('m', 9)\nrows = [('x', glob('m/*/*/*/*/*/*/*/*/f1'))]\n"
+        "for one in range(100000000):\n    x = [one]",
         _many_names,
     ),
     "deep folders": ("rows = [('x', glob('**/**/**/*', recursive=True) + [*os.walk('.')])]", _deep_folders),

@@ -1,4 +1,4 @@
-"""Values that are read from setup.py, against those of running it: short programs with iterators, files and doubts.
+"""Short programs with iterators, files and unknown values: the reader of setup.py against running the program.
 
 `setup_snippets.txt` has the programs. A title that ends with "uncertain" means that the reader does not know the value.
 """

@@ -2,7 +2,7 @@
 
 The readers of CMakeLists.txt, package.xml, setup.py, setup.cfg and pyproject.toml share one budget for each package. It
 is spent before the work is done, so that a file of a few hundred bytes cannot request more. The files of the package
-add to it, and when the reader turns to another step, it starts anew.
+add to the budget. The budget is renewed for another step, such as another file or the installation.
 """
 
 from __future__ import annotations

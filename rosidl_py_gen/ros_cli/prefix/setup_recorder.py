@@ -48,7 +48,7 @@ def main() -> None:
     sys.argv = [_FILE, "install"]
     calls: list[dict[str, Any]] = []
     read: dict[str, None] = {}
-    # The values are those of the call: setup.py may change them afterwards.
+    # The values are copied at the call, because setup.py may change them afterwards.
     _replace_setup(lambda **arguments: calls.append(_plain_arguments(arguments)))
     # `compile` is not reported: its file was read before.
     sys.addaudithook(lambda event, arguments: _note_file(read, event, arguments))

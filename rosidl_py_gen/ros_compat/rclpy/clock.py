@@ -256,9 +256,6 @@ class Clock(BaseClock):
         clock._rosidl_open(clock_type)
         return clock
 
-    def __init__(self, *, clock_type: AnyClockType = ClockType.SYSTEM_TIME) -> None:
-        pass  # `__new__` has opened the clock
-
     def __repr__(self) -> str:
         return f"Clock(clock_type={self.clock_type.name})"
 
@@ -304,6 +301,13 @@ class Clock(BaseClock):
     def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
         """Block this thread for a duration, as `sleep_until` does."""
         return self.sleep_until(self.now() + rel_time, context)
+
+
+def _do_nothing(clock: Clock, *args: object, **kwargs: object) -> None:
+    """Initialize nothing: `Clock.__new__` has opened the clock, and may have other parameters in a subclass."""
+
+
+Clock.__init__ = _do_nothing  # type: ignore[method-assign, assignment]
 
 
 class ROSClock(Clock):

@@ -9,7 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from threading import Condition, Lock, RLock
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, ContextManager, Generator, List, Optional, Set, Tuple, Type, TypeVar, Union
@@ -117,8 +117,7 @@ class Executor:
         self._nodes_lock = threading.RLock()
         self._tasks: list[_Work] = []
         self._tasks_lock = threading.Lock()
-        self._rosidl_spins = 0
-        self._rosidl_spins_lock = threading.Lock()
+        self._rosidl_spins: list[None] = []  # an element for each spin; its methods are atomic
         self._is_shutdown = False
         self._cb_iter: Iterator[_ReadyWork] | None = None
         self._last_args: tuple[Any, ...] | None = None
@@ -145,17 +144,7 @@ class Executor:
     @property
     def is_spinning(self) -> bool:
         """True while a thread spins."""
-        return self._rosidl_spins > 0
-
-    @contextmanager
-    def _rosidl_spinning(self) -> Iterator[None]:
-        with self._rosidl_spins_lock:
-            self._rosidl_spins += 1
-        try:
-            yield
-        finally:
-            with self._rosidl_spins_lock:
-                self._rosidl_spins -= 1
+        return bool(self._rosidl_spins)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop: all spinning threads return. Returns True at once, as in rclpy, whatever `timeout_sec` is."""
@@ -193,22 +182,28 @@ class Executor:
 
     def spin(self) -> None:
         """Run callbacks until the context or the executor is shut down."""
-        with self._rosidl_spinning():
+        self._rosidl_spins.append(None)
+        try:
             while self._context.ok() and not self._is_shutdown:
                 self.spin_once()
+        finally:
+            self._rosidl_spins.pop()
 
     def spin_until_future_complete(self, future: Future[Any], timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done or cancelled, or the time has passed."""
         self._rosidl_wake_at_end(future)
         end = None if timeout_sec is None or timeout_sec < 0 else self._rosidl_now_s() + timeout_sec
         remaining = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
-        with self._rosidl_spinning():
+        self._rosidl_spins.append(None)
+        try:
             while self._context.ok() and not future.done() and not future.cancelled() and not self._is_shutdown:
                 self.spin_once_until_future_complete(future, remaining)
                 if end is not None and remaining is not None:
                     remaining.timeout = end - self._rosidl_now_s()
                     if remaining.timeout <= 0:
                         return
+        finally:
+            self._rosidl_spins.pop()
 
     def _rosidl_now_s(self) -> float:
         return self._rosidl_handle.loop_runner.loop.time()
@@ -225,14 +220,20 @@ class Executor:
         Args:
             timeout_sec: maximum time to wait; None or negative: unlimited; 0: do not wait.
         """
-        with self._rosidl_spinning():
+        self._rosidl_spins.append(None)
+        try:
             self._rosidl_spin_once(timeout_sec)
+        finally:
+            self._rosidl_spins.pop()
 
     def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
         """Wait for one ready callback and run it, but return without running one if a future is done."""
         self._rosidl_wake_at_end(future)
-        with self._rosidl_spinning():
+        self._rosidl_spins.append(None)
+        try:
             self._rosidl_spin_once(timeout_sec, future.done)
+        finally:
+            self._rosidl_spins.pop()
 
     def _rosidl_spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _always_false) -> None:
         raise NotImplementedError

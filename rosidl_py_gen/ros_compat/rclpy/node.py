@@ -90,15 +90,6 @@ def _forget_entity(node: weakref.ref[Node], kind: str, entity: Any) -> None:
         owner._rosidl_forget(entity, kind)
 
 
-def _min_depth(content_filter_options: ContentFilterOptions | None) -> int:
-    """Return the number of messages that a subscription with this filter has to retain at least."""
-    if content_filter_options is None or not content_filter_options.filter_expression:
-        return 0
-    from rclpy.impl.content_filter import MIN_DEPTH
-
-    return MIN_DEPTH
-
-
 class BaseNode(NodeParameters):
     """Base class of `Node` and `rclpy.experimental.AsyncNode`: names, parameters, logging and the graph.
 
@@ -152,7 +143,11 @@ class BaseNode(NodeParameters):
         except (runtime.ClosedError, runtime.SecurityError) as error:
             raise RCLError(str(error)) from error
         if enable_rosout and not has_default_rosout:
-            start_rosout(node, rosout_profile.get_c_qos_profile())
+            try:
+                start_rosout(node, rosout_profile.get_c_qos_profile())
+            except Exception as error:
+                node.close()
+                raise RCLError(f"failed to create the publisher of /rosout: {error}") from error
         logger_name = node.fully_qualified_name[1:].replace("/", ".")
         self._rosidl_node: Handle[runtime.Node] = Handle(context_handle, node, context_handle, logger_name=logger_name)
         self._rosidl_logger = self._logger = get_logger(logger_name)
@@ -167,16 +162,28 @@ class BaseNode(NodeParameters):
             self._logger_service = LoggingService(self)
         self._type_description_service = TypeDescriptionService(self)
 
+    @staticmethod
+    def _rosidl_min_depth(content_filter_options: ContentFilterOptions | None) -> int:
+        """Return the number of messages that a subscription with this filter has to retain at least."""
+        if content_filter_options is None or not content_filter_options.filter_expression:
+            return 0
+        from rclpy.impl.content_filter import MIN_DEPTH
+
+        return MIN_DEPTH
+
     def get_clock(self) -> Any:
         """Return the clock of ROS time, which may be simulated."""
+        raise NotImplementedError
 
     def create_publisher(self, msg_type: type[Any], topic: str, qos_profile: QoSProfile | int) -> Any:
         """Create a publisher."""
+        raise NotImplementedError
 
     def create_subscription(
         self, msg_type: type[Any], topic: str, callback: Callable[..., Any], qos_profile: QoSProfile | int
     ) -> Any:
         """Create a subscription."""
+        raise NotImplementedError
 
     def create_service(
         self,
@@ -187,6 +194,7 @@ class BaseNode(NodeParameters):
         qos_profile: QoSProfile = qos_profile_services_default,
     ) -> Any:
         """Create a service."""
+        raise NotImplementedError
 
     @property
     def context(self) -> Context:
@@ -372,7 +380,7 @@ class BaseNode(NodeParameters):
         return self._rosidl_names_of_node("client", node_name, node_namespace)
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> _NamesAndTypes:
-        """Return all topics; with `no_demangle` all DDS topics, which include those of services."""
+        """Return all topics; with `no_demangle` all DDS topics, which include the topics of services."""
         with self.handle.in_use() as node:
             return node.get_topic_names_and_types(no_demangle=no_demangle)
 
@@ -481,7 +489,7 @@ class Node(BaseNode):
         enable_rosout: publish log records on ``/rosout``.
         rosout_qos_profile: profile or depth of the publisher on ``/rosout``.
         start_parameter_services: let other nodes read and set parameters.
-        parameter_overrides: initial values, which take precedence over those of command lines.
+        parameter_overrides: initial values, which take precedence over values of command lines.
         allow_undeclared_parameters: allow parameters to be set without a declaration.
         automatically_declare_parameters_from_overrides: declare each parameter that has an initial value.
         enable_logger_service: let other nodes read and set the levels of loggers.
@@ -691,7 +699,7 @@ class Node(BaseNode):
             qos_overriding_options,
             callbacks,
             create,
-            _min_depth(content_filter_options),
+            self._rosidl_min_depth(content_filter_options),
         )
         handlers = callbacks.create_event_handlers(group, handle, topic)
         try:
@@ -799,6 +807,8 @@ class Node(BaseNode):
                 entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
             self._rosidl_entity_lists["waitables"].remove(handler)
+        if not isinstance(entity, GuardCondition):
+            entity._rosidl_on_destroy = None
         return True
 
     def _rosidl_destroy(self, entity: Any, kind: str) -> bool:

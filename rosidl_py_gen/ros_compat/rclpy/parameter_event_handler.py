@@ -150,7 +150,7 @@ class ParameterEventHandler:
         self._callbacks.remove_parameter_event_callback(handle)
 
     def configure_nodes_filter(self, node_names: list[str] | None = None) -> bool:
-        """Receive only the events of these nodes, given by their full names; without names, those of all nodes."""
+        """Receive only the events of these nodes, given by their full names; without names, the events of all nodes."""
         names = [] if node_names is None else node_names
         quoted = [f"'{name}'" for name in names]
         self.parameter_event_subscription.set_content_filter(

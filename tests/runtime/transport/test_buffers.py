@@ -87,7 +87,7 @@ async def test_other_subscriptions_have_no_second_reader(dds: World, message_typ
     assert buffers.subscription_count == 0
 
 
-async def test_subscription_without_lyrical_publisher_has_one_reader(dds: World) -> None:
+async def test_subscription_creates_one_reader_if_no_publisher_is_of_lyrical(dds: World) -> None:
     alice, bob = dds.pair()
     bob.create_subscription(Image, "image")
     assert await alice.create_publisher(Image, "image").wait_for_subscribers(timeout_s=10)

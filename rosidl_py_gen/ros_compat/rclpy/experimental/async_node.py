@@ -16,7 +16,7 @@ from rclpy.experimental.async_subscription import AsyncSubscription
 from rclpy.experimental.async_timer import AsyncTimer
 from rclpy.impl._fields import value_or_default
 from rclpy.impl.async_entities import TaskGroup
-from rclpy.node import BaseNode, _min_depth
+from rclpy.node import BaseNode
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_rosout_default, qos_profile_services_default
 from rclpy.subscription import Subscription
@@ -186,7 +186,7 @@ class AsyncNode(BaseNode):
         self._rosidl_require_open("subscription")
         profile = self._rosidl_to_profile(qos_profile)
         create = partial(self.handle.entity.create_subscription, message_class(msg_type), topic, raw=raw)
-        min_depth = _min_depth(content_filter_options)
+        min_depth = self._rosidl_min_depth(content_filter_options)
         handle = self._rosidl_create_on_topic(Subscription, msg_type, topic, profile, None, None, create, min_depth)
         try:
             subscription = AsyncSubscription(
