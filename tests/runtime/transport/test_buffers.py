@@ -116,3 +116,15 @@ async def test_a_second_reader_is_not_left_behind_by_a_subscription_that_closes_
         participant.read_buffers(reader)  # as if a writer were discovered now
     closing.join()
     assert [one for one in participant.readers.values() if one.topic.endswith(BUFFERS)] == []
+
+
+async def test_late_subscription_announces_its_reader_of_the_second_topic_first(dds: World) -> None:
+    """A publisher that has matched the first reader may send to either topic."""
+    alice, bob = dds.pair()
+    of_lyrical(alice)
+    await until(lambda: f"/{BUFFERS}" in dict(bob.get_topic_names_and_types()))
+    bob.create_subscription(Image, "image", qos=ALL)
+    participant: Any = bob._scope.participant
+    entity_ids = {reader.topic: reader.guid[12:] for reader in participant.readers.values()}
+    # Cyclone numbers endpoints in the order of their creation, which is also that of their announcements.
+    assert entity_ids[f"rt/{BUFFERS}"] < entity_ids["rt/image"]

@@ -251,10 +251,24 @@ class CycloneParticipant:
     def create_reader(self, spec: EndpointSpec) -> CycloneReader:
         spec = replace(spec, qos=effective(spec.qos, is_writer=False))
         names = wire_name(spec.topic_key), wire_type(spec.type)
-        reader = CycloneReader(self, self._create_reader(spec, names), *names, spec.qos)
-        if spec.has_buffer and spec.qos.durability is Durability.VOLATILE:
+        buffer_spec = spec if spec.has_buffer and spec.qos.durability is Durability.VOLATILE else None
+        buffer_names, second = (names[0] + BUFFER_SUFFIX, names[1]), None
+        if buffer_spec is not None and names in list(self._buffer_writers.values()):
+            # A publisher that has matched the first reader may send to either topic: announce the second one first.
+            second = self._create_buffer_reader(spec, buffer_names)
+            buffer_spec = None
+        try:
+            reader = CycloneReader(self, self._create_reader(spec, names), *names, spec.qos)
+        except BaseException:
+            if second is not None:
+                _api.delete(second)
+                self.release_topic(*buffer_names)
+            raise
+        if second is not None:
+            reader.second = CycloneReader(self, second, *buffer_names, spec.qos, first=reader)
+        elif buffer_spec is not None:
             reader.buffer_spec = spec
-            if names in list(self._buffer_writers.values()):
+            if names in list(self._buffer_writers.values()):  # discovered in between
                 self.read_buffers(reader)
         return reader
 
@@ -263,17 +277,23 @@ class CycloneParticipant:
             create = partial(self._create, _api.create_reader, self._subscriber, names, qos)
             return self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
 
+    def _create_buffer_reader(self, spec: EndpointSpec, names: tuple[str, str]) -> int | None:
+        """Return a reader of the second topic, or log a warning and return None."""
+        try:
+            return self._create_reader(spec, names)
+        except (TransportError, ClosedError) as error:
+            if not self._closed:
+                get_root_logger().warning(f"messages of publishers of Lyrical may be missing: {error}")
+            return None
+
     def read_buffers(self, reader: CycloneReader) -> None:
         """Create the reader of buffers of a topic, once. Each message is sent to one of the two topics."""
         with self._buffer_lock:
             if reader.second is not None or reader.buffer_spec is None or reader.is_closed:
                 return
             names = reader.topic + BUFFER_SUFFIX, reader.type
-            try:
-                entity = self._create_reader(reader.buffer_spec, names)
-            except (TransportError, ClosedError) as error:
-                if not self._closed:
-                    get_root_logger().warning(f"messages of publishers of Lyrical may be missing: {error}")
+            entity = self._create_buffer_reader(reader.buffer_spec, names)
+            if entity is None:
                 reader.buffer_spec = None
                 return
             reader.second = second = CycloneReader(self, entity, *names, reader.buffer_spec.qos, first=reader)
