@@ -55,7 +55,7 @@ def cyclone_xml(
 ) -> str:
     """Return the configuration: ours, then CYCLONEDDS_URI, whose elements override it. May be empty.
 
-    `extra` and `last` are XML below ``<Domain>`` before and after that of the user, `unsupported` members of
+    `extra` and `last` are XML below ``<Domain>`` before and after the user's XML, `unsupported` members of
     `OPTIONAL_ELEMENTS`. In localhost and off mode multicast is disabled again at the end, so that a CYCLONEDDS_URI that
     was written for another mode cannot enable it.
     """

@@ -100,7 +100,7 @@ local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 
 
 class _CycloneEndpoint:
-    """Common part of writers and readers; `entity` is 0 after `close`, names are those of DDS."""
+    """Common part of writers and readers; `entity` is 0 after `close`, names are names of DDS."""
 
     _statuses: Mapping[str, tuple[str, int]]
 

@@ -84,7 +84,7 @@ _CAUSES = {
     "Failed to read CRL": "{folder}/crl.pem is not a list of revoked certificates; create it again",
     "Could not load": "the plugins of this library do not load; reinstall the package of the library",
 }
-"""Cause and fix of a failed creation by pattern of a line of Cyclone; ``{folder}`` is that of the enclave."""
+"""Cause and fix of a failed creation by pattern of a line of Cyclone; ``{folder}`` is the folder of the enclave."""
 
 
 @cache

@@ -27,7 +27,7 @@ from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, Server
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
 """GUID of a client and number of its request; sent with the request and with its reply."""
 ClientId: TypeAlias = "int | bytes"
-"""Number of a client of rmw_cyclonedds, or a GUID: that of the client, its reply reader or its request writer."""
+"""Number of a client of rmw_cyclonedds; or the GUID of a client, of its reply reader or its request writer."""
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
@@ -58,12 +58,12 @@ def uses_sample_identity(guid: bytes) -> bool:
 
 
 def has_hashed_guid(guid: bytes) -> bool:
-    """Return True if a GUID is that of a secured participant, which does not begin with the vendor."""
+    """Return True if a GUID belongs to a secured participant, so that it does not begin with the vendor."""
     return bool(guid[0] & _HASHED_BIT)
 
 
 def is_secured_fast_dds(guid: bytes) -> bool:
-    """Return True if a participant or endpoint is that of a secured participant on Fast DDS."""
+    """Return True if a GUID belongs to a secured participant on Fast DDS, or to an endpoint of one."""
     return guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
 
 
@@ -144,8 +144,8 @@ def find_servers(
 ) -> tuple[ServerAvailability, bool]:
     """Find the servers that a client can call.
 
-    rmw_cyclonedds announces a service id for both endpoints of a server. The server is available if the id of a matched
-    request reader is also that of a matched reply writer; servers that announce no id are paired without one. Fast DDS
+    rmw_cyclonedds announces a service id for both endpoints of a server. The server is available if a matched request
+    reader and a matched reply writer have the same id; servers that announce no id are paired without one. Fast DDS
     announces no ids: there a server is a request reader and a reply writer of one participant.
 
     Args:

@@ -119,7 +119,7 @@ class EarlySampleReaders:
         api.lset_subscription_matched_arg(self._during_creation, ct.cast(self._on_matched, ct.c_void_p), None, True)
 
     def probe_layout(self, builtin_reader: int) -> None:
-        """Find the layout of readers by that of a builtin topic, which is not announced to peers."""
+        """Find the layout of readers in the reader of a builtin topic, which is not announced to peers."""
         fast_dds = self._fast_dds
         if fast_dds.reader_offsets is None and not fast_dds.early_refusal:
             with self._api.locked_entity(builtin_reader) as address:

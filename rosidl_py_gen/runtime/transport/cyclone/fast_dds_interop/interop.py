@@ -78,7 +78,7 @@ class FastDdsInterop:
         """Fast DDS participants, each with the builtin reader that reported it."""
 
     def capabilities(self) -> dict[str, str]:
-        """Return each capability with ``"yes"`` or the reason why it is missing, as far as probed."""
+        """Return each capability with ``"yes"``, or the reason why it is missing; "yes" as well if not yet probed."""
         return {name: getattr(self, reason) or "yes" for reason, name, _ in _CAPABILITIES}
 
     def new_warnings(self) -> list[str]:
