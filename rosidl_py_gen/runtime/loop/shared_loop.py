@@ -457,7 +457,7 @@ class SharedLoop:
         self._is_checking = True
         try:
             leader = self._leader
-            # A copy, because other threads add and remove waits. A single wait is the leader's own and is not copied.
+            # A copy, because other threads add and remove waits. A single wait is the leader's and is not copied.
             for wait in tuple(self.waits) if len(self.waits) > 1 else self.waits:
                 if wait is not leader and wait.wake_event is None:
                     continue  # not a follower yet: its own thread checks next
