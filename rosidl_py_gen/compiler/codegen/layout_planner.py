@@ -42,7 +42,7 @@ MAX_INLINE_DEPTH = 12
 MAX_INLINE_LOOPS = 5
 """Maximum nested loops that are emitted inline: CPython accepts 20, and each is planned up to four times."""
 MAX_CODEC_LEAVES = 500
-"""Leaves above which a message has no generated codec, but that of `cdr.table_coded`: CPython takes 40 kB to compile
+"""Leaves above which a message has no generated codec, but uses `cdr.table_coded`: CPython takes 40 kB to compile
 the code for one string. Messages of public packages have up to 70 fields."""
 
 BLOCK_BYTES = 1024

@@ -320,7 +320,7 @@ class SecurityLog:
         if len(self._peers) > _MAX_PEERS:
             return
         text = printable(re.sub(_OPENSSL, "", " ".join(text.split())), _MAX_RECORD_CHARS)
-        # A rejected peer repeats its attempt, and Cyclone logs each. Lines that differ in a GUID only are recorded once.
+        # A rejected peer repeats its attempt, and Cyclone logs each. Lines that differ only in a GUID count once.
         key = re.sub(_GUID, "", text)
         if key in self._peers:
             return

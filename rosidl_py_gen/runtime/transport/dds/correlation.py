@@ -220,9 +220,9 @@ class ClientCorrelation:
         """Return the payload, and the identity to send as inline QoS, if one is needed, or `always_identified`."""
         if not self.uses_sample_identity:
             return add_request_header(message, self._handle, number), None
-        # Without an identity a Fast DDS server identifies the request by the writer and the sequence number, so `number`
-        # counts the samples of the writer from 1 (docs/internals/dds.md 3). An identity costs time, and only a server
-        # that does not know the client's reply reader needs it: it is omitted after all servers have replied.
+        # Without an identity a Fast DDS server identifies the request by the writer and the sequence number, so
+        # `number` counts the samples of the writer from 1 (docs/internals/dds.md 3). An identity costs time, and only a
+        # server that does not know the client's reply reader needs it: it is omitted after all servers have replied.
         is_needed = always_identified or not self.all_answered()
         return message, (self._reader, number) if is_needed else None
 

@@ -101,8 +101,8 @@ class FastDdsInterop:
     def _drop_type_lookups(self, neighbour: int) -> None:
         """Make Cyclone drop replies of type lookups between peers, which crash some versions."""
         slots = self.slots
-        # eclipse-cyclonedds/cyclonedds issue 2329, before 11: requests for types between two nodes of Kilted on Fast DDS
-        # crash Cyclone in `ddsi_xt_type_init_impl` (docs/internals/dds.md 8).
+        # eclipse-cyclonedds/cyclonedds issue 2329, before 11: requests for types between two nodes of Kilted on Fast
+        # DDS crash Cyclone in `ddsi_xt_type_init_impl` (docs/internals/dds.md 8).
         type_object = private_layout.find_type_of_domain(neighbour, _LOOKUP_REPLY, self.api.sertype_version)
         if slots is None or not type_object:
             self.lookup_refusal = "the type of their replies was not found in this library"
