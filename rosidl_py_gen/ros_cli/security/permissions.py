@@ -1,8 +1,9 @@
 """Governance and permissions of DDS Security as XML, for all implementations of ROS 2 on DDS.
 
 Permissions name DDS topics: ``rt/NAME`` is a topic; ``rq/NAMERequest`` and ``rr/NAMEReply`` are the topics of a
-service; an action has two topics and three services. Source: DDS Security 1.1, 9.4.1; docs/internals/protocol.md 4,
-6.2, 8.1; docs/internals/keystores.md.
+service; an action has two topics and three services.
+
+Source: DDS Security 1.1, 9.4.1; docs/internals/protocol.md 4, 6.2, 8.1; docs/internals/keystores.md.
 """
 
 from __future__ import annotations
