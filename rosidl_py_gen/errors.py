@@ -116,11 +116,11 @@ class DefinitionError(RosidlError):
 
 
 class UnknownDistributionError(RosidlError, ValueError):
-    """The definitions of a ROS distribution are not bundled; the text names those that are."""
+    """The definitions of a ROS distribution are not bundled; the text names the bundled distributions."""
 
 
 class DistributionWarning(UserWarning):
-    """ROS_DISTRO names a distribution whose definitions are not bundled; those of the default are used."""
+    """ROS_DISTRO names a distribution whose definitions are not bundled; the default distribution is used."""
 
 
 class TypeNotFoundError(RosidlError, LookupError):

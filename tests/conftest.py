@@ -61,7 +61,7 @@ OF_PROCESSES = {
     "run_here",
     "pytester",
 }
-"""Fixtures that do."""
+"""Fixtures that start processes."""
 NOT_EVERYWHERE = {
     "libddsc": r"cyclonedds|rosidl_py_gen\.runtime\.transport\.cyclone",
     "fcntl": "fcntl|private_network",
@@ -150,7 +150,7 @@ def pytest_collection_finish() -> None:
 
 
 class WithoutSlowFiles:
-    """Leaves out files none of whose tests are quick: what is not imported takes no time either."""
+    """Skip collecting files without quick tests, to save import time."""
 
     def pytest_ignore_collect(self, collection_path: Path, config: pytest.Config) -> bool | None:
         inside = collection_path.is_relative_to(config.rootpath)

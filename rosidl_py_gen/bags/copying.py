@@ -162,7 +162,7 @@ class BagCopy:
         return targets if isinstance(self._writer, BagWriter) else self._one_of_each_topic(targets)
 
     def _one_of_each_topic(self, targets: dict[tuple[object, ...], BagTopic]) -> dict[tuple[object, ...], BagTopic]:
-        """Merge the channels of a topic, as a SQLite bag has one; those of other definitions are refused later."""
+        """Merge the channels of a topic with equal definition, because a SQLite bag has one topic for them."""
         groups: dict[tuple[str, ...], list[BagTopic]] = {}
         for target in targets.values():
             groups.setdefault(target.key, []).append(target)

@@ -1,4 +1,4 @@
-"""Classes for the channels of a bag, also if the bag has no definitions, as SQLite bags before Iron.
+"""Classes for the channels of a bag, including bags without definitions (SQLite bags before Iron).
 
 The definition in the bag is used; else, if the bag has a type hash, only a definition with this hash; else the first of
 this name: from the caller, of the distribution that the bag was recorded with, importable, on the search path or
@@ -51,7 +51,7 @@ _CHECK_FIRST_MESSAGES = 20
 _CHECK_EVERY = 256
 """Interval of further checks, in messages: measuring takes up to 45 times as long as decoding.
 
-Messages of fixed size are all compared with the sizes that were right.
+Fixed-size messages are cheap to check, so every one is.
 """
 _UNKNOWN_ENCODING = "unknown"
 """Encoding that rosbag2 states for services that use no other types."""

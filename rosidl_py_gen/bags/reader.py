@@ -83,9 +83,13 @@ class BagReader:
             time. With False, damage is found only where it breaks the format.
         max_decompressed_bytes: maximum size of a decompressed chunk or message. A few bytes can state any size; 1 GiB
             is enough unless there are larger messages.
-        search_path: folders with the packages of the recording, for bags without definitions, as SQLite bags before
-            Iron; searched before the definitions of the recording's distribution, if the bag states it and they are
-            bundled, AMENT_PREFIX_PATH, and the bundled interfaces, as by `get_message`.
+        search_path: folders with the packages of the recording, for bags without definitions (SQLite bags before Iron).
+            Definitions are searched in this order:
+
+            - `search_path`;
+            - the bundled definitions of the recording's distribution, if the bag states a distribution;
+            - AMENT_PREFIX_PATH;
+            - the bundled interfaces, as by `get_message`.
         skip_damaged: skip damaged parts of MCAP files and record them in `damaged`; by default they raise `BagError`
             with the place, the log times and the topics.
         typestore: definitions by name, which precede `search_path`: ``{"my_msgs/msg/Thing": Thing}``, or texts.
@@ -199,7 +203,7 @@ class BagReader:
     def definition(self, topic: str | BagTopic) -> TopicDefinition:
         """Return the definition of a topic's messages, which states if it is certainly the recorded one.
 
-        Arguments and errors are those of `message_class`.
+        Takes the same arguments as `message_class`, and raises the same errors.
         """
         if isinstance(topic, BagTopic):
             return self._definitions.find(topic)
@@ -423,7 +427,7 @@ class BagReader:
         Args:
             fields: paths such as ``"header.stamp"``, ``"position[1]"``, ``"ranges[0:10]"``, ``"ranges[:]"``,
                 ``"transforms[0].transform"`` or ``"poses[:].position.x"``. None means all numbers and texts outside of
-                arrays; the path of a message means all numbers and texts in it. Indices are those of Python. Times
+                arrays; the path of a message means all numbers and texts in it. Indices are indices of Python. Times
                 become nanoseconds in int64.
             pad: replaces elements that a message does not have, such as ``float("nan")`` or 0.
 

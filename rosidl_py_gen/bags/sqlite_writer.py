@@ -134,7 +134,7 @@ class SqliteWriter(SplittingWriter):
     def write_raw(self, message: RawMessage, channel: BagTopic | None = None) -> None:
         """Write a message of `BagReader.raw_messages`, without its publish time and sequence number.
 
-        Arguments are those of `BagWriter.write_raw`, errors those of `add_topic` and `write`.
+        Takes the same arguments as `BagWriter.write_raw`. Raises as `add_topic` and `write`.
         """
         known, data, log_time_ns, publish_time_ns, sequence = message
         known = channel or known

@@ -1,7 +1,8 @@
 """ROS 2 distributions whose definitions are bundled, and the one that this process uses.
 
 A distribution is selected for a call (``distro=``), for a command (``--distro``), or for a process (ROS_DISTRO). The
-first two are explicit: definitions of that distribution precede those of AMENT_PREFIX_PATH and of installed wheels.
+first two are explicit: definitions of that distribution precede definitions of AMENT_PREFIX_PATH and of installed
+wheels.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 DISTRIBUTIONS = ("humble", "jazzy", "kilted", "lyrical")
 """Names of the distributions, oldest first."""
 DEFAULT = "jazzy"
-"""Distribution without a selection; its definitions are stored in full, those of others as differences."""
+"""Distribution without a selection. Its definitions are stored in full, other distributions as differences."""
 ENVIRONMENT_VARIABLE = "ROS_DISTRO"
 _BASES = {"humble": DEFAULT, "kilted": DEFAULT, "lyrical": "kilted"}
 """For each other distribution, the one that its stored differences are relative to."""
@@ -32,7 +33,7 @@ _reported: set[str] = set()
 
 
 class DistributionChoice(NamedTuple):
-    """A selected distribution; `is_explicit` is False if it is the default or that of ROS_DISTRO."""
+    """Selected distribution; `is_explicit` is False if it is the default or comes from ROS_DISTRO."""
 
     name: str
     is_explicit: bool
@@ -53,7 +54,7 @@ def checked_distribution(name: str) -> str:
 
 
 def selected(distro: str | None = None) -> DistributionChoice:
-    """Return the distribution of a call: `distro`, else that of the command, of ROS_DISTRO, or the default.
+    """Return the distribution of a call: `distro`, else the command's, else ROS_DISTRO, else the default.
 
     Raises:
         UnknownDistributionError: the definitions of `distro` are not bundled; ROS_DISTRO causes only a warning.

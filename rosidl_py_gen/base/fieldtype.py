@@ -1,6 +1,6 @@
 """Types of fields, and the tables of primitives and type ids (docs/internals/protocol.md 1.1 and 3.2).
 
-The text of a type is that of a .msg file with full names, such as ``float64[36]``, ``string<=8[<=3]`` or
+The text of a type is written as in a .msg file, with full names, such as ``float64[36]``, ``string<=8[<=3]`` or
 ``geometry_msgs/msg/Point[]``. Generated classes contain it.
 """
 

@@ -1,5 +1,6 @@
-"""Generated files, which their first line marks, and generated classes that can be imported: those of the user's
-packages, of `msgs`, and of a wheel's `pregenerated`.
+"""Generated files, which their first line marks, and generated classes that can be imported.
+
+The classes belong to the user's packages, to `msgs`, or to a wheel's `pregenerated`.
 """
 
 from __future__ import annotations

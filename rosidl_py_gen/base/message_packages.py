@@ -25,7 +25,8 @@ def package_rows() -> dict[str, list[str]]:
 def download_note(package: str, distro: str) -> str:
     """Return where a well-known package is, and the commands to get and use it; empty for an unknown package.
 
-    If the package has no branch for the distribution, that of the next older one is named, else of the next newer one.
+    If the package has no branch for the distribution, use the branch of the next older distribution, or else the next
+    newer.
     """
     row = package_rows().get(package)
     if row is None:

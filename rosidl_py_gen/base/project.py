@@ -62,7 +62,7 @@ def importable_current_folder() -> Iterator[None]:
 
 
 def with_project_path(paths: Sequence[str]) -> tuple[str, ...]:
-    """Return the folders of ``--path``, then those of the project; raises `DefinitionError`."""
+    """Return the folders of ``--path``, then the folders of the project; raises `DefinitionError`."""
     real = {os.path.realpath(path) for path in paths}
     return (*paths, *(path for path in _project_path() if os.path.realpath(path) not in real))
 

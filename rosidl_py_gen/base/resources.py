@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 RUN_PREFIX = "ROSIDL_PY_GEN_RUN_PREFIX"
 """Environment variable with the prefix that ``rosidl-py run`` has added to AMENT_PREFIX_PATH."""
 ENTRY_POINTS = "rosidl_py_gen.interfaces"
-"""Group of the entry points of installed packages with definitions; their names are those of the ROS packages."""
+"""Group of the entry points of installed packages with definitions; an entry point has its ROS package's name."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAME = "rosidl-py-gen"
 _EXTRA_OF = {
@@ -138,7 +138,7 @@ def _from_url(origin: dict[str, Any], extra: str) -> str:
 
 
 def _requirements(found: Distribution | None, extra: str) -> list[str]:
-    """Return the requirements of an extra from the metadata, with those of extras that it includes."""
+    """Return the requirements of an extra, and of the extras that it includes, from the metadata."""
     import re
 
     needed = []

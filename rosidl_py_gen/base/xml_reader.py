@@ -47,7 +47,7 @@ class XmlElement:
     Attributes:
         tag: name; with a namespace ``{URI}name``.
         attributes: values by name, which has the form of `tag`.
-        text: character data directly in the element, without that of its children.
+        text: character data directly in the element, without the text of its children.
         line: 1-based line of the start tag; 0 for an element that is not from a file.
     """
 
@@ -80,7 +80,7 @@ def read_xml(path: str) -> XmlElement:
 
 def parse_fragment(text: str, path: str) -> XmlElement:
     """Return an element of all that is in a text, whose names keep their prefixes; raises `DefinitionError`."""
-    # Everything stays in its line and column: the declaration becomes spaces, and the first line of the parser is ours.
+    # Keep line and column numbers: blank out the declaration and feed our own first line.
     content = _DECLARATION.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     data = f"<all>\n{content}\n</all>".encode("utf-8", "replace")
     return _TreeBuilder(XmlSource(path, tuple(text.split("\n"))), is_fragment=True).parse(data)

@@ -5,8 +5,8 @@ The rules for every text, which may come from an untrusted file or peer:
 - At most `MAX_BYTES` bytes and `MAX_VALUES` values, aliases written out; at most 100 levels, because libyaml and PyYAML
   recurse in C.
 - At most `_MAX_DIRECTIVES` ``%TAG`` lines, which libyaml compares with each other: 80 000 lines take 14 s.
-- Numbers have at most 400 characters. They are those of JSON and YAML 1.2, such as ``1e-3``; the integers of YAML 1.1
-  (``1:30``, ``010``, ``1_000``) are texts. PyYAML reads ``1:30:…`` in quadratic time: 200 000 parts in 30 s.
+- Numbers have at most 400 characters. They are written as in JSON and YAML 1.2, such as ``1e-3``; the integers of YAML
+  1.1 (``1:30``, ``010``, ``1_000``) are texts. PyYAML reads ``1:30:…`` in quadratic time: 200 000 parts in 30 s.
 - A key is the text that is written there. PyYAML would convert it, and a dict of integers chosen by an attacker takes
   quadratic time.
 
@@ -157,7 +157,7 @@ def load_yaml(
         text: bytes are decoded as UTF-8.
         max_bytes: size limit; each character of a str counts as one byte.
         number: called with the text of each number, returns its value; by default an int or a float.
-        like_rclpy: scalars are those of ``yaml.safe_load``: ``1:30`` is 90, ``1e5`` is a text; `number` is ignored.
+        like_rclpy: convert scalars as ``yaml.safe_load`` does: ``1:30`` is 90, ``1e5`` is a text; `number` is ignored.
 
     Raises:
         YamlError: the text is not YAML, or exceeds a limit.

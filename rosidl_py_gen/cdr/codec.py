@@ -22,7 +22,7 @@ M = TypeVar("M", bound=Message)
 def encode(message: Message) -> bytes:
     """Return the message as XCDR1 little endian with its 4-byte header, without padding at the end.
 
-    The bytes are those of rclpy.serialization on rmw_cyclonedds.
+    ``rclpy.serialization`` on rmw_cyclonedds returns the same bytes.
 
     Raises:
         EncodeError: a value does not fit its type; names the field path. The message is not changed.
@@ -60,7 +60,7 @@ def decode(cls: type[M], data: Readable, *, copy: bool = False, arrays: bool = F
 def dtype(cls: type[Message]) -> np.dtype[np.void]:
     """Return the dtype of structured arrays of a fixed-size message: ROS names, native byte order.
 
-    Offsets and item size are those of CDR, so that such arrays are views of encoded messages and are encoded by copying
+    Offsets and item size follow CDR, so that such arrays are views of encoded messages and are encoded by copying
     bytes. If the first element of a sequence is laid out differently from the others, arrays are copies with the same
     dtype.
 

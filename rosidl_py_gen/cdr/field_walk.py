@@ -2,7 +2,7 @@
 
 Generated code is flat and does not know at which field it failed. Only after a failure these functions run: `validate`
 names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially
-supported platform of ROS 2 writes. The layout rules are those of `layout`.
+supported platform of ROS 2 writes. The layout rules are in `layout`.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def align_offset(offset: Position, align: int) -> Position:
 
 
 def has_fixed_size(kind: FieldType) -> bool:
-    """Return True if the size of a field does not depend on its value, apart from that of nested messages."""
+    """Return True if the size of a field does not depend on its value; the sizes of nested messages are ignored."""
     return not kind.is_string and kind.arity in (Arity.SCALAR, Arity.ARRAY)
 
 
@@ -79,7 +79,7 @@ def fixed_count(kind: FieldType) -> int:
 
 
 def element_alignment(kind: FieldType) -> int:
-    """Return the alignment of an element: the size of a primitive, that of the length prefix for a string."""
+    """Return the alignment of an element: the size of a primitive, or for a string the size of its length prefix."""
     return COUNT_BYTES if kind.primitive is None else kind.primitive.size
 
 

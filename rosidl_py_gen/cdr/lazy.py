@@ -1,6 +1,6 @@
 """Packages whose modules load when a name is first used (PEP 562), so that importing `sensor_msgs.msg` is cheap.
 
-The names are those of a mapping, in generated packages, or of the package's stub file, which type checkers read as
+The names come from a mapping, in generated packages, or from the package's stub file, which type checkers read as
 well: `from MODULE import NAME as NAME`, one on each line.
 
 Thread: any. The import system makes threads wait for a module that another one imports, so all get the same object.

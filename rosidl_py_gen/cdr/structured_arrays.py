@@ -151,7 +151,7 @@ class StructuredCodec:
         return values.view(DTYPES["B"]).reshape(len(values), self.dtype.itemsize)
 
     def to_wire_dtype(self, values: Array) -> Array:
-        """Return an array of a user as a contiguous one of our dtype; raises `FieldValueError` if it does not fit."""
+        """Convert a user's array to a contiguous array of the wire dtype; raises `FieldValueError` if that fails."""
         if values.ndim != 1:
             raise FieldValueError(f"expected one dimension, found shape {values.shape}; use .ravel()")
         if values.dtype is self.dtype and values.flags.c_contiguous:
@@ -253,7 +253,7 @@ def _bytes_of(values: Array, path: tuple[str, ...]) -> Array:
 
 
 def _assign(target: Array, source: Array, where: str) -> None:
-    """Copy fields by name, in whatever order of fields and bytes."""
+    """Copy fields by name, regardless of field order and byte order."""
     names = target.dtype.names
     prefix = f"field {where}: " if where else ""
     if target.shape != source.shape:

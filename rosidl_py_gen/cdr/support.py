@@ -58,7 +58,7 @@ FastPathError = Exception  # objects of the caller may raise any exception from 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too
 BOOL = BOOL_BYTE
 
-# Generated code calls these by the name of a numpy type; the codes are those of `struct`.
+# Generated code calls these by the name of a numpy type; the codes are format characters of `struct`.
 bools, int8s, uint8s, int16s, uint16s = map(sequence_converter, "?bBhH")
 int32s, uint32s, int64s, uint64s = map(sequence_converter, "iIqQ")
 float32s, float64s = map(sequence_converter, "fd")

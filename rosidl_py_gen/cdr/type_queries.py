@@ -34,7 +34,7 @@ def type_description(subject: object) -> Description:
     """Return the type description of a class or instance, as rosidl writes it to JSON.
 
     Returns:
-        ``type_description`` and ``referenced_type_descriptions``; the keys are those of
+        ``type_description`` and ``referenced_type_descriptions``; the keys are the field names of
         type_description_interfaces/msg/TypeDescription, so `from_dict` makes that message.
 
     Raises:

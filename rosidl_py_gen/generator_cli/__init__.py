@@ -74,7 +74,7 @@ def _paths(command: _F) -> _F:
 
 
 def _search(paths: tuple[str, ...]) -> SearchPath:
-    """Search the folders of ``--path``, those of the group included, and of the project."""
+    """Search the folders of ``--path``, including ``--path`` of the group, and the folders of the project."""
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
 
     return scan_search_path(_all_paths(paths))

@@ -23,7 +23,7 @@ _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _NAMES = ("package.xml", "CMakeLists.txt", "COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE", "pyvenv.cfg")
 _MAX_FILES = 50_000
 MAX_BYTES = 64 << 20
-"""Maximum bytes of the definitions of a revision; those of all packages of ROS 2 have 10 MB."""
+"""Maximum bytes of the definitions of a revision; the definitions of all packages of ROS 2 have 10 MB."""
 _HASH = re.compile(r"[0-9a-f]{40,64}\Z")
 _FILE_MODES = ("100644", "100755", "100664")
 _LINK_MODE = "120000"

@@ -4,8 +4,8 @@ A filter passes messages to its callbacks; a callback may be the `add` of anothe
 once, on the thread where the message arrives. `signal_message` returns the coroutine of an async callback, so that the
 first caller, usually a subscription, awaits it and reports its failure.
 
-The sets of the synchronizers are those of message_filters: the queue of an input has one message for each time, the
-last one. When it is full, the message with the lowest time is dropped, whenever it arrived. message_filters tries all
+The synchronizers form the same sets as message_filters: the queue of an input has one message for each time, the last
+one. When it is full, the message with the lowest time is dropped, whenever it arrived. message_filters tries all
 combinations of waiting messages one after the other; `ApproximateTimeSynchronizer` first checks whether one exists.
 """
 
@@ -448,7 +448,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         inputs: as for `TimeSynchronizer`, and so are `callback` and `queue_size`.
         slop_s: seconds; stamps that are exactly this far apart do not match.
         allow_headerless: use the time of arrival for messages without a stamp; its delay is unknown.
-        clock: clock for the time of arrival; None means that of the first input's node.
+        clock: clock for the time of arrival; None means the clock of the first input's node.
 
     Raises:
         StampError: the messages of an input have no stamp, and `allow_headerless` is False.
@@ -524,7 +524,7 @@ class Cache(MessageFilter):
         cache_size: maximum number of messages; one more removes the message with the lowest stamp.
         callback: see `MessageFilter`.
         allow_headerless: use the time of arrival for messages without a stamp, instead of an error.
-        clock: clock for the time of arrival; None means that of the input's node.
+        clock: clock for the time of arrival; None means the clock of the input's node.
 
     Raises:
         StampError: the messages have no stamp, and `allow_headerless` is False.

@@ -1,8 +1,9 @@
 """Conversions between ``sensor_msgs/msg/Image`` and arrays, and from one encoding of pixels to another.
 
-Encodings are those of sensor_msgs/image_encodings.hpp. Converted pixels are those of cv_bridge with OpenCV: brightness
-has the weights of BT.601, YUV is BT.601 in the video range, and 16 bits become 8 by their value, not by their upper
-half. Bayer patterns are interpolated bilinearly. Values without colour, for example depths, are never converted.
+Encodings have the names of sensor_msgs/image_encodings.hpp. Converted pixels equal the pixels of cv_bridge with OpenCV:
+brightness has the weights of BT.601, YUV is BT.601 in the video range, and 16 bits become 8 by their value, not by
+their upper half. Bayer patterns are interpolated bilinearly. Values without colour, for example depths, are never
+converted.
 """
 
 from __future__ import annotations
@@ -233,7 +234,7 @@ def _brightness(channels: dict[str, Pixels]) -> Pixels:
 
 
 def _as_depth(values: Pixels, dtype: np.dtype[Any]) -> Pixels:
-    """Scale values from the full range of their type to that of another."""
+    """Scale values from the full range of their type to the full range of another."""
     if values.dtype == dtype:
         return values
     if dtype.itemsize == 2:

@@ -175,8 +175,8 @@ def array_to_pointcloud(
     Args:
         array: structured, of shape ``(n,)`` or ``(height, width)``; or plain numbers whose last axis has the fields
             `names`. An array that is contiguous and has no gaps is not copied.
-        dtype: type of the fields of plain numbers; None keeps that of the array, which makes FLOAT64 fields of float64.
-            RViz and PCL read x, y and z only as FLOAT32: ``"f4"``.
+        dtype: type of the fields of plain numbers; None keeps the dtype of the array, which makes FLOAT64 fields of
+            float64. RViz and PCL read x, y and z only as FLOAT32: ``"f4"``.
         is_dense: True states that all values are finite; None checks the values.
 
     Raises:

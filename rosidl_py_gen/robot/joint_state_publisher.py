@@ -1,6 +1,6 @@
 """Node that publishes a position for every movable joint of a robot on ``joint_states``.
 
-Topics, parameters and rules are those of joint_state_publisher, docs/internals/protocol.md 13.3.
+Topics, parameters and rules are the same as in joint_state_publisher, docs/internals/protocol.md 13.3.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MAX_RATE_HZ = 10_000
 
 @dataclass(slots=True)
 class _FreeJoint:
-    """Joint that does not depend on another one; `values` has those of `_KINDS` that are known."""
+    """Joint that mimics no other joint; `values` contains the known ones of position, velocity and effort."""
 
     lower: float
     upper: float
@@ -94,7 +94,7 @@ class JointStatePublisher:
         value: Any = self.node.get_parameter(name)
         if type(value) is float and not math.isfinite(value):
             raise ProgramError(f"parameter {name}: got {value}; expected a finite number")
-        # The types of a whole number and an empty list are not those of a float and a list of texts.
+        # A whole number has another type than a float, and an empty list another type than a list of texts.
         if (kind is float and type(value) is int) or (kind == list[str] and value == b""):
             return value
         return self.node.get_parameter(name, kind, default)

@@ -1,6 +1,6 @@
 """Node that publishes the transforms of a robot: fixed joints on ``/tf_static``, the others on ``/tf``.
 
-Topics, parameters and rules are those of robot_state_publisher, docs/internals/protocol.md 13.2.
+Topics, parameters and rules are the same as in robot_state_publisher, docs/internals/protocol.md 13.2.
 """
 
 from __future__ import annotations

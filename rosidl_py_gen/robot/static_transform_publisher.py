@@ -1,6 +1,6 @@
 """Node that publishes one transform on ``/tf_static``, from its command line.
 
-Arguments, parameters and rules are those of tf2_ros, docs/internals/protocol.md 13.4.
+Arguments, parameters and rules are the same as in tf2_ros, docs/internals/protocol.md 13.4.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _OLD_FORMS = {8: ("x", "y", "z", *reversed(_ANGLES), *_FRAMES), 9: ("x", "y", "z
 
 
 def parse_transform(arguments: Sequence[str]) -> dict[str, Any]:
-    """Return the transform of arguments without those of ROS, as parameters; raises `ProgramError`."""
+    """Parse the command line (without ROS arguments) into parameters; raises `ProgramError`."""
     found: dict[str, str] = {}
     warn = get_logger(NAME).warning
     if len(arguments) in _OLD_FORMS and not any(word.startswith("--") for word in arguments):

@@ -1,6 +1,6 @@
 """Kinematic tree of a URDF: links and joints with origins, axes, limits and mimic tags. All else is ignored.
 
-The rules are those of urdfdom (docs/internals/protocol.md 13.1); an error is raised where it would return an
+The rules are the same as in urdfdom (docs/internals/protocol.md 13.1); an error is raised where urdfdom would return an
 incomplete tree.
 """
 
@@ -20,7 +20,7 @@ from rosidl_py_gen.errors import DefinitionError, Diagnostic, display_path
 from rosidl_py_gen.runtime import get_logger
 from rosidl_py_gen.tf.quaternion_math import ORIGIN, Quaternion, Vector, add, normalized, product, rotate
 
-MAX_BYTES = 8 * MAX_FILE_BYTES  # those of humanoids with all their meshes have some 500 kB
+MAX_BYTES = 8 * MAX_FILE_BYTES  # URDFs of humanoids with all their meshes have about 500 kB
 MOVABLE_TYPES = ("revolute", "continuous", "prismatic")
 """Types of joints with one position."""
 JOINT_TYPES = ("fixed", *MOVABLE_TYPES, "floating", "planar")
@@ -30,7 +30,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """Dependence of a joint: its position is that of `joint` times `multiplier` plus `offset`."""
+    """Dependence of a joint: its position is the position of `joint` times `multiplier` plus `offset`."""
 
     joint: str
     multiplier: float = 1.0
@@ -118,7 +118,7 @@ def _log(warnings: list[Diagnostic]) -> None:
 
 
 def resolve_mimics(mimics: Mapping[str, Mimic], joints: Collection[str]) -> tuple[dict[str, Mimic], list[str]]:
-    """Return the dependences that are in no loop, each after that of the joint that it follows, and the problems."""
+    """Return acyclic mimic relations in evaluation order, and a problem text for each cycle or unknown joint."""
     sorter = TopologicalSorter({name: (mimic.joint,) for name, mimic in mimics.items()})
     problems: list[str] = []
     try:

@@ -237,7 +237,7 @@ class CommandNode:
                 return full
         finally:
             waiting.cancel()
-        names = [name for name in graph_names(self.node, kind) if "/_" not in name]  # not those of this command
+        names = [name for name in graph_names(self.node, kind) if "/_" not in name]  # without the names of this command
         hint = similar_name(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
         raise CommandError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _NO_PEERS}")
 

@@ -57,7 +57,7 @@ def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> li
 def complete_call(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete ``[TYPE] [VALUES]`` after the name of a topic, service or action.
 
-    The type is that of the graph, else any type on the search path. The values are all fields with their defaults.
+    The type is the announced type, else any type on the search path. The values are all fields with their defaults.
     """
     words = context.params.get("words") or ()
     if not words:
@@ -199,7 +199,7 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
 
 
 def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
-    """Return an installed class of a topic's messages, of a service or of an action; else that of the graph."""
+    """Return the class of a topic's messages, a service or an action: installed, else announced in the graph."""
     import asyncio
 
     from rosidl_py_gen.ros_cli import name_lookup, type_resolution

@@ -98,7 +98,7 @@ class LazyGroup(click.Group):
     """Group of commands, whose modules are imported when they are used; a module may declare several commands.
 
     Args:
-        table: as `COMMANDS`; without a text, the short help is that of the command.
+        table: as `COMMANDS`; without a text, the short help comes from the command.
     """
 
     def __init__(

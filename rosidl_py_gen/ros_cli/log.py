@@ -1,4 +1,4 @@
-"""``rosidl-py log``: messages that nodes log and have retained, or those of a recording.
+"""``rosidl-py log``: log messages, live, retained by /rosout, or recorded.
 
 Retained messages arrive node by node and are printed in the order of their stamps.
 """

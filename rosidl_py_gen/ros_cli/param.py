@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @asynccontextmanager
 async def _parameters_of(command_node: CommandNode, node: str, timeout_s: float) -> AsyncIterator[ParameterClient]:
-    """Yield a client for the parameters of a node, whose errors become those of the command.
+    """Yield a client for the parameters of a node; errors of the client become errors of the command.
 
     Requests are sent before the causes of errors are known.
     """

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def wire_topics_of_node(node: Node, name: str, namespace: str, *, writers: bool) -> NamesAndTypes:
-    """Return all topics that another node writes or reads, those of services too, as they are in the middleware."""
+    """Return all topics that another node writes or reads, with topics of services, as named in the middleware."""
     return node._of_node(name, namespace, writers=writers, demangle=False)
 
 

@@ -100,7 +100,7 @@ def kind_of(field: Field) -> Kind:
 
 @cached_per_class
 def column_count(cls: type[Any], depth: int = 0) -> int:
-    """Return the number of columns of a class, those of elements included, without making them."""
+    """Return the number of columns of a class, including columns of elements, without making them."""
     if depth > _MAX_DEPTH:
         raise BagError(f"{cls._TYPE.name} is nested too deeply for a table; expected at most {_MAX_DEPTH} levels")
     return sum(
@@ -218,7 +218,7 @@ _ELEMENT_TYPES = {
     Kind.EMPTY: pa.null(),
 }
 ColumnArrays: TypeAlias = "dict[ColumnNode, Any]"
-"""Arrow arrays by column; those of structs are assembled of their children by `assembled`."""
+"""Arrow arrays by column; `assembled` makes the array of a struct from the arrays of its children."""
 _MAX_OFFSET = (1 << 31) - 1
 
 
@@ -324,7 +324,7 @@ def texts(node: ColumnNode, sizes: Array, octets: Any) -> Any:
 
 
 def assembled(node: ColumnNode, arrays: Mapping[ColumnNode, Any], count: int) -> Any:
-    """Return the array of a column, or of list elements, from its own array or those of its fields."""
+    """Return the array of a column, or of list elements: its own array, or made from the arrays of its fields."""
     if (array := arrays.get(node)) is not None:
         return array
     return struct(node, [assembled(child, arrays, count) for child in node.children])

@@ -202,7 +202,7 @@ class FixedRun:
 
 @dataclass(frozen=True, slots=True)
 class StringField:
-    """String or wstring; inside of a list, `node` is that of the list."""
+    """String or wstring; inside of a list, `node` is the column of the list."""
 
     node: ColumnNode
 
@@ -376,7 +376,7 @@ def _end_positions(cursor: BatchCursor, steps: Program, pos: Ints, limit: Ints) 
 
 
 def _uniform_element_starts(cursor: BatchCursor, steps: Program, counts: Ints) -> Ints | None:
-    """Return the starts of all elements if those of each list, except the first, have equal lengths; else None.
+    """Return the starts of all elements if the elements of each list, except the first, have equal lengths; else None.
 
     The first two elements of every list are parsed, the starts of all others follow by arithmetic, and then all
     elements of all lists are parsed in one vectorized pass. The guess is right if each element ends where the next one

@@ -91,7 +91,7 @@ def write_dataset(
 
     Args:
         out: a folder, or a URL that fsspec supports.
-        name: name of the bag in the dataset; None means that of its file or folder.
+        name: name of the bag in the dataset; None means the name of its file or folder.
         topics: topics to write, large ones included; None means all with a known type, except images and clouds.
         include_large: without `topics`, write images and clouds as well.
         overwrite: replace existing files.

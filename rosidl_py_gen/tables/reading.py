@@ -273,7 +273,7 @@ class _MessageBlocks:
 
 
 def _rows(block: MessageBlock, size: int) -> Any:
-    """Return the bytes of messages of equal size: a view if their distances are equal, as those of one topic are."""
+    """Return the bytes of messages of equal size: a view if their distances are equal, as within one topic."""
     begin, count = block.begin, len(block.begin)
     step = int(begin[1] - begin[0]) if count > 1 else size
     if step >= size and (count < 3 or (np.diff(begin) == step).all()):

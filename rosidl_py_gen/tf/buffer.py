@@ -166,7 +166,7 @@ class TransformBuffer:
     ) -> Transform:
         """Return the transform from `source` at one time to `target` at another, by way of a frame that does not move.
 
-        Its stamp is that of `target`. Raises as `lookup_transform`.
+        The result has the stamp of the lookup at `target_time`. Raises as `lookup_transform`.
         """
         self._receive()
         with self._lock:

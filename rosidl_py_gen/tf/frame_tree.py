@@ -1,7 +1,7 @@
 """Tree of frames with their transforms over time, without a node and without waiting.
 
-The rules are those of tf2's ``BufferCore``: validity and age of transforms, interpolation, and the kind of error. Times
-are nanoseconds; a lookup at 0 means the latest common time.
+The rules are the same as in tf2's ``BufferCore``: validity and age of transforms, interpolation, and the kind of error.
+Times are nanoseconds; a lookup at 0 means the latest common time.
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ class Transform:
         return Transform(self.target, first.source, self.stamp, self.apply(first.translation), np.array(rotation))
 
     def to_message(self, *, cls: type[M] | None = None) -> M:
-        """Return a ``geometry_msgs/msg/TransformStamped``; `cls` is its class, None means that of `get_message`."""
+        """Return a ``geometry_msgs/msg/TransformStamped``; `cls` is its class, None uses `get_message`."""
         message: Any = message_class(cls, "geometry_msgs/msg/TransformStamped")()
         message.header.frame_id, message.child_frame_id = self.target, self.source
         set_stamp(message.header.stamp, self.stamp)

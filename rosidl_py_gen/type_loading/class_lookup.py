@@ -437,7 +437,7 @@ def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> typ
 
     planner = LayoutPlanner(registry.message, max_leaves=_MAX_LEAVES)
 
-    @cache  # the comparison or plan of a type costs as much as those of all types that it refers to
+    @cache  # comparing or planning a type costs as much as for all types that it refers to
     def get_class(part: RosName) -> type:
         return find(registry, part) or _compile(registry, part, planner, get_class)
 

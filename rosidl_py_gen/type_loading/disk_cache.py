@@ -42,7 +42,7 @@ _MAX_MODULES = 4000
 _MAX_FILE_BYTES = 16 << 20
 MAX_DESCRIPTIONS = 2000
 MAX_DESCRIPTION_BYTES = 1 << 20
-"""Maximum size of a description with its sources; those of the largest actions have 50 kB."""
+"""Maximum size of a description with its sources; the descriptions of the largest actions have 50 kB."""
 _DESCRIPTION = ".cdr"
 
 
@@ -254,7 +254,7 @@ def store_code(interface: str, text_digest: str, parts: Parts, code: CodeType) -
 
 
 def store_checked(file: Path, content: bytes, *, max_files: int) -> None:
-    """Store a file with its digest, unless it is too large or its folder is not that of the user alone."""
+    """Store a file with its digest, unless it is too large or other users can write to its folder."""
     if len(content) <= _MAX_FILE_BYTES and own_folder(create=True) is not None:
         store_file(file, digest(content).encode() + content, max_files=max_files)
 

@@ -2,7 +2,7 @@
 path.
 
 A loaded class of the same name and hash is used without a compilation, also for nested types. The limits on
-descriptions are those of `compiler/frontend/type_description_reader.py`. A generated class has names, types, bounds and
+descriptions are in `compiler/frontend/type_description_reader.py`. A generated class has names, types, bounds and
 default values of its fields, but no comments and no types of constants.
 """
 
@@ -61,7 +61,7 @@ def compile_described(
     """Return the class of a described type.
 
     Args:
-        individuals: the description of each type alone, by name; those of derived messages may be missing.
+        individuals: the description of each type alone, by name; derived messages may be missing.
         sources: type name -> encoding and text; they add constants, comments and defaults if they have the same fields.
         is_service: the type is a service, which ``pkg/action/X_SendGoal`` does not show.
 
@@ -76,8 +76,8 @@ def compile_described(
 def definition_text(cls: type[Any]) -> str:
     """Return the definition of a class with all types that it uses, for bags; `compile_definition` reads it.
 
-    The text is that of the file with comments and constants, if the search path has the same definition; otherwise it
-    is made of the class. Derived messages, such as ``X_Event``, have the text of their service or action; raises
+    The text is the text of the file with comments and constants, if the search path has the same definition; otherwise
+    it is made of the class. Derived messages, such as ``X_Event``, have the text of their service or action; raises
     `TypeNotFoundError` if that is not on the search path.
     """
     from rosidl_py_gen.compiler.frontend.definition_text import full_text

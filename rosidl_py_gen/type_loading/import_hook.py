@@ -86,21 +86,21 @@ def install_import_hook(
     """Make ``import x_msgs.msg`` work in this process for every package with definitions.
 
     Definitions are searched in `path`, in the workspace of `workspace_of`, in AMENT_PREFIX_PATH, in installed wheels,
-    and in the bundled interfaces. Modules are compiled in memory on their first import; those of rclpy's API are cached
-    on disk.
+    and in the bundled interfaces. Modules are compiled in memory on their first import; modules of rclpy's API are
+    cached on disk.
 
     Args:
-        message_api: ``native`` for the classes of `get_message`; ``rclpy`` for classes that behave as those of a ROS
+        message_api: ``native`` for the classes of `get_message`; ``rclpy`` for classes that behave as in a ROS
             installation (`array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks), together
             with `rclpy` itself and its companions.
         path: package folders, folders of packages, or ``src`` of workspaces.
-        workspace_of: a script or folder. The workspace is that of the first folder upwards with a package.xml; a folder
+        workspace_of: a script or folder. The workspace contains the first folder upwards with a package.xml; a folder
             outside of packages is a workspace itself. Python packages with the names of ROS packages of the workspace
             and of `path` become importable, too.
-        override_installed: also replace importable packages, such as those of a sourced ROS installation. By default
+        override_installed: also replace importable packages, such as packages of a sourced ROS installation. By default
             they are used; either way, a warning is issued.
-        distro: ``humble``, ``jazzy``, ``kilted`` or ``lyrical``: definitions of this distribution follow those of
-            `path` and of the workspace. By default those of ROS_DISTRO, or of Jazzy, are the last.
+        distro: ``humble``, ``jazzy``, ``kilted`` or ``lyrical``: definitions of this distribution follow the
+            definitions of `path` and of the workspace. By default the definitions of ROS_DISTRO, or of Jazzy, are last.
 
     Returns:
         A registration. Its `close`, or the end of a ``with`` block, removes the hook and its modules.
@@ -320,7 +320,7 @@ class _Finder(Loader):
         if other is None or other.loader is None or not other.origin:
             return False
         if is_generated(Path(other.origin)) and (self._override or not self._is_rclpy):
-            return not self._is_rclpy  # generated: the same classes, or those of the other API
+            return not self._is_rclpy  # generated: the same classes, or classes of the other API
         folder = self._interfaces.search.packages[package].folder
         self._warn_duplicate(package, name, other.origin, f"the definitions in {folder}")
         return not self._override

@@ -44,7 +44,7 @@ class BuiltWheel:
 
 
 def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
-    """Return the requested packages, else those of the given folders, else all; raises `DefinitionError`."""
+    """Return the requested packages, else the packages of the given folders, else all; raises `DefinitionError`."""
     for name in wanted:
         if name not in search.packages:
             known = ", ".join(search.packages)[:300]

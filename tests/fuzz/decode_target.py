@@ -30,7 +30,10 @@ def try_decode(cls: type[Message], data: bytes, *, copy: bool = False, arrays: b
 
 
 def check_against(oracle: Reference, cls: type[Message], data: bytes) -> bool:
-    """Decode with ours and with the reference; both must refuse, or agree, and then what we write must say the same."""
+    """Decode with ours and with the reference.
+
+    Both must reject the data, or decode it equally; re-encoding must round-trip.
+    """
     found = try_decode(cls, data)
     held = try_decode(cls, data, arrays=True)
     try:

@@ -161,7 +161,7 @@ def random_json(rng: random.Random, depth: int) -> Any:
 
 
 def damage(rng: random.Random, value: Any, depth: int = 4) -> Any:
-    """A right value with something random somewhere in it."""
+    """Return a valid value with a random mutation."""
     if depth == 0 or rng.randrange(6) == 0:
         return random_json(rng, 2)
     if isinstance(value, dict) and value:

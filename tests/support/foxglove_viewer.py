@@ -77,7 +77,7 @@ class Viewer:
                 self.services = {n: one for n, one in self.services.items() if one["id"] not in said["serviceIds"]}
 
     async def until(self, condition: Callable[[], Any]) -> Any:
-        """Wait until it gives something true; that."""
+        """Wait until the condition is truthy and return its value."""
         async with self._news:
             await asyncio.wait_for(self._news.wait_for(condition), PATIENCE_S)
         return condition()
@@ -90,11 +90,11 @@ class Viewer:
         return "\n".join(text for text in self._warned() if "assets" not in text)
 
     async def send(self, op: str, **fields: Any) -> None:
-        """Say something."""
+        """Send a JSON message."""
         await self.connection.send(json.dumps({"op": op, **fields}))
 
     async def subscribe(self, topic: str, subscription: int = 1) -> dict[str, Any]:
-        """Watch a topic as soon as it is there; the channel."""
+        """Wait for the topic, subscribe, return its channel."""
         channel: dict[str, Any] = await self.until(lambda: self.channels.get(topic))
         await self.send("subscribe", subscriptions=[{"id": subscription, "channelId": channel["id"]}])
         await self.handled()

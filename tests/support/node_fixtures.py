@@ -98,7 +98,7 @@ ON_ZENOH = {
 
 
 _domains: dict[int, int] = {}
-"""Those of this test process, each with the descriptor of its lock."""
+"""Domain IDs locked by this test process, with the lock's descriptor."""
 
 
 def new_domain_id() -> int:
@@ -255,7 +255,7 @@ _LOOP = pytest.StashKey[VirtualTimeLoop]()
 
 
 def _clocks(item: Any) -> ClockFunctions:
-    """Those of the loop on which time passes without waiting, for async tests whose worlds are all in memory."""
+    """Virtual clocks, for async tests whose worlds are all in memory."""
     kinds = {item.callspec.params[name] for name in ("world", "network") if name in _params(item)}
     takes_time = item.get_closest_marker("real_time") is not None or not inspect.iscoroutinefunction(item.obj)
     if takes_time or "dds" in item.fixturenames or kinds - {"memory"}:
@@ -371,7 +371,7 @@ def while_the_loop_sleeps(act: Callable[[], object]) -> threading.Thread:
 async def rests(for_s: float, cpu_s: float) -> bool:
     """Return True if this process takes less than `cpu_s` of CPU time while the loop sleeps, in one of three attempts.
 
-    What a virtual machine is deprived of counts as its own.
+    On a VM, stolen CPU time counts as ours.
     """
     for _ in range(3):
         before = time.process_time()
@@ -402,7 +402,7 @@ _guards: set[asyncio.Task[None]] = set()
 async def start_process(*command: str | Path, **options: Any) -> asyncio.subprocess.Process:
     """`asyncio.create_subprocess_exec`, but the process ends with the loop, also when the test fails.
 
-    What is left of a process when its loop is closed complains about that whenever it is collected.
+    A subprocess transport collected after its loop closed prints a ResourceWarning.
     """
     process = await asyncio.create_subprocess_exec(*command, **options)
 

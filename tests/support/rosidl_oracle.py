@@ -73,7 +73,7 @@ def _quiet() -> dict[str, str]:
 class _Release:
     """Reference compiler of a release: a process that starts with the first question that is not in the cache.
 
-    Answers are kept by release, server and question. Not those to examples at random: no other run asks for them.
+    Answers are cached by release, server and question. Answers to random examples are not cached.
     """
 
     def __init__(self, release: str, context: str) -> None:

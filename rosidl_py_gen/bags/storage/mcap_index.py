@@ -128,7 +128,7 @@ def read_index(stream: IO[bytes], read: Read, size: int) -> Index | None:
         return None if summary is None or not _is_complete(summary) else _index_of(summary, start)
     except BagUnreachableError:
         raise
-    except Exception:  # whatever wrong bytes lead to: the file is walked through then
+    except Exception:  # arbitrary exceptions for damaged data; fall back to walking the file
         return None
 
 
@@ -197,13 +197,13 @@ def recorded_distro(stream: IO[bytes], size: int) -> str:
                 return distro
     except BagUnreachableError:
         raise
-    except Exception:  # whatever wrong bytes lead to: the name is of use, but not needed
+    except Exception:  # arbitrary exceptions for damaged data; the distribution name is optional
         return ""
     return ""
 
 
 def _metadata_records(stream: IO[bytes], size: int) -> Iterator[bytes]:
-    """Yield the bodies of the first metadata records: at the start of the file, and those of the index."""
+    """Yield the bodies of the first metadata records at the start of the file, then of the first indexed ones."""
     at = len(MCAP0_MAGIC)
     for _ in range(_MAX_METADATA_RECORDS):
         opcode, length = _head(stream, at)

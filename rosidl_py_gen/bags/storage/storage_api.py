@@ -181,7 +181,7 @@ def library_errors_as_bag_error(path: Path) -> Iterator[None]:
         raise
     except MemoryError:
         raise BagError(f"{path}: damaged: a length in it is larger than memory") from None
-    except Exception as error:  # compression libraries, struct, sqlite: whatever wrong bytes lead to
+    except Exception as error:  # compression libraries, struct, sqlite: arbitrary exceptions for damaged data
         raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
 
 

@@ -48,7 +48,7 @@ _DATA = (
     *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK),
     *(Opcode.ATTACHMENT, Opcode.METADATA),
 )
-"""Records that are lost if the file breaks off within them; those of an index are not."""
+"""Records whose loss is counted if the file breaks off within them; index records contain no data."""
 _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
 """Possible first bytes after the data; empty if the file ends there."""
 _HEAD = struct.Struct("<BQQQQII")

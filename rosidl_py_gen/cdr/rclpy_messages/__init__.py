@@ -1,1 +1,1 @@
-"""Messages that behave as those of rclpy, with the same codec as all others."""
+"""Messages that behave like messages of rclpy, with the same codec as all others."""

@@ -43,7 +43,7 @@ def _buffer(code: str) -> Callable[[object], Any]:
     return buffer
 
 
-# Generated code calls these by the name of a numpy type; the codes are those of `array.array`.
+# Generated code calls these by the name of a numpy type; the codes are type codes of `array.array`.
 array_of_int8s, array_of_uint8s, array_of_int16s, array_of_uint16s = map(_reader, "bBhH")
 array_of_int32s, array_of_uint32s, array_of_int64s, array_of_uint64s = map(_reader, "iIqQ")
 array_of_float32s, array_of_float64s = map(_reader, "fd")

@@ -74,7 +74,7 @@ class FieldSlot(NamedTuple):
 
 
 def field_slot(cls: type, field: Field, default: Any) -> FieldSlot:
-    """Return the slot of a field; `default` is that of the definition, or None."""
+    """Return the slot of a field; `default` is the default value in the definition, or None."""
     member = cls.__dict__[slot_name(field.py_name)]
     kind = field.type
     code = kind.primitive.code if kind.primitive is not None and kind.base not in ("bool", "byte") else ""

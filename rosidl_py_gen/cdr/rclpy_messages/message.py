@@ -1,4 +1,4 @@
-"""Base classes of messages, services and actions that behave as those of a ROS installation.
+"""Base classes of messages, services and actions that behave like the classes of a ROS installation.
 
 Source: the messages that rosidl_generator_py of Jazzy makes, which `tests/rclpy_messages` compares with.
 """

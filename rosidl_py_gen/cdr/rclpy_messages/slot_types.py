@@ -22,7 +22,7 @@ class AbstractNestableType(AbstractType):
 
 @dataclass(slots=True, repr=False)
 class BasicType(AbstractNestableType):
-    """Number, boolean, octet or character; `typename` is that of IDL, such as ``double``."""
+    """Number, boolean, octet or character; `typename` is its name in IDL, such as ``double``."""
 
     typename: str
 

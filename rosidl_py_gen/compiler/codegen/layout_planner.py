@@ -1,11 +1,8 @@
 """Plan the wire layout of a message, and decide how code is generated for it: inline, by call, or from a table.
 
 The rules of CDR are in `cdr/layout.py`. This module applies them to fields; encoder and decoder emit code for its steps
-and never count bytes. A struct has no alignment of its own: a nested message is laid out at its position. The planner
-tracks what is known of the position: an absolute offset, or position = remainder (mod modulus).
-
-Generated code stays in proportion to the definition: its size is that of the leaves, the fields of a message after
-nested messages are flattened.
+and never count bytes. The size of generated code is proportional to the leaves: the fields of a message after nested
+messages are flattened.
 """
 
 from __future__ import annotations
@@ -45,7 +42,7 @@ MAX_INLINE_DEPTH = 12
 MAX_INLINE_LOOPS = 5
 """Maximum nested loops that are emitted inline: CPython accepts 20, and each is planned up to four times."""
 MAX_CODEC_LEAVES = 500
-"""Leaves above which a message has no generated codec, but that of `cdr.table_coded`: CPython takes 40 kB to compile
+"""Leaves above which a message has no generated codec, but uses `cdr.table_coded`: CPython takes 40 kB to compile
 the code for one string. Messages of public packages have up to 70 fields."""
 
 BLOCK_BYTES = 1024
@@ -100,7 +97,8 @@ class LayoutPlanner:
 
     @_cached_per_name
     def is_table_coded(self, name: str) -> bool:
-        """Return True if a codec of its own would be out of proportion to the definition."""
+        """Return True if the message is too large to generate code for."""
+        # The budget `max_leaves` is shared: the result depends on the order in which messages are planned first.
         weight = self.inline_size(name)
         is_table_coded = weight > min(MAX_CODEC_LEAVES, self._leaves_left)
         self._leaves_left -= 0 if is_table_coded else weight
@@ -148,6 +146,7 @@ class LayoutPlanner:
     def plan(self, name: str) -> ir.LayoutPlan:
         """Return the plan of a message whose references all exist."""
         is_outlined = self.is_outlined(name)
+        # An outlined message is called at any position, so nothing is known of its start; others start at offset 0.
         builder = _PlanBuilder(
             self, ir.AlignmentState(None, 1, 0) if is_outlined else ir.AlignmentState(0, MAX_ALIGN, 0)
         )
@@ -197,6 +196,7 @@ class _PlanBuilder:
 
     def __init__(self, planner: LayoutPlanner, start: ir.AlignmentState, first_object: int = 1) -> None:
         self.planner = planner
+        # Either an absolute offset, or position = remainder (mod modulus).
         self.now = start
         self.steps: list[ir.LayoutStep] = []
         self.run: _OpenRun | None = None
@@ -223,16 +223,18 @@ class _PlanBuilder:
     def _append_to_run(self, align: int, size: int, code: str, count: int, read: str = "") -> int:
         """Append a value to the current run, or to a new run if its padding is not known, and return its offset."""
         gap = self._known_padding(align)
+        # A run is one struct, whose padding is a constant: it cannot go on where the padding depends on the message.
         if gap is None and self.run is not None:
             self.end_run()
         if self.run is None:
+            # The run also contains the pending terminator of a string, which saves a step.
             self.run = _OpenRun(self.now, self.nul)
             if self.nul:
                 self.nul = False
                 self._advance(len(NUL))
                 gap = self._known_padding(align)
         run = self.run
-        if gap is None:
+        if gap is None:  # emitted code aligns before the run; after that the position is a multiple of `align`
             run.align = align
             self.now = ir.AlignmentState(None, align, 0)
         elif gap:
@@ -289,6 +291,7 @@ class _PlanBuilder:
             self.steps.append(ir.NestedCall(ref, kind.base, self.now, self.planner.has_structured_arrays(kind.base)))
             self._lose_offset(1)
         else:
+            # A struct has no alignment of its own: a nested message is laid out at its position, field by field.
             number = self._new_object()
             # Has no bytes, so an open run continues after it. Emitters load or create objects before the run.
             empty = not self.planner.message(kind.base).fields
@@ -307,6 +310,7 @@ class _PlanBuilder:
         fixed = kind.arity is Arity.ARRAY
         primitive = kind.primitive
         if primitive is not None and fixed and primitive.size * kind.capacity <= BLOCK_BYTES:
+            # Of constant size: the run goes on after it.
             size = primitive.size * kind.capacity
             offset = self._append_to_run(primitive.size, size, "s", size, "x")
             self._items(ir.FixedNumberArray(ref, self.planner.codes[kind.base], kind.capacity, offset))
@@ -341,18 +345,16 @@ class _PlanBuilder:
     # --- sequences and arrays of messages -------------------------------------------------------------------------
 
     def _loop(self, ref: ir.Ref, kind: FieldType) -> None:
-        """Append the loop over messages.
-
-        A loop body must be valid for every iteration: it is planned for the state before the loop, then the state at
-        its end is merged into the entry state, until this does not change. That takes at most four rounds, as the
-        modulus can only become 8, 4, 2 and 1.
-        """
+        """Append the loop over messages."""
         number = self._new_object()
         loop = self._packed_loop(ref, kind, number)
         if loop is None and self.planner.is_outlined(kind.base):
             loop = self._make_loop(ref, kind, number, ir.LoopMode.CALL)
             self._lose_offset(1)
         elif loop is None:
+            # A loop body must be valid for every iteration: it is planned for the state before the loop, then the state
+            # at its end is merged into the entry state, until this does not change. That takes at most four rounds,
+            # because the modulus can only become 8, 4, 2 and 1.
             entry = self.now._replace(static=None)
             while True:
                 inner = self._element(ref, kind, number, entry)
@@ -386,13 +388,11 @@ class _PlanBuilder:
         return inner
 
     def _packed_loop(self, ref: ir.Ref, kind: FieldType, number: int) -> ir.Loop | None:
-        """Return the loop over elements of one stride; None if the elements have none.
-
-        A loop is packed if its body is one run without unknown padding that ends at the remainder where it started.
-        Candidates for the entry state are the current one, then alignment 8, 4 and 2 after explicit padding.
-        """
+        """Return the loop over elements of one stride; None if the elements have none."""
         if not self.planner.is_fixed(kind.base) or self.planner.is_outlined(kind.base):
             return None
+        # Candidates for the entry state: the current state, then the alignment of the first primitive after explicit
+        # padding.
         entries = [(self.now._replace(static=None), (0, 1))]
         first = self._first_alignment(kind.base)
         if first in (8, 4, 2):
@@ -402,11 +402,12 @@ class _PlanBuilder:
             inner.end_run()
             runs = [step for step in inner.steps if isinstance(step, ir.PackedRun)]
             is_plain = all(isinstance(step, ir.PackedRun | ir.InlineMessage) for step in inner.steps)
+            # One stride: a single run without unknown padding, which ends at the remainder where it started.
             if not is_plain or len(runs) != 1 or runs[0].align != 1 or inner.now.remainder != entry.remainder:
                 continue
             self.next_object = inner.next_object
             loop = self._make_loop(ref, kind, number, ir.LoopMode.PACKED, inner.steps, runs[0].size, padding)
-            if kind.arity is not Arity.ARRAY:
+            if kind.arity is not Arity.ARRAY:  # may be empty: then not even the padding is in the message
                 self.now = _common_alignment(self.now, entry)
             else:
                 self.now = entry if loop.align > 1 else self.now

@@ -102,7 +102,7 @@ class MessageView(NamedTuple):
 
 
 class GroupView(NamedTuple):
-    """A service or action class with its message classes as attributes; `impl`: those of `Impl` in rclpy's API."""
+    """A service or action class with its message classes as attributes; `impl`: the attributes of rclpy's `Impl`."""
 
     cls: str
     base: str

@@ -68,9 +68,9 @@ class FieldConversion(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MessagePlan:
-    """Conversion of the messages of one type to those of another.
+    """Conversion of messages of one type to messages of another.
 
-    Old fields without a target are dropped, some by a rule; new fields without a source are defaulted.
+    Old fields without counterpart are dropped (some by an explicit rule); new fields get their default.
     """
 
     old: str

@@ -21,7 +21,7 @@ _NEEDED = frozenset(package for packages in IMPLIED.values() for package in pack
 
 
 class BundledFiles(NamedTuple):
-    """Files of a bundled package: its folder, and its interfaces if they are not just those of the folder."""
+    """Files of a bundled package: its folder, and its interfaces if these differ from the files of the folder."""
 
     folder: Path
     files: dict[RosName, Path] | None
@@ -67,7 +67,7 @@ def is_absent(name: RosName, distro: str) -> bool:
 
 @cache
 def changed_interfaces(distro: str) -> frozenset[RosName]:
-    """Return the interfaces whose definition is not that of the default distribution, and those of one of both only."""
+    """Return interfaces that were added, removed or changed relative to the default distribution."""
     if distro == DEFAULT:
         return frozenset()
     own, default = _paths(distro), _paths(DEFAULT)

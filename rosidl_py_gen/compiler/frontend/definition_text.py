@@ -1,8 +1,8 @@
 """Text of one interface of a search path, for people and for bags.
 
 A definition with the types that it uses has these types below the fields, indented by a tab, as in `ros2 interface
-show`. The text is that of the file; definitions of .idl files and derived messages are converted to the notation of
-.msg files.
+show`. The text is the text of the file; definitions of .idl files and derived messages are converted to the notation
+of .msg files.
 """
 
 from __future__ import annotations

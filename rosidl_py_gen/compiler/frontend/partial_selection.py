@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 def drop_unused_invalid_files(
     registry: InterfaceRegistry, names: list[RosName], wanted: Container[str]
 ) -> list[RosName]:
-    """Drop files that do not compile and that no other file refers to, where no list says which files count.
+    """Skip invalid files that nothing refers to, if CMakeLists.txt does not list the interfaces.
 
-    Their diagnostics become notes of their package. A package of such files only keeps them all.
+    The diagnostics of skipped files become notes of their package. If this would skip all files of a package, none is
+    skipped.
 
     Args:
         registry: contains the diagnostics of `check` over the names.

@@ -1,8 +1,8 @@
 """Search for interface packages and their files.
 
 Of packages with one name, the first is used: from the folders of the caller, the prefixes of AMENT_PREFIX_PATH, wheels
-of message packages, and the bundled interfaces of a distribution. Those of a distribution that was selected explicitly
-follow the folders of the caller.
+of message packages, and the bundled interfaces of a distribution. If the distribution was selected explicitly, its
+bundled interfaces follow directly after the folders of the caller.
 
 The search reads only directory entries and names in package.xml; interface files and CMakeLists.txt are opened later. A
 folder msg, srv or action without interface files is not a package: Python packages and C++ headers have such folders.
@@ -58,7 +58,7 @@ class Package:
     origin: str
     from_source: bool = False
     known_files: dict[RosName, Path] | None = None
-    """The interface files, if they are in several folders; None for those of `folder`."""
+    """The interface files, if they are in several folders; None means the files of `folder`."""
 
     @cached_property
     def listing(self) -> CMakeInterfaceList | None:
@@ -128,8 +128,8 @@ def scan_search_path(
         folders: folders of packages, of one package, or ``src`` of colcon workspaces.
         ament: prefixes joined by the path separator; None reads AMENT_PREFIX_PATH.
         bundled: search installed wheels and the bundled interfaces, too.
-        distro: distribution of the bundled interfaces, which then precede ament prefixes and wheels; None for that of
-            the command or of ROS_DISTRO.
+        distro: distribution of the bundled interfaces, which then precede ament prefixes and wheels; None uses the
+            selection of the command or of ROS_DISTRO.
 
     Raises:
         DefinitionError: a folder does not exist, cannot be read, or contains no package or two of one name.
@@ -168,7 +168,7 @@ def _add_bundled(found: SearchPath, distro: str) -> None:
 
 
 def _installed() -> Iterator[Package]:
-    """Yield the packages of wheels: those of this tool, then those of ROS, which install into ``share`` of the prefix.
+    """Yield the packages of wheels: of this tool, then of ROS, whose wheels install into ``share`` of the prefix.
 
     Only packages of the ament index are read: ``share`` of a system has thousands of other folders, and ROS 1 packages.
     """

@@ -88,7 +88,7 @@ def convert(
 
 
 def create_bag(output: str, storage: str, compression: str, **options: Any) -> BagWriter | SqliteWriter:
-    """Create a bag with the options of its writer; `compression` is that of chunks of MCAP files."""
+    """Create a bag with the options of its writer; `compression` compresses the chunks of MCAP files."""
     from rosidl_py_gen.bags import BagWriter, SqliteWriter
 
     if storage == "sqlite3":

@@ -6,7 +6,7 @@
       depth: 5
       deadline: {sec: 0, nsec: 500000000}
 
-Missing policies are those of ROS's default profile.
+Missing policies have the values of ROS's default profile.
 """
 
 from __future__ import annotations

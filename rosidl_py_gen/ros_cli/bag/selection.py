@@ -1,6 +1,6 @@
 """Selection of topics and times of a bag, and definitions of the channels of a bag that is written.
 
-The definitions are never those of other messages, and never silently none.
+A channel is never written with another type's definition, nor silently without one.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ def read_text(path: str, what: str) -> str:
 
 
 def parse(text: str, name: str) -> yaml.Node | None:
-    """Return the tree of a text, None if it is empty; `name` is that of errors. Raises `CommandError`."""
+    """Return the tree of a text, None if it is empty. Raises `CommandError`, whose text contains `name`."""
     try:
         return compose_yaml(text, max_bytes=_MAX_BYTES)
     except YamlError as error:

@@ -155,7 +155,7 @@ def _pitfalls(environ: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _security(environ: Mapping[str, str]) -> Iterator[Finding]:
-    """Check the enclave ``/`` or that of ROS_SECURITY_ENCLAVE_OVERRIDE."""
+    """Check the enclave ``/``, or the enclave that ROS_SECURITY_ENCLAVE_OVERRIDE names."""
     warnings: list[str] = []
     try:
         security = find_security(environ, "/", warnings.append, is_supported=not uses_zenoh(environ))

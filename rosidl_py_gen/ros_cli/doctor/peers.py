@@ -136,7 +136,7 @@ class SelfTest:
 
 
 def peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
-    """Report participants by middleware, except `without`, which is that of the self-test."""
+    """Report participants by middleware, skipping `without`, the self-test's own."""
     participants = [one for one in command_node.context.participants() if not one.is_own and one.guid != without]
     if not participants:
         yield _no_peers(command_node)

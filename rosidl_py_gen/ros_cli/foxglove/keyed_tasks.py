@@ -23,7 +23,7 @@ class KeyedTasks(Generic[K]):
         self._tasks: dict[K, asyncio.Task[None]] = {}
 
     def update(self, wanted: Collection[K]) -> None:
-        """Start the tasks of new keys, and cancel those of keys that have disappeared."""
+        """Start the tasks of new keys, and cancel the tasks of keys that have disappeared."""
         for key in self._tasks.keys() - wanted:
             self._tasks.pop(key).cancel()
         for key in wanted:

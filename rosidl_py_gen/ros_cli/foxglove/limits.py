@@ -16,7 +16,7 @@ Parsing 1 MiB holds the GIL for at most 0.1 s; 16 MiB took 0.5 s, and 1.3 GB as 
 MAX_ENTRIES = 8192
 """Entries of a list in a text message, such as subscriptions or names of parameters."""
 MAX_VALUES = 1 << 14
-"""Values in lists of all parameters that one message sets."""
+"""Maximum number of list elements in one setParameters message."""
 MAX_NAME = 1024
 """Characters of a name, a type, an encoding and the id of a request."""
 MAX_STATUSES = 8

@@ -35,7 +35,7 @@ class ProtocolError(RosidlError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClientAdvertisement:
-    """Topic that a viewer wants to publish on; advertised again, it is another one."""
+    """Topic that a viewer wants to publish on; advertising it again creates a new object."""
 
     topic: str
     encoding: str
@@ -235,7 +235,7 @@ def failure(call: ServiceCallRequest, text: str) -> str:
 
 
 def parameter_values(values: Mapping[str, Any], id: str | None = None) -> str:
-    """Return parameters by name without unset ones; `id` is that of the request."""
+    """Return parameters by name without unset ones; `id` is the id of the request."""
     parameters = [{"name": name, **_value(value)} for name, value in values.items() if value is not None]
     return control("parameterValues", parameters=parameters, **({} if id is None else {"id": id}))
 

@@ -115,7 +115,7 @@ class TopicBridge:
             return "", None
 
     def update_subscriptions(self) -> None:
-        """Update the subscriptions of watched topics, and close those of others."""
+        """Update the subscriptions of watched topics, and close the subscriptions of other topics."""
         for key, entry in self._topics.items():
             before, entry.viewers = entry.viewers, entry.channel.viewers
             has_newcomer = bool(entry.viewers - before)

@@ -141,7 +141,7 @@ class MissingParts:
         return None
 
     def error_text(self, error: BaseException, part: str | None, default: tuple[str, int]) -> str:
-        """Return an error, or its missing part, with its place (of which a default is given), and a cure."""
+        """Describe an error: location (default: `default`), the missing part if known, and how to fix it."""
         causes = _causes(error)
         cause: Any = causes[-1]
         frames = [pair for one in causes for pair in traceback.walk_tb(one.__traceback__)]

@@ -1,4 +1,4 @@
-"""``rosidl-py bag play``: its options, which are those of ``ros2 bag play``."""
+"""``rosidl-py bag play``: its options, which equal the options of ``ros2 bag play``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Publishers of recorded topics, and clients that send the requests in recorded service events.
 
-The QoS of a publisher is that of the user; else the strongest that was offered when recorded, which connects to the
+The user may set the QoS of a publisher; else it is the strongest that was offered when recorded, which connects to the
 same subscriptions. A topic with messages of two definitions has a publisher for each.
 
 A request is sent once, although both client and server may have published its event: only events of one side are used.

@@ -231,7 +231,7 @@ class TimeAxis:
 
     Attributes:
         is_wall_clock: local date and time instead of seconds since the start.
-        by_stamp: the times are those of the headers, for the label.
+        by_stamp: the times are header stamps, which the label states.
         own_starts: each panel starts at 0.
         last_s: draw only this time before the last point.
         start_s: zero of the axis, seconds since 1970.

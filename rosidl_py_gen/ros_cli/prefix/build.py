@@ -203,7 +203,7 @@ def _bundled_files() -> dict[str, PrefixFile]:
 
 
 class _Writer:
-    """Writes the files of a prefix that differ, and removes those of an earlier call; others are left alone.
+    """Writes the files of a prefix that differ, and removes obsolete files of an earlier call; leaves all others alone.
 
     Every folder of a path is a real folder below the prefix, so that nothing is written elsewhere.
     """

@@ -33,7 +33,7 @@ from rosidl_py_gen.type_loading.share_folder import Install, cmake_installs, set
 
 INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
-"""Python packages that the import hook provides, in place of those of the workspace."""
+"""Python packages that the import hook provides instead of the packages of the workspace."""
 MAX_FILES = 20_000
 """Maximum number of files that a package installs; as many directory entries are read for them."""
 MAX_COPY_BYTES = 16 << 20

@@ -45,7 +45,7 @@ def _print_error(kind, error, traceback):  # type: ignore[no-untyped-def]
 
 
 def _run_next() -> None:
-    """Run the module `sitecustomize` that this one hides, such as that of the operating system."""
+    """Run the module `sitecustomize` that this module hides, such as the module of the operating system."""
     here = os.path.dirname(os.path.abspath(__file__))
     for folder in sys.path:
         file = os.path.join(folder, "sitecustomize.py")

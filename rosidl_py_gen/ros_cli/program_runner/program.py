@@ -100,7 +100,7 @@ def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> Modu
 
 
 def _spec(name: str) -> ModuleSpec:
-    """Return the spec of the module for ``-m``; of a package that of its `__main__`."""
+    """Return the spec of the module for ``-m``; for a package, the spec of its `__main__`."""
     try:
         spec = importlib.util.find_spec(name)
         if spec is not None and spec.submodule_search_locations is not None:
@@ -140,7 +140,7 @@ def filter_traceback(error: BaseException) -> None:
 def refused_arguments(error: BaseException) -> str:
     """Return the text of an error in ROS arguments or a parameter file; empty for other errors.
 
-    The error may be the context of another one that the clean-up of the program has raised.
+    Also looks at `__context__`: clean-up code may have raised a second error.
     """
     seen: set[int] = set()
     one: BaseException | None = error

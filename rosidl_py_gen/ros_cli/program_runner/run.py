@@ -176,7 +176,7 @@ def _has_relative_imports(file: Path) -> bool:
 
 
 def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspace]:
-    """Return the workspaces of ``--path``, then that of a program, or of the current folder."""
+    """Return the workspaces of ``--path``, then the workspace of a program, or of the current folder."""
     around = workspace_around(Path.cwd() if place is None else _workspace_folder(place))
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 

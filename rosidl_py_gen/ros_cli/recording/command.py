@@ -1,4 +1,4 @@
-"""``bag record``: its options, which are those of ``ros2 bag record``."""
+"""``bag record``: its options, which equal the options of ``ros2 bag record``."""
 
 from __future__ import annotations
 

@@ -195,7 +195,7 @@ def generate_artifacts(root: Path | None, enclaves: Sequence[str], policy_files:
 
 
 def _wanted_enclaves(names: Sequence[str], policy_files: Sequence[str]) -> dict[str, PolicyEnclave]:
-    """Return the rules of all enclaves on the command line; those of a policy take precedence."""
+    """Return the rules of all enclaves on the command line; rules of a policy take precedence."""
     from rosidl_py_gen.ros_cli.security.policy import check_enclave_name, read_policy, wildcard_enclave
 
     for name in names:

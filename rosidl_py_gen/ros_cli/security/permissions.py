@@ -1,8 +1,9 @@
 """Governance and permissions of DDS Security as XML, for all implementations of ROS 2 on DDS.
 
-Permissions name DDS topics: ``rt/NAME`` is a topic, ``rq/NAMERequest`` and ``rr/NAMEReply`` are those of a service, and
-an action has two topics and three services. Source: DDS Security 1.1, 9.4.1; docs/internals/protocol.md 4, 6.2, 8.1;
-docs/internals/keystores.md.
+Permissions name DDS topics: ``rt/NAME`` is a topic; ``rq/NAMERequest`` and ``rr/NAMEReply`` are the topics of a
+service; an action has two topics and three services.
+
+Source: DDS Security 1.1, 9.4.1; docs/internals/protocol.md 4, 6.2, 8.1; docs/internals/keystores.md.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def governance_xml(domain_id: int) -> str:
 def permissions_xml(enclave: PolicyEnclave, domain_id: int, not_before: datetime, not_after: datetime) -> str:
     """Return the permissions of an enclave; the first rule that names a topic decides, and denials are first.
 
-    The validity is that of the certificate, in UTC.
+    The validity equals the validity of the certificate, in UTC.
     """
     times = {"not_before": not_before, "not_after": not_after}
     grants = []

@@ -1,6 +1,6 @@
 """Policies: which topics, services and actions the nodes of each enclave may use.
 
-The elements are those of version 0.2.0 of the policy schema of SROS2.
+The elements follow version 0.2.0 of the policy schema of SROS2.
 Source: https://design.ros2.org/articles/ros2_access_control_policies.html
 """
 
@@ -62,7 +62,7 @@ class PolicyEnclave:
 
     Attributes:
         grants: rules of all profiles, for each ``<profiles>`` element.
-        allows_everything: the rules are those of `wildcard_enclave`.
+        allows_everything: the rules come from `wildcard_enclave`.
     """
 
     name: str

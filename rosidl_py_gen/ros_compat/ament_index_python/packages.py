@@ -16,7 +16,7 @@ class PackageNotFoundError(KeyError):
 
 
 def get_packages_with_prefixes() -> dict[str, str]:
-    """Return the prefix of each package, by name; that of a package that is not installed is its folder."""
+    """Return the prefix of each package, by name; the prefix of a package that is not installed is its folder."""
     return get_resources("packages")
 
 

@@ -37,7 +37,7 @@ class CvBridgeError(TypeError):
 
 
 class CvBridge:
-    """Converter of images. The order of colours in arrays is that of OpenCV: blue, green, red.
+    """Converter of images. Arrays have the order of colours of OpenCV: blue, green, red.
 
     Attributes:
         cvtype_to_name: numbers of OpenCV -> names of types, such as 8UC3.

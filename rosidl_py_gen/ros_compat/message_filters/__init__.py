@@ -45,7 +45,7 @@ class SimpleFilter:
 
 
 class Subscriber(SimpleFilter):
-    """Filter of a subscription; the arguments are those of `Node.create_subscription`, with the node before them.
+    """Filter of a subscription. Takes the node, then the arguments of `Node.create_subscription`.
 
     Attributes:
         sub: the subscription, whose attributes this object has as well.
@@ -112,7 +112,7 @@ class Cache(SimpleFilter):
         return next((msg for msg, time in reversed(self._rosidl_messages_and_times()) if time <= stamp), None)
 
     def getLastestTime(self) -> Time | None:
-        """Return the stamp of the last message; the name is that of message_filters."""
+        """Return the stamp of the last message; message_filters spells the name in this way."""
         return self.cache_times[-1] if self.cache_times else None
 
     def getOldestTime(self) -> Time | None:

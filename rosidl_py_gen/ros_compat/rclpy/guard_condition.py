@@ -67,7 +67,7 @@ class GuardCondition:
         return self._rosidl_guard_handle
 
     def destroy(self) -> None:
-        """Destroy the guard condition; use `Node.destroy_guard_condition` for those of nodes."""
+        """Destroy the guard condition; use `Node.destroy_guard_condition` for guard conditions of nodes."""
         self.handle.destroy_when_not_in_use()
 
     def _rosidl_is_ready(self) -> bool:

@@ -21,7 +21,7 @@ AllowableParameterValueT = TypeVar("AllowableParameterValueT")
 
 
 class Parameter(Subscriptable):
-    """Name, type and value of a parameter. By default the type is that of the value.
+    """Name, type and value of a parameter. By default the type is inferred from the value.
 
     Raises:
         TypeError: no type fits the value.

@@ -196,7 +196,7 @@ class BaseTimer:
         return self._rosidl_timer
 
     def destroy(self) -> None:
-        """Destroy the timer; use `Node.destroy_timer` for those of nodes."""
+        """Destroy the timer; use `Node.destroy_timer` for timers of nodes."""
         on_destroy, self._rosidl_on_destroy = self._rosidl_on_destroy, None
         if on_destroy is not None:
             on_destroy(self)

@@ -13,7 +13,7 @@ class TypeHashDictionary(TypedDict):
 
 
 class TypeHash:
-    """Version and value of a type hash (REP 2016); by default that of an endpoint that announces none.
+    """Version and value of a type hash (REP 2016); the default stands for an endpoint that announces no hash.
 
     Attributes:
         version: 1 for RIHS01; -1 for no hash.

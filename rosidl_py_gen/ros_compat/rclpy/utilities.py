@@ -97,7 +97,7 @@ def get_rmw_implementation_identifier() -> str:
 
 
 def get_available_rmw_implementations() -> set[str]:
-    """Return the rmw names of Cyclone DDS and Zenoh, or those of them in ``RMW_IMPLEMENTATIONS``.
+    """Return the rmw names of Cyclone DDS and Zenoh, restricted to ``RMW_IMPLEMENTATIONS`` if that is set.
 
     Raises:
         RuntimeError: the variable names another one.

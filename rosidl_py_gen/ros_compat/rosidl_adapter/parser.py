@@ -1,7 +1,7 @@
 """Parser of .msg, .srv and .action files: types, fields and constants as objects.
 
-Values are those of the file. Those of generated classes have gone through IDL after that, which changes some escapes
-(docs/internals/protocol.md 1.4).
+Values are read as written in the file. The values in generated classes have gone through IDL after that, which changes
+some escapes (docs/internals/protocol.md 1.4).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PRIMITIVE_TYPES = [
     *("bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"),
     *("uint64", "string", "wstring", "duration", "time"),
 ]  # fmt: skip
-"""Primitive types; `duration` and `time` are those of ROS 1, which have no values."""
+"""Primitive types; `duration` and `time` come from ROS 1 and have no values."""
 
 # For programs that show them. Names are checked without them, because the last one backtracks exponentially.
 VALID_PACKAGE_NAME_PATTERN = re.compile("^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$")

@@ -201,7 +201,7 @@ def _check_lookup(look_up: Callable[[], object]) -> tuple[bool, str]:
 
 @contextmanager
 def _tf2_errors() -> Iterator[None]:
-    """Raise errors of `rosidl_py_gen.tf` as those of tf2."""
+    """Raise errors of `rosidl_py_gen.tf` as errors of tf2."""
     try:
         yield
     except (tf.TransformError, tf.InvalidTransformError) as error:
@@ -210,7 +210,7 @@ def _tf2_errors() -> Iterator[None]:
 
 
 def _error_text(error: tf.TransformError | tf.InvalidTransformError) -> str:
-    """Return the error's text; that of an extrapolation begins as in tf2, for which programs search."""
+    """Return the error's text; the text of an extrapolation begins as in tf2, because programs search for it."""
     if not isinstance(error, tf.ExtrapolationError):
         return str(error)
     into = f" into the {error.direction}" if error.direction else ""
@@ -260,7 +260,7 @@ def _velocity(
 
 
 def _rotation_vector(rotation: Any) -> Any:
-    """Return axis times angle, which exceeds half a turn if that of tf2 does."""
+    """Return axis times angle; the angle exceeds half a turn if the angle of tf2 does."""
     x, y, z, w = quaternion = matrix_to_quaternion(rotation)
     if np.trace(rotation) <= 0 and quaternion[np.argmax(np.diag(rotation))] < 0:
         x, y, z, w = -quaternion

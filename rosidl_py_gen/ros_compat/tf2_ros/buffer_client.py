@@ -29,7 +29,7 @@ from tf2_ros.buffer_interface import NO_TIME, BufferInterface
 
 _DEFAULT_TIMEOUT_PADDING = Duration(seconds=2.0)
 _MAX_TEXT = 2000
-"""Maximum number of characters of a server's error text; those of tf2 have about 200."""
+"""Maximum number of characters of a server's error text; error texts of tf2 have about 200."""
 _ERRORS = {
     TF2Error.LOOKUP_ERROR: LookupException,
     TF2Error.CONNECTIVITY_ERROR: ConnectivityException,

@@ -34,7 +34,7 @@ def transform_points(point_cloud: Any, transform: Transform) -> np.ndarray[Any, 
 def do_transform_cloud(cloud: PointCloud2, transform: Transform | TransformStamped) -> PointCloud2:
     """Transform a cloud to one of a single row; fields other than x, y and z, and the stamp, are unchanged.
 
-    The frame of the result is that of a TransformStamped; a Transform does not change it.
+    A TransformStamped sets the frame of the result; a Transform does not change the frame.
 
     Raises:
         AssertionError: the cloud has no fields x, y and z.

@@ -1,6 +1,6 @@
 """Rotations and homogeneous matrices of tf_transformations, calculated by transforms3d (extra ``transformations``).
 
-Quaternions are x, y, z, w; those of transforms3d are w, x, y, z. Angles are in radians.
+Quaternions are x, y, z, w; quaternions of transforms3d are w, x, y, z. Angles are in radians.
 """
 
 from __future__ import annotations

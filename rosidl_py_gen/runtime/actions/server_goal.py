@@ -1,8 +1,8 @@
 """Accepted goals of an action server: their start, end, cancellation and expiry.
 
-`states.py` decides which transitions are possible; `ServerGoals` publishes each of them, in order. A status is written
-after the response that belongs to the change: a write costs as much as the response, which a caller waits for. Handlers
-that the change starts or wakes up run later still. A result is encoded once, when its goal ends, and retained as bytes.
+`states.py` decides which transitions are possible; `ServerGoals` publishes each of them, in order. The status message
+is sent after the service response, because the caller waits for the response, and a write costs as much. Handlers run
+after both. A result is encoded once, when its goal ends, and retained as bytes.
 
 An execute function may end its goal first and return the result afterwards, as those written for rclpy do. So a goal
 that its own execute function ends without a result has its new status at once, and its result when it returns.

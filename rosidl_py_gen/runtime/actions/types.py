@@ -267,7 +267,8 @@ class ActionEntity(CompositeEntity):
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish the requests and responses of all three services on ``<service>/_service_event`` from now on.
 
-        ``ros2 action echo`` of Kilted and later shows them. Arguments and errors as those of a client or service.
+        ``ros2 action echo`` of Kilted and later shows them. Takes the arguments and raises the errors of a client or
+        service.
         """
         self._require_open()
         for entity in list(self._parts.owned.values()):

@@ -62,7 +62,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         """The requests that were sent."""
         self._timeouts: TimeoutTable | None = None
         self._has_direct_callbacks = False
-        """True if replies go to functions that may be the user's, not only to futures."""
+        """True once a request has a callback that may run user code, instead of a future."""
         self._window = scope.request_windows.get(self._spec.topic_keys[0], name, batch_interval_s)
         self._transport_client.set_sink(self._on_replies)
         self._loss_registration = scope.discovery.on_change.add(self._on_discovery)
@@ -115,7 +115,7 @@ class Client(ServiceEndpoint[RequestT, ResponseT]):
         return f"no server of {self.name} ({self.service_type}) appeared"
 
     def _why_missing(self, ending: str = "") -> str:
-        """Return why no server is connected; `ending` is that of `UnmatchedReasons.why`."""
+        """Return why no server is connected; `ending` is passed on to `UnmatchedReasons.why`."""
         reader, writer = self._transport_client.endpoints
         requests, replies = self._spec.topic_keys
         why = self._scope.why_unmatched(writer, requests, is_writer=True, ending=ending)

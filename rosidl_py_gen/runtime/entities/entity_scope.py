@@ -115,7 +115,7 @@ class PollableEntity(Entity):
         It is called on the event loop, or by the thread that runs the loop of a `LoopRunner`, for each arrival; and
         immediately, if something can be taken already. Arrivals may coincide, so take until `take` returns None. The
         function should only wake up the consumer: `LoopRunner.wake`, `threading.Event.set`. Its exceptions are logged
-        like those of any callback.
+        like the exceptions of any callback.
 
         Raises:
             CallbackInUseError: the entity has a callback, which takes everything.
@@ -226,7 +226,7 @@ class EntityScope:
         fully_qualified_name: str,
         on_error: OnError = "log",
     ) -> None:
-        """`number` is the node's in `discovery`; `request_windows` are those of all services in the context."""
+        """`number` is the node's in `discovery`; `request_windows` belong to all services in the context."""
         self.participant = participant
         self.loop_binding = loop_binding
         self.discovery = discovery

@@ -104,7 +104,7 @@ class RequestFlowControl:
             send: gets the number for `on_response` and `release`, one of which must be called when the request is
                 answered or given up. Returns False if its request is no longer needed, and leaves the window.
             server_queue_depth: number of requests that the server's queue can contain.
-            client: sender; requests of one client reach the server in order, those of several clients do not.
+            client: sender; requests of one client reach the server in order, requests of several clients do not.
         """
         loop = asyncio.get_running_loop()
         if loop is not self._loop:  # requests of another loop are lost with it

@@ -58,7 +58,7 @@ class MessageType(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class ServiceType(Generic[RequestT, ResponseT]):
-    """Service type as entities use it; `type_hash` is that of the service, not of a message."""
+    """Service type as entities use it; `type_hash` is the hash of the service, not of a message."""
 
     ros_name: str
     type_hash: str

@@ -42,7 +42,7 @@ _CLIENT_MATCH_POLL_INTERVAL_S = 0.01
 
 
 class AlreadyRespondedError(RosidlError, RuntimeError):
-    """The request was answered already; that of a goal or a cancel may also have ended automatically."""
+    """A request was answered already; a goal request or cancel request may also have ended automatically."""
 
 
 class RequestInfo(NamedTuple):

@@ -1,7 +1,7 @@
 """Timers on the event loop.
 
-`time/clock_timer.py` computes when a timer is due. Callbacks run like those of subscriptions; periods that pass while
-an async callback runs are skipped and counted. Timers may be created, reset and closed in any thread.
+`time/clock_timer.py` computes when a timer is due. Callbacks run like callbacks of subscriptions; periods that pass
+while an async callback runs are skipped and counted. Timers may be created, reset and closed in any thread.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Discovery:
     """Graph of one context, with the announcement of its own nodes."""
 
     def __init__(self, participant: Participant, loop_binding: LoopBinding, announce_delay_s: float = 0.0) -> None:
-        """`announce_delay_s` is that of `Context`."""
+        """`announce_delay_s` is the argument of `Context`."""
         self._participant = participant
         self._loop_binding = loop_binding
         self.graph = Graph(participant.guid)
@@ -124,8 +124,8 @@ class Discovery:
             loop.call_later(self.announce_delay_s, self._publish_scheduled)
 
     def _publish_scheduled(self) -> None:
-        # After `close` the end of the participant tells everything. An announcement would delay that end until peers
-        # have acknowledged it.
+        # Deleting the participant already tells peers that its nodes are gone; announcing first would delay shutdown
+        # until they acknowledge.
         if self._announcement_is_scheduled and not self._closed:
             self.publish()
 

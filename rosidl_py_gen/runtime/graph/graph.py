@@ -251,7 +251,7 @@ class Graph(EndpointIndex):
         )
 
     def endpoints_complete(self, participant: bytes | None = None) -> bool:
-        """Return True if all endpoints that nodes, or those of a given participant, announce are discovered."""
+        """Return True if all endpoints that all nodes, or the nodes of one participant, announce are discovered."""
         return (participant is None or participant in self._participants) and all(
             self.endpoints.keys() >= node.reader_gids | node.writer_gids
             for info in self._ros_participants(participant)
@@ -311,7 +311,7 @@ class Graph(EndpointIndex):
     def of_node(
         self, name: str, namespace: str, *, writers: bool, services: str = "", demangle: bool = True
     ) -> NamesAndTypes:
-        """Return the topics that a node writes or reads; with `services`, the services whose requests or replies."""
+        """Return the topics a node writes or reads, or with `services` the services it serves or calls."""
         endpoints = self._endpoints_of(name, namespace, writers)
         return _services(endpoints, services) if services else _topics(endpoints, demangle)
 

@@ -305,7 +305,7 @@ class LifecycleMachine:
 
 
 def _transition_event_class() -> type[Any]:
-    """Return the class of the event in the selected distribution; that of Lyrical has a field ``stamp``."""
+    """Return the class of the event in the selected distribution; Lyrical's class has a field ``stamp``."""
     distro = selected().name
     if distro != DEFAULT_DISTRO:
         from rosidl_py_gen.type_loading.class_lookup import distribution_definitions

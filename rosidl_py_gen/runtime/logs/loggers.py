@@ -61,7 +61,7 @@ def logger_name(fully_qualified_node_name: str) -> str:
 
 
 class LogOptions(TypedDict, total=False):
-    """Keyword arguments of a logging call; the last four are those of Python's `logging`."""
+    """Keyword arguments of a logging call; the last four are arguments of Python's `logging`."""
 
     once: bool
     throttle_s: float | None

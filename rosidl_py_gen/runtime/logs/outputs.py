@@ -2,8 +2,8 @@
 
 The first open context selects them; different settings of another context are reported. Unlike ROS, a file is only
 written on request, by ``--log-file-name``, ``--enable-external-lib-logs`` or ``ROS_LOG_DIR``, and not with
-``--disable-external-lib-logs``. Files equal those of rcl_logging_spdlog, but their name begins with the name of the
-program instead of ``python3``, and each line is written at once. The console prints nothing while the root logger of
+``--disable-external-lib-logs``. Files have the format of rcl_logging_spdlog; only the name prefix differs: the name of
+the program instead of ``python3``. Each line is written at once. The console prints nothing while the root logger of
 Python has handlers: they get all records, which would appear twice.
 Source: docs/internals/protocol.md 9.7, 10.4, 10.6.
 """
@@ -135,7 +135,7 @@ def get_logging_directory(environ: Mapping[str, str] | None = None) -> Path:
     """Return the folder for log files: ``$ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
 
     Args:
-        environ: environment variables; None: those of this process.
+        environ: environment variables; None means the environment of this process.
 
     Raises:
         LogFileError: the home folder is unknown.

@@ -112,7 +112,7 @@ class CallbackFailures:
 class FailureGuard:
     """Context manager that raises the failures of the nodes that it `covers`.
 
-    The protocol is that of `asyncio.timeout`: a failure cancels the task once. On exit, the guard withdraws that
+    The protocol is the same as in `asyncio.timeout`: a failure cancels the task once. On exit, the guard withdraws that
     cancellation; unless there is another one, it replaces the CancelledError by the exception of the callback.
     """
 

@@ -4,10 +4,7 @@ A context is bound to one loop at a time: to the user's loop that it is used on,
 while blocking calls are in progress and no loop of the user runs, to a `SharedLoop` of its own. States, transitions
 and thread rules: docs/internals/event_loop.md.
 
-An `EventLoop` calls `dispatch` inside its select; other loops watch the transport's file descriptor with `add_reader`.
-Where there is none, or the loop cannot watch it, the transport calls `_on_transport_ready` from any thread. All three
-call sinks, one after the other: one wake-up for all samples that are ready. A sink that raises is logged, and the
-others still run. Functions of the user always run as callbacks of the loop.
+Sinks run on the thread of the bound loop only. One wake-up serves all samples that are ready.
 """
 
 from __future__ import annotations
@@ -83,7 +80,7 @@ class LoopBinding:
         """A duplicate of the participant's descriptor, so that either side may close first."""
         self._is_scheduled = False
         self._deferred_calls: deque[Callable[[], None]] = deque()
-        """Functions that sinks returned, to be called as callbacks of the loop."""
+        """Functions that sinks returned; they may call functions of the user."""
         self._on_bind_hooks: RegistrationSet[Callable[[], None]] = RegistrationSet()
 
     # ----------------------------------------------------------------------------------------------------- the state
@@ -107,7 +104,7 @@ class LoopBinding:
         return loop is not None and current_loop() is loop
 
     def is_shared(self, loop: asyncio.AbstractEventLoop) -> bool:
-        """Return True if `loop` is that of the user's `LoopRunner`, or the one that blocking calls run."""
+        """Return True if `loop` is the loop of the user's `LoopRunner`, or the loop that blocking calls run."""
         shared = self.shared
         return shared is not None and loop is shared.loop
 
@@ -136,7 +133,7 @@ class LoopBinding:
             self.attach(loop)
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Deliver on `loop` from now on. Thread: that of the loop, or any while the loop does not run.
+        """Deliver on `loop` from now on. Thread: the thread of the loop, or any while the loop does not run.
 
         Waits until the blocking calls in progress have ended; calls that start in the meantime wait for the new loop.
 
@@ -154,6 +151,7 @@ class LoopBinding:
         if self.has_user_runner:
             raise WrongEventLoopError(_HAS_RUNNER)
         with self._changed:
+            # `run` lets no new blocking call start while this number is not 0, so the wait ends.
             self._loops_to_bind += 1
             try:
                 if not self._wait_for_blocking_calls() or self.is_running:
@@ -173,6 +171,7 @@ class LoopBinding:
     def _bind(self, loop: asyncio.AbstractEventLoop) -> None:
         self.detach()
         self.bound_loop = loop
+        # Without a descriptor, or on a loop that cannot watch it, the transport calls from its own threads.
         if not self._watch(loop):
             self._participant.set_wakeup(self._on_transport_ready)
         for function in self._on_bind_hooks:
@@ -186,6 +185,8 @@ class LoopBinding:
         watched = os.dup(descriptor)
         try:
             if isinstance(loop, EventLoop):
+                # Sinks run inside the select of the loop. The loop of blocking calls also runs what sinks return there:
+                # it is mostly entered for one sample, and this saves an iteration of asyncio.
                 early = self._dispatch_before_select if self.is_shared(loop) else self._run_sinks
                 loop.add_priority_reader(watched, early, self._run_deferred)
             else:
@@ -212,6 +213,7 @@ class LoopBinding:
                 loop.remove_reader(watched)
             os.close(watched)
 
+        # The selector of a loop belongs to the thread that runs it.
         if loop.is_running() and loop is not current_loop():
             with contextlib.suppress(RuntimeError):  # closed in the meantime
                 loop.call_soon_threadsafe(unwatch)
@@ -233,6 +235,7 @@ class LoopBinding:
             assert self.shared is not None
             return self.shared.run(coroutine)
         with self._changed:
+            # A loop that waits to be bound goes first: otherwise calls that follow each other would keep it waiting.
             self._changed.wait_for(lambda: self._loops_to_bind == 0)
             loop = self.loop
             is_served = loop is not None and loop.is_running() and not self.is_shared(loop)
@@ -338,7 +341,7 @@ class LoopBinding:
         loop = self.bound_loop
         if loop is None or loop.is_closed() or self._is_scheduled:
             return
-        # If two threads schedule at once, the second call does nothing.
+        # Unlocked: if two threads schedule at once, the second call of `_run_scheduled` does nothing.
         self._is_scheduled = True
         schedule = loop.call_soon if current_loop() is loop else loop.call_soon_threadsafe
         try:
@@ -357,9 +360,7 @@ class LoopBinding:
             self._run_deferred()
 
     def _dispatch_before_select(self) -> bool:
-        """Call `dispatch` inside the select of a shared loop: that is mostly entered for one sample and left again, and
-        this saves an iteration of asyncio. Return True if `_run_deferred` has something to do.
-        """
+        """Call `dispatch` inside the select of a shared loop; return True if `_run_deferred` has something to do."""
         self.dispatch()
         return bool(self._deferred_calls)
 
@@ -370,8 +371,10 @@ class LoopBinding:
             sinks = self._participant.take_ready_sinks()
         except Exception:
             report_failure("receiving samples")
+        # A sink that raises is logged, and the others still run.
         for sink in sinks:
             try:
+                # A sink may run inside of select, so it calls no function of the user: it returns a function that does.
                 deferred = sink()
                 if deferred is not None:
                     self._deferred_calls.append(deferred)
@@ -380,6 +383,7 @@ class LoopBinding:
         return bool(self._deferred_calls)
 
     def _run_deferred(self) -> None:
+        # Only the calls that are queued now: a call may queue others, and asyncio shall run its callbacks in between.
         for _ in range(len(self._deferred_calls)):
             try:
                 self._deferred_calls.popleft()()
@@ -403,7 +407,7 @@ class LoopBinding:
         self.detach()
 
     def abandon(self, reason: str) -> None:
-        """Look closed in a forked child, without touching the loop or the transport; `reason` is for errors."""
+        """Mark as closed in a forked child without touching loop or transport; errors quote `reason`."""
         self._closed_reason, self._watched, self.bound_loop = reason, None, None
 
 

@@ -1,17 +1,10 @@
 """An asyncio event loop that no thread owns: the threads that wait for something lead it by turns (Leader/Followers).
 
-The first thread that waits becomes the leader and runs the loop; the others are followers and sleep on an event of
-their own. The leader checks the conditions of all waits and wakes up each follower whose condition holds. When the
-leader's own wait ends, it stops the loop and wakes up the oldest follower, which becomes the next leader. While no
-thread waits, no thread runs the loop, and nothing is received.
+The first thread that waits becomes the leader and runs the loop; the others are followers and sleep. The leader checks
+the conditions of all waits. When its own wait ends, the oldest follower becomes the next leader. While no thread waits,
+no thread runs the loop, and nothing is received.
 
-Entering and leaving `run_forever` costs more than handling one sample. So on Linux, while asyncio has nothing to do,
-the leader waits in front of the loop: `_poll_outside_loop` waits for the same descriptors and calls the same functions
-of `EventLoop.add_priority_reader`. It enters the loop only if asyncio has callbacks, or timers that are due.
-
-Only documented parts of asyncio are used: the selector that is passed to the constructor, `stop`, and
-`_set_running_loop`, which is meant for authors of event loops. States and thread rules: docs/internals/event_loop.md,
-"Leader and followers".
+States and thread rules: docs/internals/event_loop.md, "Leader and followers".
 """
 
 from __future__ import annotations
@@ -109,6 +102,8 @@ class ThreadWait(_Outcome[T]):
     def become_follower(self) -> None:
         """Allow the leader to check the condition, too."""
         if self.wake_event is None:
+            # Only the waiting thread checks a wait that does not follow, so that wait needs no lock. Reentrant, because
+            # a signal handler may run inside the condition and check all waits.
             self._lock = threading.RLock()
             self.wake_event = threading.Event()
 
@@ -125,7 +120,7 @@ class ThreadWait(_Outcome[T]):
                 self.value = value = self._condition()
                 if value or final:
                     self.is_done = True
-        except Exception as error:
+        except Exception as error:  # others, such as KeyboardInterrupt, end the wait of the thread that checks
             self.error, self.is_done = error, True
         finally:
             if lock is not None:
@@ -167,7 +162,7 @@ class SharedLoop:
         loop: the event loop.
         waits: the waits of all threads in order of arrival, the leader's among them.
         closed_reason: text of the `ClosedError` that waiting raises; empty while the loop is open.
-        is_polling_outside_loop: True while the leader waits in front of the loop.
+        is_polling_outside_loop: True while the leader polls the descriptors itself, outside run_forever().
         is_selecting: True while the leader is in `select`, so that only a system call wakes it up.
     """
 
@@ -203,6 +198,7 @@ class SharedLoop:
             Exception: what the condition raised.
         """
         wait = ThreadWait(condition)
+        # The most frequent case, for example a message that arrived before: needs no leader and no system call.
         if wait.check():
             return wait.result()
         if timeout_s is not None:
@@ -211,6 +207,7 @@ class SharedLoop:
         if running is None:
             self._lead_or_follow(wait)
         elif running is not self.loop:
+            # asyncio cannot enter a second loop in one thread.
             self._wait_in_helper_thread(wait)
         else:
             raise WouldDeadlockError(
@@ -242,11 +239,14 @@ class SharedLoop:
     def wake(self) -> None:
         """Make all waits check their conditions again. Thread: any, and signal handlers."""
         if self._leader is None:
+            # The next leader checks all conditions before it blocks.
             return
         if threading.get_ident() == self._leader_thread:  # needs no system call
             self.check_waits()
             if not self.is_selecting:
                 return
+            # A signal handler may run while the leader blocks. The system call is resumed after it (PEP 475), so only
+            # readable data ends it.
         with contextlib.suppress(RuntimeError):  # closed in the meantime
             self.loop.call_soon_threadsafe(_do_nothing)
 
@@ -265,6 +265,7 @@ class SharedLoop:
         calls.append(call)
         try:
             self.wake()
+            # Without a leader this thread leads, and runs its own call before it blocks.
             self.wait(is_over)
         finally:
             with contextlib.suppress(ValueError):  # the leader took it
@@ -279,7 +280,8 @@ class SharedLoop:
 
     def _wait_in_helper_thread(self, wait: ThreadWait[Any]) -> None:
         """Wait in another thread: this one runs an asyncio loop already, and cannot enter a second one."""
-        ended = threading.Event()  # an interrupted `join` would take the thread to have ended
+        # Thread.join() interrupted by a signal may mark a live thread as stopped, so an event tells the end.
+        ended = threading.Event()
 
         def lead_or_follow() -> None:
             try:
@@ -292,6 +294,7 @@ class SharedLoop:
         thread = threading.Thread(target=lead_or_follow, name="rosidl-py-gen loop runner", daemon=True)
         try:
             thread.start()
+            # In slices, so that a signal handler runs after `MAX_BLOCKING_S` at the latest.
             while not ended.wait(MAX_BLOCKING_S):
                 pass
         except BaseException as error:  # of a signal handler, perhaps while the thread starts
@@ -307,6 +310,7 @@ class SharedLoop:
     def _lead_or_follow(self, wait: ThreadWait[Any]) -> None:
         """Run the loop, or sleep while another thread does, until the wait is done or its time has passed."""
         try:
+            # Inside of `try`: a signal handler may raise after the wait was added.
             self.waits.append(wait)
             while not wait.is_done:
                 if self._try_lead(wait):
@@ -314,13 +318,16 @@ class SharedLoop:
                     break
                 assert wait.wake_event is not None
                 left_s = MAX_BLOCKING_S if wait.end_s is None else min(wait.end_s - self.loop.time(), MAX_BLOCKING_S)
+                # The leader skips a wait without `wake_event`, so a change before `_try_lead` is noticed here only.
                 if wait.check() or (wait.end_s is not None and left_s <= 0):
                     break
+                # Set when the leader finds the condition true, or when this thread has to lead.
                 wait.wake_event.wait(left_s)
                 wait.wake_event.clear()
         finally:
             self._hand_over(wait)
         if not wait.is_done:
+            # The time has passed: return the last value of the condition, true or not.
             wait.check(final=True)
 
     def _try_lead(self, wait: ThreadWait[Any]) -> bool:
@@ -342,16 +349,20 @@ class SharedLoop:
             if self._leader is wait:
                 self._leader, self._leader_thread = None, 0
             if self._leader is None:
+                # Invariant: while a thread waits, there is a leader, or a follower was woken up to lead. A wait without
+                # `wake_event` is not a follower yet, and its thread tries to lead next.
                 if self.waits and (wake_event := self.waits[0].wake_event) is not None:
                     wake_event.set()
                 if self.closed_reason:
                     self._changed.notify_all()
-                    if not self.waits:
+                    if not self.waits:  # the last thread that leaves a closed loop closes it
                         self._end()
 
     def _lead(self) -> None:
         """Run the loop until the leader's wait is over, or its user stops it."""
         loop = self.loop
+        # Entering and leaving `run_forever` costs more than handling one sample. So on Linux, while asyncio has nothing
+        # to do, the leader polls the descriptors itself.
         if sys.platform == "linux" and self._is_idle and not loop.has_new_callbacks and self._poll_outside_loop():
             return
         try:
@@ -364,12 +375,14 @@ class SharedLoop:
         """Wait as the loop would, and call priority readers; return False once asyncio has something to do."""
         loop, run_priority_readers = self.loop, self.loop.run_priority_readers
         self._stops_polling, self.is_polling_outside_loop = False, True
+        # Functions of `EventLoop.add_priority_reader` see the same running loop as inside `run_forever`. This function
+        # is documented as one for event loops; besides it, only public parts of asyncio are used.
         asyncio._set_running_loop(loop)
         try:
             while True:
                 due_s = self._due_s
                 left_s = None if due_s is None else due_s - loop.time()
-                if left_s is not None and left_s <= 0:
+                if left_s is not None and left_s <= 0:  # a timer of asyncio is due
                     return False
                 has_more = self.select(run_priority_readers, left_s)
                 if self._stops_polling:
@@ -390,35 +403,38 @@ class SharedLoop:
     def select(self, wait_for_events: Callable[[float | None], T], timeout_s: float | None) -> T:
         """Wait for events on behalf of the loop, at most for `timeout_s`, which asyncio chose.
 
-        Before it: calls the functions that other threads have queued, checks all conditions, and shortens the timeout
-        to the leader's remaining time. The timeout is 0 if the leader is done or a condition scheduled callbacks.
-        After the leader's time has passed, the loop gets some iterations with timeout 0, so that data that is readable
-        already is processed; they end as soon as one finds no event and no new callback.
+        First calls the functions that other threads have queued, and checks the conditions of all waits.
 
-        Thread: leader, or the one that ends the loop's tasks.
+        Thread: leader, or the thread that ends the loop's tasks.
         """
         loop, leader = self.loop, self._leader
-        is_idle = timeout_s is None or timeout_s > 0
+        is_idle = timeout_s is None or timeout_s > 0  # asyncio passes 0 if callbacks are ready
         if not self.is_polling_outside_loop:
+            # State of asyncio for `_lead` and `_poll_outside_loop`, which itself passes the remaining time.
             self._is_idle = is_idle
             self._due_s = None if timeout_s is None else loop.time() + timeout_s
         is_last = False
         self.is_selecting = True
         try:
             if leader is not None:
+                # Noted again by every callback that queued functions, conditions or priority readers schedule.
                 loop.has_new_callbacks = False
                 while self._calls:
                     self._calls.popleft().run()
                 self.check_waits()
                 left_s = None if leader.end_s is None else leader.end_s - loop.time()
                 if leader.is_done or loop.has_new_callbacks:
+                    # asyncio chose its timeout before the conditions and queued functions ran.
                     timeout_s = 0
                 elif left_s is not None and left_s <= 0:
+                    # The leader's time has passed. Readable data is still processed, in iterations with timeout 0: they
+                    # end as soon as one finds no event and no new callback, or if their number is used up.
                     timeout_s, is_last = 0, is_idle
                     leader.iterations_left -= 1
                     if leader.iterations_left == 0:
                         self._stop()
                 else:
+                    # The leader's own time, in slices of `MAX_BLOCKING_S`, so that signal handlers run.
                     if left_s is not None and (timeout_s is None or left_s < timeout_s):
                         timeout_s = left_s
                     if timeout_s is None or timeout_s > MAX_BLOCKING_S:
@@ -441,9 +457,10 @@ class SharedLoop:
         self._is_checking = True
         try:
             leader = self._leader
+            # A copy, because other threads add and remove waits. A single wait is the leader's and is not copied.
             for wait in tuple(self.waits) if len(self.waits) > 1 else self.waits:
                 if wait is not leader and wait.wake_event is None:
-                    continue  # it is about to check by itself
+                    continue  # not a follower yet: its own thread checks next
                 if self.closed_reason:
                     wait.set_error(ClosedError(self.closed_reason))
                 if wait.check() and wait.wake_event is not None:
@@ -474,6 +491,7 @@ class SharedLoop:
         if current_loop() is None:
             end_tasks(self.loop)
         else:
+            # Ending the tasks runs the loop, and this thread runs another one.
             ending = threading.Thread(
                 target=end_tasks, args=(self.loop,), name="rosidl-py-gen loop runner", daemon=True
             )
@@ -491,7 +509,7 @@ class SharedEventLoop(_Loop):
         super().__init__(_ConditionSelector(shared))
 
     def is_running(self) -> bool:
-        """Return True if a thread leads the loop, also in front of it."""
+        """Return True if a thread leads the loop, also outside run_forever()."""
         return self._shared.is_polling_outside_loop or super().is_running()
 
     def stop(self) -> None:
@@ -525,6 +543,7 @@ class _ConditionSelector(_Selector):
         if sys.platform == "linux":
             poll = self._poll
 
+            # `select` calls priority readers after the poll and before it returns; there `wake` needs no system call.
             def poll_and_note(timeout: float | None = None, maxevents: int = -1) -> list[tuple[int, int]]:
                 found = poll(timeout, maxevents)
                 shared.is_selecting = False  # functions that are called for these events may call `wake`

@@ -81,7 +81,7 @@ class UserCallback:
             raise
         except (
             BaseException
-        ):  # includes CancelledError of a cancelled future, and exceptions such as that of pytest.fail
+        ):  # includes CancelledError of a cancelled future, and exceptions such as pytest.fail.Exception
             context.run(self._owner.report_failure, self.subject)
             return None
         task = context.run(self._start, lambda: value, on_result)
@@ -135,7 +135,7 @@ def is_async(function: object) -> bool:
 
 
 def is_own_cancel() -> bool:
-    """Return True if the current task was cancelled itself, so that a CancelledError is not that of an awaited object.
+    """Return True if the current task was cancelled itself: then an awaited object did not raise the CancelledError.
 
     Only for tasks of `start_task`, because Python 3.10 has no `Task.cancelling`.
     """

@@ -54,7 +54,7 @@ class RemapRule:
     replacement: str
 
     def applies_to_node(self, node_name: str) -> bool:
-        """Return True if the rule has no node prefix, or that of this node (a name without namespace)."""
+        """Return True if the rule has no node prefix, or if its prefix is this node (a name without namespace)."""
         return self.node is None or self.node == node_name
 
 
@@ -108,7 +108,8 @@ class NodeNames:
     def create(cls, name: str, namespace: str = "", rules: tuple[RemapRule, ...] = ()) -> NodeNames:
         """Validate and remap a node's name and namespace; raises `InvalidNameError`.
 
-        The prefix of a node name rule is compared with the original name, that of a namespace rule with the new one.
+        The prefix of a node name rule is compared with the original name, the prefix of a namespace rule with the new
+        name.
         """
         validate_node_name(name)
         normalize_namespace(namespace)

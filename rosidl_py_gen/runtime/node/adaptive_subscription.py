@@ -137,9 +137,10 @@ class AdaptiveSubscription(Generic[T]):
         self._subscription = self._subscribe()
 
     def set_definition(self, msg_type: type[Message]) -> None:
-        """Set the definition of raw messages if it was not known at creation: those of other definitions are converted.
+        """Set the definition of raw messages if it was not known at creation.
 
-        This includes messages that were received, but not returned yet.
+        Messages of other definitions are converted from now on, including messages that were received, but not returned
+        yet.
 
         Args:
             msg_type: class with the name of the topic's type.

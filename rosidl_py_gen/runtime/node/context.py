@@ -210,7 +210,7 @@ class ContextCore:
 
 
 def resolve_transport(transport: Transport | str | None) -> Transport:
-    """Return the transport for an argument, or that of the environment; raises `TypeError`, `BackendMissingError`."""
+    """Return the transport for an argument, else for the environment; raises `TypeError`, `BackendMissingError`."""
     warn = get_root_logger().warning
     name = middleware(os.environ, warn) if transport is None else transport
     if name == DDS:
@@ -280,7 +280,7 @@ class Context:
         )
         self._guards: list[FailureGuard] = []
         self.arguments: list[str] = list(core.ros_arguments.program)
-        """Arguments without those of ROS; like `sys.argv`, they begin with the program's name."""
+        """Arguments without ROS arguments; like `sys.argv`, they begin with the program's name."""
         self.settings: DomainSettings = core.settings
         """Settings that result from arguments and environment."""
         self.domain_id = core.settings.domain_id

@@ -1,7 +1,7 @@
 """Environment variables of ROS 2 and Cyclone DDS: domain, discovery range, static peers, middleware, security.
 
-The rules of security (SROS 2) are those of rcl and rmw_cyclonedds. Where rcl remains unsecured silently, a warning is
-logged. Source: docs/internals/protocol.md 10.6, docs/internals/dds.md 10. The functions read a mapping, not
+The rules of security (SROS 2) are the same as in rcl and rmw_cyclonedds. Where rcl remains unsecured silently, a
+warning is logged. Source: docs/internals/protocol.md 10.6, docs/internals/dds.md 10. The functions read a mapping, not
 `os.environ`.
 """
 
@@ -232,7 +232,7 @@ def _check_file(file: Path, purpose: str) -> None:
 
 
 def _check_certificates(folder: Path) -> None:
-    """Raise `SecurityError` if a certificate or the key is damaged, or if the key is not that of the certificate.
+    """Raise `SecurityError` if a certificate or the key is damaged, or if the key does not fit the certificate.
 
     Cyclone DDS accepts a key of another certificate, and then finds no peer.
     """

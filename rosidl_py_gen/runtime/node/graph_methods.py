@@ -56,11 +56,11 @@ class GraphMethods(NodeBase):
         return [graph.endpoint_info(endpoint) for endpoint in graph.endpoints_on(topic_key, writers=writers)]
 
     def count_publishers(self, topic: str) -> int:
-        """Return the number of publishers of a topic, including those of DDS programs without ROS."""
+        """Return the number of publishers of a topic, including writers of DDS programs without ROS."""
         return self._count(self._topic(topic), writers=True)
 
     def count_subscribers(self, topic: str) -> int:
-        """Return the number of subscriptions of a topic, including those of DDS programs without ROS."""
+        """Return the number of subscriptions of a topic, including readers of DDS programs without ROS."""
         return self._count(self._topic(topic), writers=False)
 
     def _topic(self, topic: str) -> TopicKey:
@@ -89,7 +89,7 @@ class GraphMethods(NodeBase):
         return self._count(self._service("reply", service), writers=True)
 
     def count_clients(self, service: str) -> int:
-        """Return the number of clients of a service, including those of this node; counts reply readers."""
+        """Return the number of clients of a service, including clients of this node; counts reply readers."""
         return self._count(self._service("reply", service), writers=False)
 
     def get_servers_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
@@ -97,7 +97,7 @@ class GraphMethods(NodeBase):
         return self._infos(self._service("reply", service), writers=True)
 
     def get_clients_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
-        """Return information on the request writer of each client of a service, including those of this node."""
+        """Return information on the request writer of each client of a service, including clients of this node."""
         return self._infos(self._service("request", service), writers=True)
 
     def incompatible_endpoints_of_topic(self, topic: str) -> list[Mismatch]:
@@ -122,7 +122,7 @@ class GraphMethods(NodeBase):
     def node_names_complete(self) -> bool:
         """Return True if all ROS participants have announced nodes, to which all discovered endpoints belong.
 
-        Node names arrive about 50 ms after endpoints, those of nodes on Fast DDS later.
+        Node names arrive about 50 ms after endpoints, names of nodes on Fast DDS later.
         """
         return self._refreshed_graph().node_names_complete()
 

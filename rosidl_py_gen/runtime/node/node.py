@@ -71,7 +71,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
         namespace: with or without a leading ``/``; may be overridden by ``-r __ns:=...``.
         context: None uses the default context.
         enable_rosout: publish the log records of `logger` on ``/rosout``.
-        parameter_overrides: initial values of parameters; they override those of the command line.
+        parameter_overrides: initial values of parameters; they override initial values from the command line.
         allow_undeclared_parameters: parameters may be set without a declaration.
         automatically_declare_parameters_from_overrides: declare every parameter that has an initial value.
         start_services: serve the six parameter services. The initial value False of the parameter
@@ -85,10 +85,10 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             ``"warn"`` converts or delivers them, ``"off"`` delivers them silently. Others than ``"off"`` warn once for
             each topic and peer. Default of the entities' parameter of this name.
         on_error: effect of an exception in a callback. ``"log"`` logs it. ``"raise"`` also raises it from `run`,
-            `spin`, ``async with node``, ``with node`` or the current blocking call. None uses that of the context,
+            `spin`, ``async with node``, ``with node`` or the current blocking call. None uses the context's `on_error`,
             which is ``"log"`` by default.
         cli_args: command line for this node alone, such as ``["--ros-args", "-r", "chatter:=talk"]``: remap rules and
-            parameters, which precede those of the context. Other arguments have no effect.
+            parameters, which precede the rules and parameters of the context. Other arguments have no effect.
         use_global_arguments: apply the remap rules and parameters of the context to this node, too.
 
     Raises:
@@ -243,7 +243,8 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             msg_type: message class, or its name such as ``"std_msgs/msg/String"``: then messages are dicts.
             topic: topic name, which is expanded and remapped.
             qos: profile, or depth.
-            type_hash_check: like that of `Node`; "off" does not warn of subscriptions with another definition.
+            type_hash_check: like `type_hash_check` of `Node`; "off" does not warn of subscriptions with another
+                definition.
             event_callbacks: called for matched and incompatible subscriptions, missed deadlines and others.
 
         Raises:
@@ -306,7 +307,7 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
             raw: do not decode messages; they begin with the 4-byte encapsulation header.
             arrays: decode sequences of fixed-size messages as structured arrays; not with `raw` or a type name.
             ignore_local: ignore publishers of this context.
-            type_hash_check: like that of `Node`.
+            type_hash_check: like `type_hash_check` of `Node`.
             event_callbacks: called for matched and incompatible publishers, missed deadlines and others.
             concurrency: maximum number of concurrent calls of an async callback; they start in order.
 

@@ -192,7 +192,7 @@ class ParameterMethods(NodeBase):
         *,
         ignore_override: bool = False,
     ) -> Any:
-        """Declare a parameter and return its value, which is that of the override if there is one.
+        """Declare a parameter and return its value: the override if there is one, else the default.
 
         The value has the type of `default`; a list is returned as a tuple. An override may have another type only if
         the descriptor sets `dynamic_typing`.
@@ -320,7 +320,7 @@ class ParameterMethods(NodeBase):
                 Otherwise the result for that name is a refusal.
 
         Raises:
-            InvalidParameterValueError: a value cannot be that of a parameter; no parameter is set.
+            InvalidParameterValueError: a parameter cannot have such a value; no parameter is set.
             ParameterNotDeclaredError: `require_declared`, and a parameter is not declared.
             CallbackAnswerError: a callback returned an invalid result.
             TypeError: a name is not a text.
@@ -420,7 +420,7 @@ class ParameterMethods(NodeBase):
         return ParameterEvents(self._scope, self._names, full_name)
 
     def create_parameter_client(self, node: str) -> ParameterClient:
-        """Create a client for the parameters of another node, whose name is resolved like that of a topic."""
+        """Create a client for the parameters of another node, whose name is resolved like a topic name."""
         from rosidl_py_gen.runtime.parameters.client import ParameterClient
 
         self._scope.require_open(False, "the node")

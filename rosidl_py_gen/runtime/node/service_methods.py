@@ -70,7 +70,7 @@ class ServiceMethods(NodeBase):
             handler: plain or async function that gets the request and returns the response; None to iterate or `take`.
             qos: profile, or depth.
             arrays: decode sequences of fixed-size messages as structured arrays; not with a type name.
-            type_hash_check: like that of `Node`.
+            type_hash_check: like `type_hash_check` of `Node`.
 
         Raises:
             InvalidNameError: the name is invalid.
@@ -118,7 +118,7 @@ class ServiceMethods(NodeBase):
             name: service name, which is expanded and remapped.
             qos: profile, or depth.
             arrays: decode sequences of fixed-size messages as structured arrays; not with a type name.
-            type_hash_check: like that of `Node`.
+            type_hash_check: like `type_hash_check` of `Node`.
 
         Raises:
             InvalidNameError: the name is invalid.
@@ -187,7 +187,7 @@ class ServiceMethods(NodeBase):
                 rejects further ones, ``"queue"`` runs them later, ``"preempt"`` cancels the running one. A deferred
                 goal is queued when `execute` is called; `goal.started()` waits for its start.
             arrays: decode sequences of fixed-size messages in goals as structured arrays; not with a type name.
-            type_hash_check: like that of `Node`, for the services and topics of this action.
+            type_hash_check: like `type_hash_check` of `Node`, for the services and topics of this action.
 
         Raises:
             InvalidNameError: the action name is invalid.
@@ -246,7 +246,7 @@ class ServiceMethods(NodeBase):
             server_lost_timeout_s: time without server after which goals end with `ActionServerLostError`; `math.inf`
                 forever.
             arrays: decode sequences of fixed-size messages in results and feedback as structured arrays.
-            type_hash_check: like that of `Node`, for the services and topics of this action.
+            type_hash_check: like `type_hash_check` of `Node`, for the services and topics of this action.
 
         Raises:
             InvalidNameError: the action name is invalid.

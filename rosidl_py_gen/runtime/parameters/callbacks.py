@@ -128,7 +128,7 @@ class SetCallbacks:
         return result
 
     def run_on_set(self, parameters: Sequence[Parameter]) -> tuple[SetResult, list[Commit]]:
-        """Call the on-set callbacks, the newest first, then those of bound objects.
+        """Call the on-set callbacks, the newest first, then the callbacks of bound objects.
 
         Returns the last result, and functions to call once the values are stored. Raises as `run_pre_set`.
         """

@@ -103,7 +103,7 @@ class ParameterStore:
     ) -> ParameterValue:
         """Declare one parameter and return its value: the override, or else the default.
 
-        The type is that of the descriptor, or else of the default; without either, the descriptor must have
+        The type comes from the descriptor, or else from the default; without either, the descriptor must have
         `dynamic_typing`. An `optional` parameter keeps its type, may be unset, and remains declared then. Raises as
         `Node.declare_parameter`.
         """

@@ -199,7 +199,7 @@ def checked_descriptor(name: str, descriptor: ParameterDescriptor) -> ParameterD
 def declared_descriptor(
     name: str, default: ParameterValue, descriptor: ParameterDescriptor | None
 ) -> ParameterDescriptor:
-    """Return the descriptor of a declaration, with its type or else that of the default."""
+    """Return the descriptor of a declaration; if it has no type, it gets the type of the default."""
     descriptor = checked_descriptor(name, descriptor or ParameterDescriptor())
     default = coerce_empty_list(default, descriptor)
     if descriptor.dynamic_typing:
@@ -220,7 +220,7 @@ def apply_descriptor(
     """Apply another descriptor; return the descriptor, the parameter, and the reason why that is impossible.
 
     The value is retained if it fits, else replaced by the alternative, if that is set. A descriptor without a type gets
-    that of the parameter. Raises as `checked_descriptor`.
+    the type of the parameter. Raises as `checked_descriptor`.
     """
     descriptor = checked_descriptor(before.name, descriptor)
     if descriptor.type is ParameterType.NOT_SET and not descriptor.dynamic_typing:

@@ -1,8 +1,8 @@
 """Contract between the runtime (publishers, services, the graph) and the transports.
 
 Bytes go in; bytes and discovery events come out. A transport never sees messages. Names of topics, services and types
-are those of ROS; each transport converts them to those of the wire. Code above this module does not depend on the
-transport, except that error texts, `rosidl-py doctor` and `get_rmw_implementation_identifier` ask for `middleware`.
+are names of ROS; each transport converts them to names on the wire. Code above this module does not depend on the
+transport, except that error texts, `rosidl-py doctor` and `get_rmw_implementation_identifier` query `middleware`.
 
 Thread rules: `Writer.write` may be called from any thread. Sinks are called by the loop binding on the event loop's
 thread, also while the loop still waits; a sink pops what it needs from the queue of its reader.
@@ -86,7 +86,8 @@ class DiscoveredEndpoint:
             ROS.
         type_hash: RIHS01 text of the message; empty if not announced.
         service_id: identifier that both endpoints of one client or server share; may be empty.
-        service_hash: RIHS01 text of the service, if announced: instead of those of its messages (Zenoh), or with them.
+        service_hash: RIHS01 text of the service, if announced: instead of the hashes of its messages (Zenoh), or with
+            them.
         wire_name: name of the topic in the middleware.
         wire_type: name of the type in the middleware.
     """
@@ -122,7 +123,7 @@ DiscoveryEvent: TypeAlias = "ParticipantDiscovered | NodesAnnounced | Discovered
 
 @dataclass(frozen=True, slots=True)
 class ClockFunctions:
-    """Clocks of a transport: those of this machine, or those of a test with virtual time.
+    """Clocks of a transport: clocks of this machine, or clocks of a test with virtual time.
 
     Attributes:
         system_ns: nanoseconds since the epoch.

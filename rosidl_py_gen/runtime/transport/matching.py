@@ -213,7 +213,7 @@ def _all_of_some(values: list[bool]) -> bool:
 
 
 def without_best_available(profile: QoSProfile) -> QoSProfile:
-    """Replace BEST_AVAILABLE policies by those of `SERVICES_DEFAULT`, as services and clients do."""
+    """Replace BEST_AVAILABLE policies by policies of `SERVICES_DEFAULT`, as services and clients do."""
     return _replace_best_available(profile, presets.SERVICES_DEFAULT)
 
 

@@ -39,7 +39,7 @@ class ServiceSpec:
     Attributes:
         name: fully qualified.
         type: ``pkg/srv/Name``.
-        type_hash: RIHS01 text of the service; may be empty, as those of its messages.
+        type_hash: RIHS01 text of the service; it and the hashes of the messages may be empty.
         node: number of the announced node that the client or server belongs to; 0 for none.
         is_compatible: returns False for an endpoint of the other side that must not be used, because it has another
             definition.
@@ -76,7 +76,10 @@ class ServiceSpec:
 
 
 class NoReply(NamedTuple):
-    """Replaces the response of a request that no server will answer; `reason` continues "the server of /add"."""
+    """Replaces the response of a request that no server will answer.
+
+    `reason` completes the sentence "the server of /add ...".
+    """
 
     reason: str = "went away before it answered"
 

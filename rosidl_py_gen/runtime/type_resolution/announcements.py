@@ -1,7 +1,8 @@
 """Queries for the type of a topic, service or action (`TypeQuery`), and the announcements of nodes about it.
 
 A service is announced as its request and response, an action as the messages of its two services and its feedback. The
-hash of a service itself is announced on Zenoh only, in place of those of its messages; that of an action nowhere.
+hash of a service itself is announced on Zenoh only, instead of the hashes of its messages; the hash of an action
+nowhere.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def topic_query(name: str) -> TypeQuery:
 
 
 def service_query(name: str, prefix: str = "") -> TypeQuery:
-    """Return the query for the type of a service; `prefix` is that of all suffixes, for services of actions."""
+    """Return the query for the type of a service; `prefix` precedes all suffixes, for services of actions."""
     required = {TopicKey("request", name): f"{prefix}_Request", TopicKey("reply", name): f"{prefix}_Response"}
     # A ROS 2 node describes neither request nor response, but the events that it publishes for introspection.
     messages = {suffix: (prefix, f"{prefix}_Event", suffix) for suffix in required.values()}

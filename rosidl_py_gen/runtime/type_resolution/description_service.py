@@ -2,7 +2,7 @@
 
 The server reports each failure with one of the texts of docs/internals/protocol.md 9.8. Sources are searched for in the
 bundled interfaces and below AMENT_PREFIX_PATH; if there is no file, or with other contents, the source is empty. A
-client without hash uses the hash that the node itself announces, never that of a local definition.
+client without hash uses the hash that the node itself announces, never the hash of a local definition.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def _failure(reason: str) -> srv.GetTypeDescription_Response:
 
 
 def _is_described(cls: type[Any]) -> bool:
-    """Return False for a class that only forwards bytes: its hash is not that of its own description."""
+    """Return False for a class that only forwards bytes: its hash is not the hash of its own description."""
     return rihs01(type_description(cls)) == type_hash(cls)
 
 
@@ -250,7 +250,7 @@ def _load_class(name: str, wanted_hash: str) -> type[Any]:
 
 
 def _sources(cls: type[Any]) -> list[msg.TypeSource]:
-    """Return the source of the type, then those of the types it refers to, sorted by name."""
+    """Return the source of the type, then the sources of the types it refers to, sorted by name."""
     top = type_name(cls)
     classes = referenced_classes(cls)
     return [type_source(name, classes[name]) for name in (top, *sorted(set(classes) - {top}))]

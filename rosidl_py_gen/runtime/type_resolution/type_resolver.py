@@ -3,8 +3,8 @@
 The order is: a local class with the announced hash, the cache on disk, one of the announcing nodes. A description is
 used only if its hash is the announced one. Slow steps run in a thread.
 
-Nodes of ROS 2 Humble announce no hash. Then the class is that of the name, with the definitions of Humble if all
-publishers or servers are of Humble.
+Nodes of ROS 2 Humble announce no hash. Then the class is found by the type's name, with the definitions of Humble if
+all publishers or servers are of Humble.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class SetupArguments:
 
     Attributes:
         values: texts, numbers, lists, and dicts with texts as keys by argument; None for a part that is not known.
-        uncertain: reasons by argument, for those of `ARGUMENTS` that may have another value.
+        uncertain: reasons by argument, for each of `ARGUMENTS` that may have another value.
     """
 
     values: dict[str, object] = field(default_factory=dict)

@@ -94,7 +94,7 @@ class ActionClient(ActionWaitable):
 
     Args:
         action_type: class such as `example_interfaces.action.Fibonacci`.
-        action_name: name, expanded and remapped like those of topics.
+        action_name: name, expanded and remapped like the name of a topic.
         enable_feedback_msg_optimization: without effect; feedback for goals of other clients is always ignored here.
     """
 

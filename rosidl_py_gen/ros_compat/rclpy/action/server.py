@@ -108,7 +108,7 @@ class ServerGoalHandle(Subscriptable):
             self._action_server.notify_goal_done()
 
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
-        """Schedule the execution, by this callback or that of the server."""
+        """Schedule the execution, by this callback or the callback of the server."""
         if not self.is_cancel_requested:
             self.executing()
         self._action_server.notify_execute(self, execute_callback)
@@ -171,7 +171,7 @@ class ActionServer(ActionWaitable):
 
     Args:
         action_type: class such as `example_interfaces.action.Fibonacci`.
-        action_name: name, expanded and remapped like those of topics.
+        action_name: name, expanded and remapped like the name of a topic.
         execute_callback: function that takes a `ServerGoalHandle` and returns a result of the action; None if the
             program ends goals itself, as `ServerGoalHandle.succeed` does.
         goal_callback: function that takes the goal and returns a `GoalResponse`.

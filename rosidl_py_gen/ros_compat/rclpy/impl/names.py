@@ -1,4 +1,4 @@
-"""Reasons why a name is invalid, with the texts of rcl and rmw. The rules are those of the runtime."""
+"""Reasons why a name is invalid, with the texts of rcl and rmw. The runtime contains the rules."""
 
 from __future__ import annotations
 

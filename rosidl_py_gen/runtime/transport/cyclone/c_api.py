@@ -59,7 +59,7 @@ address_of = ct.PYFUNCTYPE(ct.c_void_p, ct.py_object)(("PyBytes_AsString", ct.py
 
 
 class DdsMatchedStatus(ct.Structure):
-    """dds_publication_matched_status_t, and that of subscriptions."""
+    """dds_publication_matched_status_t and dds_subscription_matched_status_t, which have the same layout."""
 
     _fields_ = (
         *(("total", ct.c_uint32), ("total_change", ct.c_int32)),

@@ -1,16 +1,5 @@
 """Configuration of Cyclone DDS as XML text, from the settings of a context.
 
-Elements that the loaded library does not know are omitted, because one such element makes the domain fail.
-
-Localhost mode binds to the loopback interface, which rmw_cyclonedds (Jazzy) does not do. Without multicast, discovery
-does not leave the host, but data may still go to an address that a discovered peer announces. A socket that is bound to
-127.0.0.1 cannot send through another interface. ROS peers in LOCALHOST range bind to the first real interface, but
-their discovery packets go to `localhost`, Cyclone 11 replies through the interface of a packet, and Cyclone accepts
-loopback locators of a peer that announces no others.
-
-There is no binding with a static peer on another host, with interfaces in CYCLONEDDS_URI, or with Cyclone before 11,
-which does not reply through the same interface and would not discover Fast DDS peers (docs/internals/dds.md 8).
-
 Source: docs/internals/protocol.md 10.6, 11.6.
 """
 
@@ -55,12 +44,13 @@ def cyclone_xml(
 ) -> str:
     """Return the configuration: ours, then CYCLONEDDS_URI, whose elements override it. May be empty.
 
-    `extra` and `last` are XML below ``<Domain>`` before and after that of the user, `unsupported` members of
+    `extra` and `last` are XML below ``<Domain>`` before and after the user's XML, `unsupported` members of
     `OPTIONAL_ELEMENTS`. In localhost and off mode multicast is disabled again at the end, so that a CYCLONEDDS_URI that
     was written for another mode cannot enable it.
     """
     fragments = []
     body = _domain_elements(settings, process_id, IGNORE_TYPE_INFORMATION not in unsupported) + extra
+    # One element that the loaded library does not know makes the creation of the domain fail (docs/internals/dds.md 8).
     for name in unsupported:
         element = rf"<{name}\b[^>]*(/>|>.*?</{name}>)"
         body, last = re.sub(element, "", body), re.sub(element, "", last)
@@ -85,6 +75,13 @@ def _domain_elements(settings: DomainSettings, process_id: int, can_bind: bool) 
         case DiscoveryRange.SUBNET:
             return _discovery(settings.static_peers)
         case DiscoveryRange.LOCALHOST:
+            # Without multicast, discovery does not leave the host, but data may still go to an address that a peer
+            # announces. A socket that is bound to 127.0.0.1 cannot send through another interface; rmw_cyclonedds of
+            # Jazzy does not bind. ROS peers in LOCALHOST range bind to the first real interface, but are discovered:
+            # their discovery packets go to `localhost`, Cyclone 11 replies through the interface of a packet, and
+            # accepts loopback locators of a peer that announces no others.
+            # Not with a static peer on another host or interfaces in CYCLONEDDS_URI, and not before Cyclone 11, which
+            # replies through another interface and would not discover Fast DDS peers (docs/internals/dds.md 8).
             interfaces = _LOOPBACK_INTERFACE if stays_on_host and can_bind else ""
             return _general(interfaces) + _discovery(("localhost", *settings.static_peers))
         case DiscoveryRange.OFF:

@@ -1,7 +1,6 @@
 """Discovery events from Cyclone's builtin topics.
 
-Also maps local instance handles to GUIDs, because samples and lists of matched endpoints contain handles only. The
-handle of an endpoint's builtin sample is the publication handle of its samples.
+Also maps local instance handles to GUIDs, because samples and lists of matched endpoints contain handles only.
 
 Source: docs/internals/protocol.md 11.7.
 """
@@ -169,6 +168,7 @@ class BuiltinTopicReaders:
                         discard_secured_fast_dds(reader, guid)
                         self._addresses.pop(guid[:GUID_PREFIX_BYTES], None)
                     else:
+                        # Not removed at once: the last samples of the endpoint may still be in a queue.
                         self._lost_handles.append(handle)
                         if len(self._lost_handles) > _MAX_LOST_HANDLES:
                             self.guids.pop(self._lost_handles.popleft(), None)
@@ -184,6 +184,7 @@ class BuiltinTopicReaders:
 
     def _endpoint(self, topic: int, pointer: int, handle: int) -> Iterator[DiscoveredEndpoint]:
         endpoint = cast_loan(pointer, BuiltinEndpoint)
+        # The handle of a writer's builtin sample is the publication handle of the samples of that writer.
         self.guids[handle] = guid = bytes(endpoint.key)
         name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
         if name.startswith(_BUILTIN_PREFIX):

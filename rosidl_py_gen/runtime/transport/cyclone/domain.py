@@ -1,12 +1,7 @@
 """DDS domains of this process, their topics, and the sertypes (type objects) of Cyclone that the topics share.
 
-A domain is configured once and shared by its participants. A forked child inherits it without the threads that serve
-it. Tried with 11.0.1: a participant of the same domain can be created, discovers no peer, and its deletion never
-returns. If all contexts were closed before the fork, nothing is inherited, and DDS works in the child.
-
-One opaque type represents every ROS type (docs/internals/dds.md 1). A true description of a PointCloud2 takes 3 ms to
-build, does not exist for wstrings, and makes C drop invalid samples (bool 2, missing NUL) silently. Opaque samples
-arrive and are counted. There is one sertype for each domain and type while the domain is open.
+A domain is configured once and shared by its participants. There is one sertype for each domain and type while the
+domain is open.
 """
 
 from __future__ import annotations
@@ -29,6 +24,9 @@ from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import Fas
 
 _MAX_TYPE_CHARS = 255
 """Maximum length of a type name: a limit of earlier versions and maybe of peers."""
+# One opaque type represents every ROS type (docs/internals/dds.md 1). A true description of a PointCloud2 takes 3 ms to
+# build, does not exist for wstrings, and makes Cyclone drop invalid samples (bool 2, missing NUL) silently. Opaque
+# samples arrive and are counted.
 _OPS = (ct.c_uint32 * 3)(0x01010000, 0, 0)
 """Serializer program of ``struct opaque { octet data; }``: an octet at offset 0, end."""
 
@@ -59,6 +57,8 @@ class Sertypes:
         api = self._api
         activity = f"create topic {topic} ({dds_type})"
         with self._lock:
+            # A second type object would have the same hash but not be equal where vtables are replaced; Cyclone's hash
+            # table grows without end if some dozens of equal hashes collide (docs/internals/dds.md 1).
             known = self._known.get(dds_type)
             if known is not None:
                 reference = ct.c_void_p(api.sertype_ref(known.address))  # which the call consumes
@@ -188,16 +188,15 @@ class Domain:
             return domain
 
     def leave(self) -> None:
-        """Undo one `join`; the last one waits for other threads that write, and deletes the domain.
-
-        A signal handler may call it during a write of the same thread: then that write deletes the domain.
-        """
+        """Undo one `join`; the last one waits for other threads that write, and deletes the domain."""
         with Domain._lock:
             self._users -= 1
             if self._users == 0:
                 del self._open[self._domain_id]
                 self.is_closing = True
                 end_s, thread_id = time.monotonic() + _CLOSE_TIMEOUT_S, threading.get_ident()
+                # A signal handler may close the last context during a write of its own thread, which then never ends
+                # while this waits: that write deletes the domain at its end.
                 while any(writer != thread_id for writer in tuple(self.writing)) and time.monotonic() < end_s:
                     time.sleep(_CLOSE_POLL_INTERVAL_S)
                 self.end_if_unused()
@@ -215,8 +214,11 @@ class Domain:
     @classmethod
     def detach_after_fork(cls) -> None:
         """Refuse to use DDS in this forked child if a domain was inherited."""
-        cls._lock = threading.Lock()
+        cls._lock = threading.Lock()  # another thread of the parent may have held it during the fork
         for domain in cls._open.values():
+            # The threads that serve the domain do not exist here. Tried with 11.0.1: a participant of the same domain
+            # can be created, discovers no peer, and its deletion never returns. If all contexts were closed before the
+            # fork, no domain is open, and DDS works in the child.
             cls._forked = True
             domain._api.disable_deletes()
         cls._open.clear()

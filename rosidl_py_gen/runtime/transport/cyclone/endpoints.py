@@ -1,12 +1,7 @@
 """Writers and readers of the DDS transport. The rules of `participant.py` hold here, too.
 
 A write creates a sample from bytes and writes it. Samples are taken in batches; their payloads are copied, or, if they
-are large, exposed as views.
-
-A sample is reference-counted, wherever it came from: inside a process the reader gets the sample that was written.
-Samples of up to 256 bytes return to a pool of their domain, so they are always copied.
-
-Source: docs/internals/dds.md 9.
+are large, exposed as views. Source: docs/internals/dds.md 9.
 """
 
 from __future__ import annotations
@@ -100,7 +95,7 @@ local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 
 
 class _CycloneEndpoint:
-    """Common part of writers and readers; `entity` is 0 after `close`, names are those of DDS."""
+    """Common part of writers and readers; `entity` is 0 after `close`, names are names of DDS."""
 
     _statuses: Mapping[str, tuple[str, int]]
 
@@ -125,6 +120,7 @@ class _CycloneEndpoint:
     def _delete(self, entity: int) -> None:
         """Delete the endpoint, unless another thread has deleted the participant; the domain waits for this."""
         domain, thread_id = self._owner.domain, _get_thread_id()
+        # Announced before `is_closing` is read, so that either this call sees it, or `Domain.leave` waits.
         domain.writing.append(thread_id)
         try:
             if not domain.is_closing:
@@ -163,6 +159,8 @@ class CycloneWriter(_CycloneEndpoint):
         if size > LARGE_BYTES:
             warn_about_socket_buffers(size)
         domain, writing, thread_id = self._domain, self._writing, _get_thread_id()
+        # A thread that creates a sample uses the type object and the memory pool of the domain. A write during which
+        # another thread deleted the domain has crashed; `Domain.leave` waits for this list (docs/internals/dds.md 9).
         writing.append(thread_id)
         try:
             if domain.is_closing:
@@ -170,6 +168,7 @@ class CycloneWriter(_CycloneEndpoint):
             if identity is not None:
                 code = self._write_with_identity(data, identity)
             else:
+                # Below this size, reacquiring the GIL costs more than the copy.
                 if size < _LARGE_SAMPLE_BYTES:
                     sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
                 else:
@@ -177,6 +176,7 @@ class CycloneWriter(_CycloneEndpoint):
                 if not sample:
                     text = f"{data[:8].hex()}... ({size} bytes)"
                     raise TransportError(f"Cyclone DDS refused {text}: not a serialized message")
+                # The write consumes the reference to the sample, unless it found no writer (docs/internals/dds.md 9).
                 code = self._write(self.entity, _address(sample))
                 if code in SAMPLE_NOT_CONSUMED:
                     self._api.serdata_unref(sample)
@@ -197,6 +197,8 @@ class CycloneWriter(_CycloneEndpoint):
     def _is_written(self, code: int, data: Payload) -> bool:
         if code == 0:
             if self._key in local_readers:
+                # Cyclone has delivered inside of this process during the write. An immediate take makes KEEP_LAST and
+                # `dropped` exact, independent of the event loop.
                 for reader in local_readers.get(self._key, ()):
                     reader.fetch()
             return True
@@ -328,12 +330,14 @@ class CycloneReader(_CycloneEndpoint):
                     data = hooks.with_embedded_identity(sample, size)
                 if data is not None:
                     unref(sample)
-                elif payload_offset is None:
+                elif payload_offset is None:  # the probe did not find the payload in this library
                     data = self._copy_payload(sample, size)
                 elif size < _LARGE_SAMPLE_BYTES:
+                    # Samples of up to 256 bytes return to a pool of their domain, so a view could not outlive it.
                     data = bytes_at(sample + payload_offset, size)
                     unref(sample)
                 else:
+                    # Inside of a process several readers get the sample that was written: the view is read-only.
                     data = self._view(sample, sample + payload_offset, size)
                 items.append((data, source_ns, writer, now, None))  # inlined `ReceiveQueue.push`
                 if len(items) > queue.depth:
@@ -346,6 +350,7 @@ class CycloneReader(_CycloneEndpoint):
         if size > LARGE_BYTES:
             self._large_bytes = size
         array = payload_array(address, size)
+        # A large sample is ordinary memory and outlives reader, participant and domain (docs/internals/dds.md 9).
         weakref.finalize(array, self._api.drop_large, sample).atexit = False
         return memoryview(array).cast("B").toreadonly()
 
@@ -381,6 +386,6 @@ class CycloneReader(_CycloneEndpoint):
             else:
                 del local_readers[self._key]
         self._owner.readers.pop(entity, None)
-        with self._owner.buffers.lock:
+        with self._owner.buffers.lock:  # waits for a take of this reader
             self.entity = 0
         self._delete(entity)

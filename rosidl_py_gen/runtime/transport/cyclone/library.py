@@ -32,7 +32,7 @@ _PATTERN = {"win32": "ddsc*.dll", "darwin": "libddsc*.dylib"}.get(sys.platform, 
 _NAMES = {"win32": ("ddsc.dll",), "darwin": ("libddsc.dylib",)}.get(
     sys.platform, ("libddsc.so.11", "libddsc.so.0", "libddsc.so.0debian", "libddsc.so")
 )
-"""Names for the loader. The plain name exists only with the headers, and that of Debian has a special suffix."""
+"""Names for the loader. The plain name exists only with the headers; Debian's name has a special suffix."""
 _WHEELS = {
     "rosidl_libddsc": ("lib",),
     "cyclonedds": (".dylibs", "../cyclonedds.libs", "../cyclonedds_nightly.libs"),

@@ -1,13 +1,7 @@
 """Participant of the DDS transport, and the transport that opens it.
 
-They use plain C calls of Cyclone DDS, with the libddsc that `library.py` finds. Rules:
-
-- Entities are integers. The creator of an entity deletes it in `close`; nothing depends on the garbage collector.
-- Samples are taken into the reader's queue by the first of: the thread that calls `take_ready_sinks`, or, with writers
-  of this process, the writing thread. Cyclone delivers inside the process during the write, so an immediate take makes
-  KEEP_LAST and `dropped` exact, independent of the event loop.
-- Sinks become ready by the pipe only: those of readers whose handles it contains and whose queues are not empty, by
-  whatever thread they were filled.
+They use plain C calls of Cyclone DDS, with the libddsc that `library.py` finds. Entities are integers. The creator of
+an entity deletes it in `close`; nothing depends on the garbage collector.
 """
 
 from __future__ import annotations
@@ -168,6 +162,7 @@ class CycloneParticipant:
             undo.callback(self.domain.leave)
             self.listener: int = _api.create_listener(None)
             undo.callback(_api.delete_listener, self.listener)
+            # Cyclone's threads write the handle of a reader with samples into the pipe, without Python and the GIL.
             _api.lset_data_available_arg(self.listener, putw, self.pipe.stream, True)
             self._early = EarlySampleReaders(_api, _fast_dds, self.listener)
             undo.callback(self._early.close)
@@ -188,6 +183,7 @@ class CycloneParticipant:
                 on_new_participant=partial(request_endpoints, self.guid, is_local=self._is_local),
                 new_warnings=self._new_warnings,
             )
+            # Measured with a builtin reader, because peers are not told about it (docs/internals/dds.md 2).
             self._early.probe_layout(self.discovery.entities[0])
             self._undo = undo.pop_all()
 
@@ -364,13 +360,14 @@ class CycloneParticipant:
     def release_topic(self, topic: str, type: str) -> None:
         """Release a topic after its endpoint was deleted.
 
-        Up to `_MAX_IDLE_TOPICS` unused topics are cached: Cyclone has crashed when a topic was repeatedly created and
-        deleted during discovery.
+        Up to `_MAX_IDLE_TOPICS` unused topics are cached.
         """
         with self._lock:
             entry = self._topics[topic, type]
             entry[1] -= 1
             if entry[1] == 0:
+                # Not deleted at once: Cyclone has crashed when a topic was repeatedly created and deleted during
+                # discovery.
                 self._idle_topics[topic, type] = None
                 if len(self._idle_topics) > _MAX_IDLE_TOPICS:
                     oldest = next(iter(self._idle_topics))
@@ -449,7 +446,7 @@ class CycloneParticipant:
 
     def take_ready_sinks(self) -> list[Sink]:
         entities, readers = self.pipe.drain(), self.readers
-        if entities is None:
+        if entities is None:  # a handle did not fit into the pipe, so any reader may have samples
             entities = (*self.discovery.entities, *readers)
         sinks: list[Sink] = []
         for entity in entities:
@@ -457,6 +454,8 @@ class CycloneParticipant:
             if reader is not None:
                 if reader.first is not None:  # its samples are in the queue of the first
                     reader = reader.first
+                # Whichever comes first moves samples into the queue: this call, or the writing thread if the writer is
+                # in this process. So the sink is ready if the queue has samples, even if this take finds none.
                 if (reader.fetch() or reader.queue.items) and reader.sink is not None:
                     sinks.append(reader.sink)
             elif entity in self.discovery.entities and self.discovery.report not in sinks:
@@ -475,6 +474,8 @@ class CycloneParticipant:
         self._closed = True
         for reader in list(self.readers.values()):
             reader.close()
+        # Deleting a builtin reader frees the samples that it has lent, also while a thread reads them
+        # (docs/internals/dds.md 9), so the thread must have stopped before.
         self.discovery.stop()
         self._undo.close()
         self.discovery.close()

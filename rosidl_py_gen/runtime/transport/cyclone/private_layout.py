@@ -376,7 +376,7 @@ class PacketAccess:
 
 
 def find_packet_pointers(peek: SafeMemoryReader, iov: int, size: int, writer_id: bytes) -> list[int]:
-    """Return the distances from the iov to addresses of packets of that writer, that of the newest packet last.
+    """Return the distances from the iov to addresses of packets of that writer, the newest packet last.
 
     The address of the packet that is being built is stored once. Others remain from earlier use of the memory; they may
     be equal. Addresses of earlier packets are recognized by a lower sequence number.

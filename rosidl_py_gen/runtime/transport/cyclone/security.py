@@ -1,12 +1,7 @@
 """DDS Security of a participant: plugins, properties, errors with a cause, governance rules, and rejected peers.
 
-Properties tell Cyclone DDS where the files of the enclave and the plugins are. The plugins call functions of the
-library that loaded them. Plugins of another build end the process, so only those next to the library are used, and only
-if they are linked to it.
-
-A rejected peer repeats its attempt, and Cyclone logs each; here a peer is recorded once. While secured participants
-exist, a sink receives the lines of Cyclone's log. Those about other subjects are written to standard error, as without
-it. Patterns are texts, which `re` compiles when a secured participant needs them.
+Properties tell Cyclone DDS where the files of the enclave and the plugins are. While secured participants exist, a sink
+receives the lines of Cyclone's log. Patterns are texts, which `re` compiles when a secured participant needs them.
 
 Source: docs/internals/dds.md 10 to 12.
 """
@@ -84,7 +79,7 @@ _CAUSES = {
     "Failed to read CRL": "{folder}/crl.pem is not a list of revoked certificates; create it again",
     "Could not load": "the plugins of this library do not load; reinstall the package of the library",
 }
-"""Cause and fix of a failed creation by pattern of a line of Cyclone; ``{folder}`` is that of the enclave."""
+"""Cause and fix of a failed creation by pattern of a line of Cyclone; ``{folder}`` is the folder of the enclave."""
 
 
 @cache
@@ -100,6 +95,8 @@ def find_plugins(ddsc: DdscLibrary) -> dict[str, str] | str:
     else:
         expected = _FILE.format("auth")
         return f"{ddsc} has security, but its plugins ({expected} and two more) are not in {folder}; install them"
+    # The plugins call functions of the library that loaded them. Plugins of another build end the process, so only
+    # plugins next to the library are used, and only if they are linked to it.
     for file in files.values():
         try:
             linked = library.file_of(ct.CDLL(str(file)), "")
@@ -314,7 +311,7 @@ class SecurityLog:
                 return
             elif any(name in os.path.basename(data.file.decode(errors="replace")) for name in _SECURITY_FILES):
                 self._record(text)
-            else:
+            else:  # another subject: standard error, where Cyclone writes without a sink
                 os.write(2, ct.string_at(data.message - data.header_size, data.header_size + data.size + 1))
         except Exception:  # must not reach Cyclone; standard error may be closed
             return
@@ -323,6 +320,7 @@ class SecurityLog:
         if len(self._peers) > _MAX_PEERS:
             return
         text = printable(re.sub(_OPENSSL, "", " ".join(text.split())), _MAX_RECORD_CHARS)
+        # A rejected peer repeats its attempt, and Cyclone logs each. Lines that differ only in a GUID count once.
         key = re.sub(_GUID, "", text)
         if key in self._peers:
             return

@@ -1,12 +1,7 @@
 """Pipe by which DDS wakes up an event loop: it contains the handles of readers that have samples.
 
-The writer is the C library's `putw`: it can be used as a listener of Cyclone, so Cyclone's threads call it directly,
-without Python and its lock. The reader is the loop that watches `fileno`, or a thread where loops cannot watch pipes
-(Windows).
-
-A wake-up may be spurious: a writer of this process takes the samples that it delivers, and a loop may be late. The
-pipe never blocks Cyclone: a handle that does not fit is not written, and the next `drain` names every reader. Cyclone
-deletes an entity only after its listener has returned, so the pipe is closed after the participant.
+The reader is the loop that watches `fileno`, or a thread where loops cannot watch pipes (Windows). A wake-up may be
+spurious: a writer of this process takes the samples that it delivers, and a loop may be late.
 """
 
 from __future__ import annotations
@@ -38,6 +33,7 @@ _fclose = ct.CFUNCTYPE(_int, _file)(("fclose", _libc))
 ferror = ct.CFUNCTYPE(_int, _file)(("ferror", _libc))
 """Return non-zero if a handle did not fit into `WakeupPipe.stream`, which the next `drain` reports."""
 _clearerr = ct.CFUNCTYPE(None, _file)(("clearerr", _libc))
+# Used as a listener of Cyclone, so that Cyclone's threads call the C library directly, without Python and the GIL.
 putw = ct.CFUNCTYPE(_int, _int, _file)((f"{_prefix}putw", _libc))
 """Write a handle into `WakeupPipe.stream`. Unlike a listener of Cyclone it returns an int; the calling conventions of
 all platforms of Cyclone allow that."""
@@ -49,6 +45,8 @@ class WakeupPipe:
     def __init__(self) -> None:
         self._read_end, self._write_end = os.pipe()
         if LOOPS_CAN_WATCH:
+            # The pipe must never block Cyclone: a handle that does not fit is not written, and the next `drain` reports
+            # that some are missing.
             self._set_blocking(False)
         self.stream: int = _fdopen(self._write_end, b"wb")
         """Writing end, as an unbuffered C `FILE *`."""
@@ -110,6 +108,7 @@ class WakeupPipe:
 
     def close(self) -> None:
         """Close the pipe and end the thread. No listener may use the stream any more."""
+        # Cyclone deletes an entity only after its listener has returned, so callers delete the participant before.
         with self._lock:
             self._closed = True
             _fclose(self.stream)

@@ -1,11 +1,7 @@
 """Identification of requests and replies on DDS, and discovery of a client's servers: works on bytes and GUIDs.
 
-There are two formats. rmw_cyclonedds puts a header of 16 bytes between the 4 encapsulation bytes and the message: the
-number of the client and that of the request. Fast DDS sends a `SampleIdentity` as RTPS inline QoS;
-`cyclone/fast_dds_interop/sample_identity.py` embeds it in the sample instead of the header, with a mark. Here both are
-a client and a number; the type of the client (`int` or `bytes`) tells the format.
-
-Requests are numbered as the middleware numbers the samples of a writer, from 1, because Fast DDS servers rely on it.
+There are two formats: the header of rmw_cyclonedds, and the `SampleIdentity` of Fast DDS. Here both are a client and a
+number; the type of the client (`int` or `bytes`) tells the format.
 
 Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 """
@@ -27,7 +23,7 @@ from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, Server
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
 """GUID of a client and number of its request; sent with the request and with its reply."""
 ClientId: TypeAlias = "int | bytes"
-"""Number of a client of rmw_cyclonedds, or a GUID: that of the client, its reply reader or its request writer."""
+"""Number of a client of rmw_cyclonedds; or the GUID of a client, of its reply reader or its request writer."""
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
@@ -58,12 +54,12 @@ def uses_sample_identity(guid: bytes) -> bool:
 
 
 def has_hashed_guid(guid: bytes) -> bool:
-    """Return True if a GUID is that of a secured participant, which does not begin with the vendor."""
+    """Return True if a GUID belongs to a secured participant, so that it does not begin with the vendor."""
     return bool(guid[0] & _HASHED_BIT)
 
 
 def is_secured_fast_dds(guid: bytes) -> bool:
-    """Return True if a participant or endpoint is that of a secured participant on Fast DDS."""
+    """Return True if a GUID belongs to a secured participant on Fast DDS, or to an endpoint of one."""
     return guid[:GUID_PREFIX_BYTES] in _secured_fast_dds
 
 
@@ -89,7 +85,9 @@ def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
-    """Insert the identity after the encapsulation header. Its 24 bytes do not change the alignment."""
+    """Insert the identity after the encapsulation header, with a mark."""
+    # Fast DDS sends the identity as RTPS inline QoS, which is not part of a sample; `sample_identity.py` calls this.
+    # The 24 bytes replace the header of rmw_cyclonedds. They are a multiple of 8, so the alignment does not change.
     return b"".join((data[:2], _IDENTITY_OPTIONS, _identity.pack(*identity), data[HEADER_BYTES:]))
 
 
@@ -103,6 +101,8 @@ def extract_identity(data: Payload) -> SampleIdentity | None:
 
 def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
     """Insert the header into an encoded message (little-endian), and pad it for DDS in the same copy."""
+    # The header of rmw_cyclonedds is between the 4 encapsulation bytes and the message: 8 bytes number of the client, 8
+    # bytes number of the request (docs/internals/protocol.md 5.1).
     rest = message[HEADER_BYTES:] if len(message) < _LARGE_BYTES else memoryview(message)[HEADER_BYTES:]
     return b"".join(
         (message[:HEADER_BYTES], _LITTLE.pack(client & _MASK, sequence), rest, _FILL[len(message) % NETWORK_ALIGN])
@@ -144,9 +144,7 @@ def find_servers(
 ) -> tuple[ServerAvailability, bool]:
     """Find the servers that a client can call.
 
-    rmw_cyclonedds announces a service id for both endpoints of a server. The server is available if the id of a matched
-    request reader is also that of a matched reply writer; servers that announce no id are paired without one. Fast DDS
-    announces no ids: there a server is a request reader and a reply writer of one participant.
+    A server is available if its request reader and its reply writer are both matched.
 
     Args:
         readers: request readers that are matched with the client.
@@ -165,8 +163,10 @@ def find_servers(
         (SERVICES_DEFAULT if uses_sample_identity(reader.guid) else reader.qos for reader in readers), clients
     )
     readers, writers = list(filter(is_compatible, readers)), list(filter(is_compatible, writers))
+    # Fast DDS announces no service ids: there a server is a request reader and a reply writer of one participant.
     fast_dds = {reader.participant_guid for reader in readers if uses_sample_identity(reader.guid)}
     fast_dds &= {writer.participant_guid for writer in writers if uses_sample_identity(writer.guid)}
+    # rmw_cyclonedds announces a service id for both endpoints of a server, but some servers announce none.
     reader_ids = {reader.service_id for reader in readers if not uses_sample_identity(reader.guid)}
     writer_ids = {writer.service_id for writer in writers if not uses_sample_identity(writer.guid)}
     announced_ids = reader_ids - {""}
@@ -180,10 +180,6 @@ def find_servers(
 
 class ClientCorrelation:
     """Builds the requests of one client and recognizes its replies.
-
-    A sample identity costs time, and only a server that does not know the client's reply reader needs it. So it is
-    omitted after all servers have replied since the newest one appeared, which may be a restarted one. A server is
-    identified by its participant, which its reader and its writer have in common.
 
     Args:
         handle: number that no other client has (docs/internals/protocol.md 5.1).
@@ -206,8 +202,10 @@ class ClientCorrelation:
         """Set the GUIDs of all readers that get requests, or will after they are matched."""
         self.uses_sample_identity = uses_sample_identity
         if not readers <= self._request_readers:
+            # A new server, which may be a restarted one, does not know the client's reply reader.
             self._answered.clear()
         self._request_readers = readers
+        # The participant identifies a server: its reader and its writer have it in common.
         self._servers = frozenset(guid[:GUID_PREFIX_BYTES] for guid in readers)
         self._answered &= self._servers
 
@@ -222,6 +220,9 @@ class ClientCorrelation:
         """Return the payload, and the identity to send as inline QoS, if one is needed, or `always_identified`."""
         if not self.uses_sample_identity:
             return add_request_header(message, self._handle, number), None
+        # Without an identity a Fast DDS server identifies the request by the writer and the sequence number, so
+        # `number` counts the samples of the writer from 1 (docs/internals/dds.md 3). An identity costs time, and only a
+        # server that does not know the client's reply reader needs it: it is omitted after all servers have replied.
         is_needed = always_identified or not self.all_answered()
         return message, (self._reader, number) if is_needed else None
 
@@ -248,6 +249,7 @@ def is_reply_reader_matched(
     `writer` is the request writer of the client; None if unknown or gone. Source: docs/internals/protocol.md 5.2, 5.3.
     """
     if isinstance(client, bytes):
+        # The GUID of the request writer or of the client does not tell the reader.
         return not client[15] & _READER_BIT or client in matched()
     if writer is None or not writer.service_id:
         return True

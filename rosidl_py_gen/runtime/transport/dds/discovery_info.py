@@ -186,7 +186,7 @@ class DiscoveryInfoTopic:
         ros_distro: str = "",
         report_lock: threading.RLock | None = None,
     ) -> None:
-        """`ros_distro` is that of `DomainSettings`; `report_lock` is held while discovery events are applied."""
+        """`ros_distro` comes from `DomainSettings`; `report_lock` is held while discovery events are applied."""
         self._report_lock = threading.RLock() if report_lock is None else report_lock
         self._participant = participant
         self._sink = sink

@@ -69,7 +69,7 @@ class ServiceParticipant(Participant, Protocol):
 class _EndpointPair:
     """Reader and writer of a client or a server.
 
-    That of the reply topic is created first: a server may reply as soon as it knows the client's request writer
+    The endpoint on the reply topic is created first: a server may reply as soon as it knows the client's request writer
     (docs/internals/protocol.md 5.2).
     """
 
@@ -117,12 +117,15 @@ class DdsClient(_EndpointPair):
         """Endpoints of the servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()
         self._servers: MatchCache[ServerAvailability] = MatchCache(self._peers, self._find_servers)
-        """Results by the reason why servers on Fast DDS cannot be used."""
+        """Server availability, cached per refusal reason."""
         self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(self._peers, self._find_server_endpoints)
 
     @property
     def gid(self) -> bytes:
-        """Identification that events of the servers contain, too: Fast DDS has the GUID of the reply reader."""
+        """GID under which servers report this client in introspection events.
+
+        Fast DDS servers use the GUID of the reply reader.
+        """
         return self.endpoints[0] if self._correlation.uses_sample_identity else self._gid
 
     def send(self, data: bytes, timeout_s: float | None = None) -> int | None:

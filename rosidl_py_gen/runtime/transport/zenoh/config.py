@@ -101,7 +101,7 @@ def router_attempts(environ: Mapping[str, str]) -> float:
 
 
 def is_humble(environ: Mapping[str, str]) -> bool:
-    """Return True if keys and tokens must have the format of Humble, not that of later distributions."""
+    """Return True if keys and tokens must have the format of Humble, not the format of later distributions."""
     text = environ.get(FORMAT_VARIABLE, "")
     if text not in ("", "humble"):
         raise ZenohConfigError(
@@ -120,7 +120,7 @@ def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
 
 
 def endpoints_of(config: zenoh.Config, kind: Literal["listen", "connect"]) -> list[str]:
-    """Return the endpoints of a configuration, those of its mode."""
+    """Return the endpoints of a configuration that apply in its mode."""
     endpoints = json.loads(config.get_json(f"{kind}/endpoints"))
     if isinstance(endpoints, dict):  # one list for each mode
         endpoints = endpoints.get(json.loads(config.get_json("mode")) or "peer") or []

@@ -16,7 +16,7 @@ Thread rules; there are no locks here, and Zenoh holds its own while it calls us
 3. Sinks and `_log_bad_attachment`: loop, by `ReadyItems`. Only there the queue is emptied.
 4. `set_sink`: loop, or the closing thread. A sample may arrive during it: `receive` reads the sink once, and a sink
    detects that its endpoint is closed.
-5. `close`: any but those of 2; the second call does nothing.
+5. `close`: any thread but the threads of 2; the second call does nothing.
 6. `detach_after_fork`: the only thread of a forked child, which has none of Zenoh.
 """
 
@@ -63,7 +63,7 @@ _time_ns = time.time_ns
 class SequenceGaps:
     """Counter of sequence numbers that did not arrive (docs/internals/zenoh.md 8).
 
-    Samples of one publisher arrive one after the other, those of several publishers maybe in several threads.
+    Samples of one publisher arrive one after the other, samples of several publishers maybe in several threads.
     """
 
     def __init__(self) -> None:

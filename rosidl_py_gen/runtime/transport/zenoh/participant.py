@@ -120,7 +120,7 @@ class ZenohParticipant:
         """Create an endpoint, then announce it."""
         if self._closed:
             raise ClosedError("this participant is closed")
-        name = f"/{name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is that of a topic
+        name = f"/{name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is a topic's name
         type, type_hash = wire_type(spec.type), "" if self.is_humble else spec.type_hash
         profile = read_qos(qos_text(spec.qos))
         assert profile is not None

@@ -109,7 +109,7 @@ class _ZenohServiceEndpoint(ZenohReader):
         return found
 
     def _version(self) -> tuple[int, int]:
-        """Return a value that changes with the matched endpoints, as far as tokens were read."""
+        """Return the version of the matched endpoints seen so far."""
         return self._owner.graph.version, len(self._other_infos)
 
     def _info_of(self, type_hash: str) -> DiscoveredEndpoint:
@@ -216,7 +216,7 @@ class ZenohClient(_ZenohServiceEndpoint):
         self._cancel(number)
 
     def _cancel(self, number: int) -> None:
-        # Zenoh may be in one of our functions, and is waited for: no lock may be held.
+        # cancel() waits for running Zenoh callbacks, so hold no lock here.
         query = self._in_flight.pop(number, None)
         if query is not None:
             query.cancel()

@@ -99,14 +99,14 @@ class TokenGraph(EndpointIndex):
         self._unread.append((exists, token))
 
     def add_endpoints(self, endpoints: Infos) -> None:
-        """Add endpoints, own ones or those of a token."""
+        """Add endpoints: own endpoints, or the endpoints of a token."""
         with self._lock:
             for endpoint in endpoints:
                 self.add(endpoint)
             self._events += endpoints
 
     def remove_endpoints(self, endpoints: Infos) -> None:
-        """Remove endpoints, own ones or those of a token."""
+        """Remove endpoints: own endpoints, or the endpoints of a token."""
         with self._lock:
             for endpoint in endpoints:
                 self.remove(endpoint.guid)

@@ -3,15 +3,15 @@
 Key: it contains the type hash and is matched as a whole. Two endpoints with different definitions exchange nothing, and
 Zenoh reports nothing.
 
-Attachment of a sample, request or reply: sequence number, time and GID of the sender, in 33 bytes; that of a reply has
-the number and the GID of its request. Peers on rmw_zenoh_cpp may crash if they receive any other bytes, so only
-`pack_attachment` creates attachments.
+Attachment of a sample, request or reply: sequence number, time and GID of the sender, in 33 bytes; the attachment of
+a reply has the number and the GID of its request. Peers on rmw_zenoh_cpp may crash if they receive any other bytes, so
+only `pack_attachment` creates attachments.
 
 QoS: each profile has one text. Numbers that equal the default of rmw_zenoh_cpp are omitted, so that all implementations
 write the same token. Endpoints decide what a profile means to Zenoh.
 
 Token, by which a node or endpoint announces that it exists: its text is the only description of an endpoint, and its
-hash is the endpoint's GID. So own texts are canonical, and those of peers are hashed as received.
+hash is the endpoint's GID. So own texts are canonical, and texts of peers are hashed as received.
 
 Source: docs/internals/zenoh.md 2, 3, 4.2 to 4.4 and 9 (liveliness_utils.cpp, qos.cpp and attachment_helpers.cpp).
 """

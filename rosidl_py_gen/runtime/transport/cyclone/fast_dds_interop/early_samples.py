@@ -1,16 +1,8 @@
 """Requests for what Fast DDS peers sent before Cyclone knew them: their endpoints, and samples of their writers.
 
-Cyclone drops the heartbeats of a participant or writer that it does not know yet, and the next ones come after 1 s or
-3 s (docs/internals/dds.md 6). Fast DDS sends one at once for an ACKNACK with base 0; Cyclone's own starts at number 1.
-So we send one by a UDP socket. It has count 0: Fast DDS ignores ACKNACKs with a count that it has received, so nothing
-is lost if Cyclone's own, which it sends after 10 ms, came first.
-
-Cyclone takes what the heartbeat of a writer announces for history, which a volatile reader does not need, and never
-requests it: neither a request nor the missing fragments of a large message. When it matches a reader with a writer, the
-flag "transient local" of the reader decides that. The flag has no other use after creation, so it is set for all
-reliable readers. No real history arrives, because a writer retains none for volatile readers, and says so. Writers that
-are known already are matched while the reader is created. For these the flag is set by a listener that Cyclone calls
-before the first match, in the creating thread.
+Cyclone DDS drops the heartbeats of a participant or writer that it does not know yet, and the next ones arrive after
+1 s or 3 s (docs/internals/dds.md 6). So this module requests a heartbeat by an ACKNACK of its own, and makes readers
+request the samples that the first heartbeat announces.
 
 Source: OMG DDSI-RTPS 2.3, 8.3.7.1, 9.4.5.3 and 9.6.1.1; sources of Fast DDS 2.14, StatefulWriter::process_acknack.
 """
@@ -54,6 +46,9 @@ def acknack_packet(own: bytes, peer: bytes, endpoints: Sequence[tuple[bytes, byt
 
     `endpoints` are readers of ours and writers of the peer, by the last four bytes of their GUIDs.
     """
+    # Base 0: Fast DDS then sends a heartbeat at once; the ACKNACKs of Cyclone begin with number 1. Count 0: Fast DDS
+    # ignores ACKNACKs with a count that it has received, so nothing is lost if the ACKNACK of Cyclone, which is sent
+    # after 10 ms, arrived before this one.
     requests = b"".join(
         _pack_acknack(_ACKNACK_KIND, _LITTLE_ENDIAN, 24, reader, writer, 0, 0, 0, 0) for reader, writer in endpoints
     )
@@ -119,7 +114,7 @@ class EarlySampleReaders:
         api.lset_subscription_matched_arg(self._during_creation, ct.cast(self._on_matched, ct.c_void_p), None, True)
 
     def probe_layout(self, builtin_reader: int) -> None:
-        """Find the layout of readers by that of a builtin topic, which is not announced to peers."""
+        """Find the layout of readers in the reader of a builtin topic, which is not announced to peers."""
         fast_dds = self._fast_dds
         if fast_dds.reader_offsets is None and not fast_dds.early_refusal:
             with self._api.locked_entity(builtin_reader) as address:
@@ -132,12 +127,18 @@ class EarlySampleReaders:
         """Return the handle of a new reader, which `create` creates with the listener that it gets."""
         if self._fast_dds.early_refusal:
             return create(self._listener)
+        # Known writers are matched while the reader is created. Cyclone calls this listener before the first match, in
+        # the creating thread, and the listener sets the flag in time.
         entity: int = c_api.call_with_sigint_deferred(create, self._during_creation)
         self._api.set_listener(entity, self._listener)
         self._request_history(entity, is_reliable)
         return entity
 
     def _request_history(self, entity: int, is_reliable: bool | None) -> None:
+        # For a volatile reader Cyclone treats samples announced by the first heartbeat as history and never requests
+        # them: neither a request nor the missing fragments of a large message. The flag "transient local" of the
+        # reader decides that during the match, and has no other use after creation. So it is set for all reliable
+        # readers. No real history arrives: a writer retains none for volatile readers, and announces that.
         offsets, unexpected = self._fast_dds.reader_offsets, None
         if offsets is not None:
             with suppress(TransportError), self._api.locked_entity(entity) as address:  # the reader may be deleted

@@ -47,10 +47,7 @@ PROBE_TYPE = "rosidl_py_gen_neighbour"
 class FastDdsInterop:
     """Interoperation with Fast DDS peers; one object for the process.
 
-    Cyclone reports a new participant in its own thread, before it processes anything else of it:
-    `on_participants_pending` then activates the receive hooks. A reader of the builtin topic calls `begin_read`, reads,
-    and calls `end_read`, which deactivates them when no Fast DDS participant is known and no reader has unread data. So
-    no request can arrive without a hook.
+    The receive hooks are active while a Fast DDS participant may exist, so no request can arrive without a hook.
     """
 
     def __init__(self, api: CycloneApi, unsupported: Collection[str] = ()) -> None:
@@ -78,7 +75,7 @@ class FastDdsInterop:
         """Fast DDS participants, each with the builtin reader that reported it."""
 
     def capabilities(self) -> dict[str, str]:
-        """Return each capability with ``"yes"`` or the reason why it is missing, as far as probed."""
+        """Return each capability with ``"yes"``, or the reason why it is missing; "yes" as well if not yet probed."""
         return {name: getattr(self, reason) or "yes" for reason, name, _ in _CAPABILITIES}
 
     def new_warnings(self) -> list[str]:
@@ -104,6 +101,8 @@ class FastDdsInterop:
     def _drop_type_lookups(self, neighbour: int) -> None:
         """Make Cyclone drop replies of type lookups between peers, which crash some versions."""
         slots = self.slots
+        # eclipse-cyclonedds/cyclonedds issue 2329, before 11: requests for types between two nodes of Kilted on Fast
+        # DDS crash Cyclone in `ddsi_xt_type_init_impl` (docs/internals/dds.md 8).
         type_object = private_layout.find_type_of_domain(neighbour, _LOOKUP_REPLY, self.api.sertype_version)
         if slots is None or not type_object:
             self.lookup_refusal = "the type of their replies was not found in this library"
@@ -144,6 +143,7 @@ class FastDdsInterop:
 
     def on_participants_pending(self, reader: int) -> None:
         """Activate the receive hook, because a builtin reader of participants has unread data. Called by Cyclone."""
+        # Cyclone reports a new participant in its own thread, before it processes anything else of the participant.
         with self._lock:
             self._unread.add(reader)
             self._enable_receive_hooks(True)
@@ -161,6 +161,7 @@ class FastDdsInterop:
                     self._peers.discard((reader, event.guid))
                 elif uses_sample_identity(event.guid):
                     self._peers.add((reader, event.guid))
+            # Data that became unread since `begin_read` may be about a Fast DDS participant.
             if not self._peers and not self._unread:
                 self._enable_receive_hooks(False)
 

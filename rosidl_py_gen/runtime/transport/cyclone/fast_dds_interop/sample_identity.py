@@ -1,19 +1,11 @@
 """Sample identities of requests and replies of Fast DDS peers, which Cyclone neither reads nor writes.
 
 rmw_fastrtps sends bare messages, with the DDS-RPC sample identity as RTPS inline QoS. The types of services get a copy
-of Cyclone's vtable for samples, with two hooks (docs/internals/dds.md 3 and 4):
+of Cyclone's vtable for samples, with two hooks (docs/internals/dds.md 3 and 4): `from_ser` receives a sample,
+`to_ser_ref` sends one. Bytes of packets come from the network: any content is possible.
 
-- Receive (`from_ser`): call the original; read the inline QoS of the first fragment's submessage; create a second
-  sample with the identity embedded (`correlation.embed_identity`), and release the first.
-- Send (`to_ser_ref`): the sample is created with a hidden prefix (random magic, writer id, encoded inline QoS), and its
-  size field is reduced by the prefix, so that Cyclone sees only the message. When Cyclone requests the bytes of the
-  first fragment, also for a retransmission, the hook appends the inline QoS to the header in the packet; all fragments
-  are shifted past the prefix. Readers of this process get the sample itself; the taking reader embeds the identity.
-
-Hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of Cyclone that
-allocate and copy, do not log and never raise. The receive hook adds half to the time of a service call, so it is active
-only while a Fast DDS participant may exist (`interop.py`). Bytes of packets come from the network: any content is
-possible.
+Thread rules: hooks run in Cyclone's threads, with locks of Cyclone held. They take no lock, call only functions of
+Cyclone that allocate and copy, do not log and never raise.
 
 Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2 to 5; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
 """
@@ -159,11 +151,14 @@ class SampleHooks:
 
     def enable_receive_hook(self, is_enabled: bool) -> None:
         """Activate or deactivate the receive hook."""
+        # The hook adds half to the time of a service call, so it is active only while a Fast DDS participant may exist.
         self.table[self._slots.from_ser] = self._from_ser_functions[is_enabled]
 
     def write(self, entity: int, writer_id: bytes, type_object: int, data: bytes, identity: SampleIdentity) -> int:
         """Send a sample, whose length is a multiple of 4, with an identity; return the code of Cyclone."""
         api, code = self._owner.api, _BAD_PARAMETER
+        # The sample begins with a hidden prefix. Its size field is then reduced by the prefix, so that Cyclone counts,
+        # fragments and frees a sample that has the size of the message.
         sample = private_layout.new_sample(
             api, type_object, _IDENTITY_MAGIC + writer_id + encode_inline_qos(identity) + data
         )
@@ -187,6 +182,7 @@ class SampleHooks:
 
     def with_embedded_identity(self, sample: int, size: int) -> bytes | None:
         """Return the payload of a sample of this process with its identity embedded; None if it has no identity."""
+        # Inside of a process a reader gets the sample that was written, with its hidden prefix, and no packet.
         if (
             size < len(_IDENTITY_MAGIC)
             or bytes_at(sample + self.payload_offset, len(_IDENTITY_MAGIC)) != _IDENTITY_MAGIC
@@ -210,6 +206,8 @@ class SampleHooks:
             identity = None
         if identity is None:
             return plain
+        # Cyclone ignores the inline QoS and discards it after delivery. So a second sample contains the identity after
+        # the first four bytes, and replaces the first sample.
         begin = plain + self.payload_offset
         head = embed_identity(bytes_at(begin, 4), identity)
         iov = pack_iov(address_of(head), len(head)) + pack_iov(begin + 4, size - 4)
@@ -222,6 +220,8 @@ class SampleHooks:
         result = self.plain_to_ser_ref(sample, offset or 0, size, iov)
         begin = sample + self.payload_offset
         if bytes_at(begin, len(_IDENTITY_MAGIC)) == _IDENTITY_MAGIC:
+            # Called for each fragment, also for a retransmission. Only the first has the inline QoS, at the end of the
+            # header in the packet; all fragments are shifted past the hidden prefix.
             if not offset:
                 prefix = bytes_at(begin + len(_IDENTITY_MAGIC), 4 + INLINE_QOS_BYTES)
                 self._owner.append_inline_qos(iov, prefix[:4], prefix[4:])
