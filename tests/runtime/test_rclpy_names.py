@@ -1,4 +1,4 @@
-"""Names of rclpy that exist here, errors about others, and `repr` of entities."""
+"""Names of rclpy that exist here, and `repr` of entities."""
 
 from __future__ import annotations
 
@@ -8,41 +8,19 @@ import pytest
 from example_interfaces.action import Fibonacci
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
-from support.node_fixtures import ROOT, World, until
+from support.node_fixtures import World, until
 
 from rosidl_py_gen import runtime
-from rosidl_py_gen.runtime import Context, LifecycleNode, MemoryTransport, Node, qos
-from rosidl_py_gen.runtime.names.rclpy_hints import HINTS
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node, qos
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-FROM_RCLPY = (ROOT / "docs" / "start" / "from-rclpy.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
 def node() -> Iterator[Any]:
     with Context(0, transport=MemoryTransport(), args=["test"]) as context:
         yield Node("n", "ns", context=context)
-
-
-def test_hints_are_few_and_not_for_names_that_exist(node: Any) -> None:
-    assert len(HINTS) <= 40
-    assert {name for name in HINTS if name in dir(Node)} == set()
-    section = FROM_RCLPY.partition("## Names side by side")[2]
-    assert {name for name in HINTS if f"`{name}`" not in section} == set()
-
-
-def test_unknown_attributes_of_nodes_and_of_the_module_name_the_replacement(node: Any) -> None:
-    for name, hint in HINTS.items():
-        with pytest.raises(AttributeError) as caught:
-            getattr(node, name)
-        assert str(caught.value) == f"'Node' object has no attribute {name!r}, which is rclpy's; here: {hint}"
-    for name in HINTS.keys() - set(runtime.__all__):
-        with pytest.raises(AttributeError, match="which is rclpy's; here: "):
-            getattr(runtime, name)
-    with pytest.raises(ImportError, match="here: await the result"):
-        from rosidl_py_gen.runtime import spin_once  # type: ignore[attr-defined]  # noqa: F401
 
 
 @pytest.mark.every_transport
@@ -87,20 +65,13 @@ async def test_an_action_handler_of_rclpy_works_unchanged(world: World) -> None:
     assert (status.name, list(answer.sequence)) == ("SUCCEEDED", [0, 1, 1, 2, 3])
 
 
-def test_another_unknown_name_stays_what_it_is_for_python(node: Any) -> None:
-    with pytest.raises(AttributeError, match=r"'Node' object has no attribute 'nonsense'$"):
-        _ = node.nonsense
+def test_unknown_names_raise_the_errors_of_python(node: Any) -> None:
+    with pytest.raises(AttributeError, match=r"'Node' object has no attribute 'spin_once'$"):
+        _ = node.spin_once
+    with pytest.raises(AttributeError, match=r"module 'rosidl_py_gen\.runtime' has no attribute 'spin_once'$"):
+        _ = runtime.spin_once  # type: ignore[attr-defined]
     with pytest.raises(TypeError, match="unexpected keyword argument 'nonsense'"):
         node.logger.info("x", nonsense=1)
-    assert not hasattr(node, "spin_once") and getattr(node, "executor", None) is None
-
-    class Mine(LifecycleNode):
-        @property
-        def broken(self) -> int:
-            return self.not_there  # type: ignore[no-any-return,attr-defined]
-
-    with pytest.raises(AttributeError, match="not_there"):
-        _ = Mine("m", context=node.context).broken
 
 
 async def test_a_repr_says_name_type_quality_of_service_and_peers(world: World) -> None:

@@ -24,7 +24,6 @@ from rosidl_py_gen.runtime.entities.subscription import Subscription
 from rosidl_py_gen.runtime.graph.type_hashes import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import failure_listeners, message_text, ros_level, shared_router
 from rosidl_py_gen.runtime.loop.callback_failures import FailureGuard
-from rosidl_py_gen.runtime.names.rclpy_hints import HINTS, unknown_attribute
 from rosidl_py_gen.runtime.names.remapping import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.adaptive_subscription import MessageMethods
@@ -416,14 +415,6 @@ class Node(GraphMethods, MessageMethods, ServiceMethods, TypeMethods, TimeMethod
     def entities(self) -> list[Entity]:
         """Open publishers, subscriptions, clients, servers, timers and actions, oldest first; also the node's own."""
         return [one for one in list(self._scope.owned.values()) if isinstance(one, Entity)]
-
-    if not TYPE_CHECKING:  # type checkers report unknown attributes themselves
-
-        def __getattr__(self, name: str) -> object:
-            if name in HINTS:
-                raise AttributeError(unknown_attribute(repr(type(self).__name__) + " object", name))
-            # A property of a subclass may have raised an AttributeError: evaluate it again to raise that.
-            return object.__getattribute__(self, name)
 
     def __repr__(self) -> str:
         others = pluralize(max(0, len(self._scope.graph.nodes()) - 1), "other node")
