@@ -168,12 +168,13 @@ def test_pages_fit_phones_and_name_the_columns_of_tables(reader: Browser, addres
     pages = pages_of(site)
     wrong = []
     reader.resize(400, 900)
-    for page in pages:
-        reader.open(address + page)
-        if reader.run(_OVERFLOW) > 0:
-            wrong.append(f"{page} scrolls sideways")
-        if reader.run(_EMPTY_HEADS):
-            wrong.append(f"{page} has a table with an empty heading")
+    with reader.blocked("*/search.*.js", "*/search_index.json"):  # else each page builds the index of the search
+        for page in pages:
+            reader.open(address + page)
+            if reader.run(_OVERFLOW) > 0:
+                wrong.append(f"{page} scrolls sideways")
+            if reader.run(_EMPTY_HEADS):
+                wrong.append(f"{page} has a table with an empty heading")
     assert len(pages) > 30 and wrong == []
 
 

@@ -65,6 +65,16 @@ class Browser:
         feature = {"name": "prefers-color-scheme", "value": color_scheme}
         self._devtools("Emulation.setEmulatedMedia", {"features": [feature]})
 
+    @contextlib.contextmanager
+    def blocked(self, *urls: str) -> Iterator[None]:
+        """Load no resources at these URLs, in which ``*`` stands for any text."""
+        self._devtools("Network.enable", {})
+        self._devtools("Network.setBlockedURLs", {"urls": urls})
+        try:
+            yield
+        finally:
+            self._devtools("Network.setBlockedURLs", {"urls": []})
+
     def _devtools(self, command: str, parameters: dict[str, object]) -> None:
         self._ask("POST", "/goog/cdp/execute", {"cmd": command, "params": parameters})
 
