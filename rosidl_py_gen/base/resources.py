@@ -31,6 +31,7 @@ _EXTRA_OF = {
     "zenoh": "zenoh",
     "xxhash": "zenoh",
     "pyarrow": "tables",
+    "dask": "tables",
     "duckdb": "tables",
     "fsspec": "tables",
     "upath": "tables",
