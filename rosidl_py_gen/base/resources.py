@@ -39,6 +39,7 @@ _EXTRA_OF = {
     "cryptography": "security",
     "PIL": "images",
     "matplotlib": "plot",
+    "plotext": "plot",
     "transforms3d": "transformations",
     "osrf_pycommon": "launch",
     "packaging": "launch",
