@@ -1,17 +1,16 @@
 """Compare encode and decode with other Python CDR libraries, in one process, interleaved.
 
-Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation] [--message-api]``
+Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation]``
 
 Prints microseconds a message and the peers' times as multiples of ours. The peers are what is installed of rosbags,
-pycdr2 and mcap-ros2-support, or, with ``--message-api``, our classes with rclpy's message API and our native ones with
-``copy=True``, whose arrays can be written to as well; "copy" is ``bytes(payload)`` of the encoded message. Compare
-times within one run only.
+pycdr2 and mcap-ros2-support; "copy" is ``bytes(payload)`` of the encoded message. Compare times within one run only.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import math
 import subprocess
 import sys
@@ -22,22 +21,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from peers import Peer, available_peers
-
-from rosidl_py_gen import install_import_hook, type_name
+from rosidl_py_gen import Message, to_dict, type_name
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.compiler.frontend.definition_text import full_text
 from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
-from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.compiler.generate import generate, load
 
 PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs", "visualization_msgs"]
 BULK = ("Image 1080p", "PointCloud2 1 MB")
 NOT_IN_MEANS = (*BULK, "Marker x10000")
 ARRAYS = " as arrays"  # behind the name of a message whose sequences are structured arrays
+Pair = tuple[Callable[[], Any], Callable[[], Any]]
 
 
 @dataclass
@@ -183,25 +183,127 @@ def rows(peers: list[Peer], seconds: float) -> list[Row]:
     return table
 
 
-def message_apis(folder: str) -> list[Peer]:
-    """Our classes with rclpy's message API, and our native ones where they copy; those in the folder are loaded."""
+# ----------------------------------------------------------------------------------------------------- other libraries
 
-    def pair(message: Any, payload: bytes) -> tuple[Callable[[], Any], Callable[[], Any]]:
-        if folder in sys.path:
-            sys.path.remove(folder)
-            for module in [name for name in sys.modules if name.split(".")[0].endswith(("_msgs", "_interfaces"))]:
-                del sys.modules[module]
-            install_import_hook(message_api="rclpy")
-        package, kind, name = type_name(message).split("/")
-        cls = getattr(importlib.import_module(f"{package}.{kind}"), name)
-        same = cls.decode(payload)
-        assert same.encode() == payload
-        return same.encode, partial(cls.decode, payload)
 
-    return [
-        Peer("rclpy API", pair),
-        Peer("copy=True", lambda message, payload: (message.encode, partial(type(message).decode, payload, copy=True))),
+@dataclass
+class Peer:
+    """A library by name; `make` gives its encode and decode calls for a message, or None if it cannot."""
+
+    name: str
+    make: Callable[[Message, bytes], Pair | None]
+
+    def pair(self, message: Message, payload: bytes) -> Pair | None:
+        return self.make(message, payload)
+
+
+def available_peers() -> list[Peer]:
+    """The peers that are installed. The last three are not in the test extra: install them by hand."""
+    known: list[tuple[str, str, Callable[[Message, bytes], Pair | None]]] = [
+        ("rosbags", "rosbags", _rosbags),
+        ("pycdr2", "pycdr2", _pycdr2),
+        ("mcap_ros2", "mcap-ros2-support", _mcap),
+        ("mcap_ros2_support_fast", "mcap-ros2-support-fast", _mcap_fast),
+        ("cyclonedds_idl", "ros2-pyterfaces[cyclone]", partial(_pyterfaces, "cyclone")),
+        ("cydr", "ros2-pyterfaces[cydr]", partial(_pyterfaces, "cydr")),  # compiles C at a type's first use
     ]
+    return [Peer(name, make) for module, name, make in known if importlib.util.find_spec(module)]
+
+
+_stores: list[Any] = []
+
+
+def _rosbags(message: Message, payload: bytes) -> Pair:
+    from rosbags.typesys import Stores, get_typestore
+
+    if not _stores:
+        _stores.append(get_typestore(Stores.ROS2_JAZZY))
+    store = _stores[0]
+    name = type_name(message)
+    value = store.deserialize_cdr(payload, name)
+    assert bytes(store.serialize_cdr(value, name))[: len(payload)] == payload
+    return lambda: store.serialize_cdr(value, name), lambda: store.deserialize_cdr(payload, name)
+
+
+def _pycdr2(message: Message, payload: bytes) -> Pair | None:
+    cls = _pycdr2_class(type(message), {})
+    value = cls.deserialize(payload)
+    assert value.serialize() == payload
+    return value.serialize, lambda: cls.deserialize(payload)
+
+
+def _pycdr2_class(cls: type[Message], known: dict[type[Message], Any]) -> Any:
+    from pycdr2 import IdlStruct
+    from pycdr2 import types as idl
+
+    if cls in known:
+        return known[cls]
+    scalars = {"string": str, "bool": bool, "byte": idl.uint8, "char": idl.uint8}
+    members = []
+    for member in cls._TYPE.fields:
+        base = _pycdr2_class(member.cls, known) if member.cls else scalars.get(member.type.base)
+        base = base or getattr(idl, member.type.base)
+        if member.type.arity is Arity.ARRAY:
+            base = idl.array[base, member.type.capacity]
+        elif member.type.arity is not Arity.SCALAR:
+            base = idl.sequence[base]
+        members.append((member.ros_name, base))
+
+    known[cls] = dataclass(type(cls.__name__, (IdlStruct,), {"__annotations__": dict(members)}, typename=cls.__name__))
+
+    return known[cls]
+
+
+def _mcap(message: Message, payload: bytes) -> Pair:
+    from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
+
+    name = split_ros_name(type_name(message))
+    text = _text(name)
+    short = f"{name.package}/{name.name}"
+    decoder = next(value for key, value in generate_dynamic(short, text).items() if key in (short, str(name)))
+    encoder = next(value for key, value in serialize_dynamic(short, text).items() if key in (short, str(name)))
+    value = _lists(to_dict(message))
+    assert encoder(value) == payload
+    return lambda: encoder(value), lambda: decoder(payload)
+
+
+def _mcap_fast(message: Message, payload: bytes) -> Pair:
+    from mcap_ros2_support_fast import DecoderFactory, ROS2EncoderFactory
+
+    name = split_ros_name(type_name(message))
+    schema = SimpleNamespace(id=1, name=str(name), encoding="ros2msg", data=_text(name).encode())
+    decoder, encoder = DecoderFactory().decoder_for("cdr", schema), ROS2EncoderFactory().encoder_for(schema)
+    assert decoder is not None and encoder is not None
+    value = to_dict(message)  # of what it decodes itself, it does not encode arrays of floats
+    assert bytes(encoder(value)) == payload
+    return lambda: encoder(value), lambda: decoder(payload)
+
+
+def _pyterfaces(backend: str, message: Message, payload: bytes) -> Pair | None:
+    package, kind, name = split_ros_name(type_name(message))
+    try:
+        cls = getattr(importlib.import_module(f"ros2_pyterfaces.{backend}.{package}.{kind}"), name)
+    except ModuleNotFoundError:
+        return None  # it has no tf2_msgs
+    if hasattr(cls, "__unsupported_reason__"):
+        return None  # cydr has no sequences of messages; such a class is empty
+    value = cls.deserialize(payload)
+    assert bytes(value.serialize())[: len(payload)] == payload
+    return value.serialize, lambda: cls.deserialize(payload)
+
+
+def _text(name: RosName) -> str:
+    library, _ = load(scan_search_path(), [str(name)])
+    return full_text(library, name)
+
+
+def _lists(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value
+
+
+# -------------------------------------------------------------------------------------------------------------- output
 
 
 def geometric_mean(values: list[float]) -> float:
@@ -259,7 +361,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.15, help="time spent on each cell")
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     parser.add_argument("--generation", action="store_true", help="measure the compiler and imports instead")
-    parser.add_argument("--message-api", action="store_true", help="compare with rclpy's message API instead")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -269,7 +370,7 @@ def main() -> None:
         generate(scan_search_path(), PACKAGES, folder)
         sys.path.insert(0, name)
         start = time.perf_counter()
-        peers = message_apis(name) if arguments.message_api else available_peers()
+        peers = available_peers()
         table = rows(peers, arguments.seconds)
         print(f"CPython {sys.version.split()[0]}, numpy {np.__version__}, {time.perf_counter() - start:.0f} s")
         show(table, [peer.name for peer in peers], arguments.markdown)

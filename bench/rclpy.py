@@ -25,9 +25,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import runtime_topics as topics
+import runtime_nodes as nodes
 from runtime import figures
-from runtime_common import TEXT, cpu_s, report, run_node
+from runtime_nodes import TEXT, cpu_s, report, run_node
 
 PROGRAMS = Path(__file__).resolve().parent / "rclpy_programs"
 RUN = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "run"]
@@ -163,10 +163,10 @@ def bare_receive(name: str, count: int) -> None:
 
 
 ROLES: dict[str, Callable[..., None]] = {
-    "pong": lambda: run_node(topics.callback_pong, "pong"),
-    "ping": lambda count: run_node(lambda n, s: topics.callback_ping(n, s, int(count)), "ping"),
-    "serve": lambda: run_node(topics.serve, "server"),
-    "call": lambda count: run_node(lambda n, s: topics.call(n, s, int(count)), "client"),
+    "pong": lambda: run_node(nodes.callback_pong, "pong"),
+    "ping": lambda count: run_node(lambda n, s: nodes.callback_ping(n, s, int(count)), "ping"),
+    "serve": lambda: run_node(nodes.serve, "server"),
+    "call": lambda count: run_node(lambda n, s: nodes.call(n, s, int(count)), "client"),
     "receive": lambda name, count: run_node(lambda n, _: receive(n, name, int(count)), "receiver"),
     "bare_receive": lambda name, count: bare_receive(name, int(count)),
     "send": lambda name, rate, count: run_node(lambda n, _: send(n, name, float(rate), int(count)), "sender"),

@@ -13,21 +13,19 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import random
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
 
-import runtime_floor
-import runtime_goals as goals
-import runtime_topics as topics
-import runtime_zenoh
-from runtime_common import run_node
-from runtime_rclpy import rows as rclpy_rows
+import runtime_floors as floors
+import runtime_nodes as nodes
+from runtime_nodes import run_node
 
 BASES = {"floor": "the floor", "service": "a service call", "callback": "one context"}
 BASES |= {"loop": "asyncio's loop", "query_loop": "the query"}
@@ -40,11 +38,45 @@ import resource
 print((time.perf_counter() - start) * 1000, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 node.close()
 """
-
-
-def bare_middleware() -> Any:
-    """Programs that measure the middleware alone."""
-    return runtime_zenoh if runtime_zenoh.is_chosen() else runtime_floor
+RCLPY_SERVE = """
+import sys
+import rclpy
+from std_srvs.srv import SetBool
+rclpy.init()
+node = rclpy.create_node("server")
+def answer(request, response):
+    response.success = request.data
+    return response
+node.create_service(SetBool, sys.argv[1], answer)
+rclpy.spin(node)
+"""
+RCLPY_CALL = """
+import json, sys, time
+import rclpy
+from std_srvs.srv import SetBool
+rclpy.init()
+node = rclpy.create_node("client")
+client = node.create_client(SetBool, sys.argv[1])
+assert client.wait_for_service(10)
+time.sleep(1)
+async def calls(count):
+    times = []
+    for _ in range(count):
+        start = time.perf_counter_ns()
+        await client.call_async(SetBool.Request(data=True))
+        times.append((time.perf_counter_ns() - start) / 1000)
+    print(json.dumps({"p50": sorted(times)[len(times) // 2]}), flush=True)
+executor = rclpy.get_global_executor()
+executor.add_node(node)
+count = int(sys.argv[2])
+while count:
+    executor.spin_until_future_complete(executor.create_task(calls(count)))
+    count = int(sys.stdin.readline() or 0)
+"""
+TURN = 100
+"""Calls, before it is another pair's turn."""
+Process = subprocess.Popen[str]
+Start = Callable[[str], Process]
 
 
 # -------------------------------------------------------------------------------------------------------------- parent
@@ -96,6 +128,115 @@ def pair(server: str, client: str, count: int, reporter: int = 1, **settings: st
                 process.wait()
 
 
+# ----------------------------------------------------------------------------------------------------- rclpy, Fast DDS
+
+# All pairs of client and server run at once, each with a service of its own, and take turns of a hundred calls, so that
+# they see the same machine. They run in a network of their own, because Fast DDS sends to every interface. Clients have
+# a core of their own, and servers another one: left to the scheduler, the same pair may take twice as long in one run
+# as in the next.
+
+
+@contextmanager
+def private_network() -> Iterator[bool]:
+    """Isolate the network of this process and its children; returns False if the system does not allow it."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "interop_rclpy"))
+    from private_network import PrivateNetwork  # type: ignore[import-not-found]
+
+    try:
+        network = PrivateNetwork()
+    except OSError:
+        yield False
+        return
+    with network.entered():
+        yield True
+
+
+def rclpy_process(python: str, script: str, *arguments: str, **settings: str) -> Process:
+    """Start one of the scripts above."""
+    environment = {**os.environ, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", **settings}
+    command = [python, "-c", script, *arguments]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
+
+
+def rclpy_pairs(python: str, is_alone: bool) -> dict[str, tuple[Start, Start]]:
+    """Server and client of each row; each is started with the name of its service."""
+
+    def theirs(script: str, **settings: str) -> Start:
+        return lambda name: rclpy_process(python, script, name, str(TURN), **settings)
+
+    def ours(role: str) -> Start:
+        return lambda name: child(role, TURN, BENCH_SERVICE=name)
+
+    found = {
+        "rclpy to rclpy": (theirs(RCLPY_SERVE), theirs(RCLPY_CALL)),
+        "our client": (theirs(RCLPY_SERVE), ours("call")),
+        "bare client on Cyclone DDS": (theirs(RCLPY_SERVE), ours("floor_call")),
+        "our server": (ours("serve"), theirs(RCLPY_CALL)),
+        "bare server on Cyclone DDS": (ours("floor_serve"), theirs(RCLPY_CALL)),
+    }
+    if is_alone:  # without shared memory, which with the range LOCALHOST cannot be had from rmw_fastrtps
+        udp = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+        found["rclpy to rclpy by UDP"] = (theirs(RCLPY_SERVE, **udp), theirs(RCLPY_CALL, **udp))
+    return found
+
+
+def on_core(index: int, start: Start, name: str) -> Process:
+    """Start a process that stays on one of our cores."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {sorted(cores)[index]})
+    try:
+        return start(name)
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def p50(client: Process) -> float:
+    """Return the median round-trip time of the client in us."""
+    assert client.stdout is not None
+    found: dict[str, float] = json.loads(client.stdout.readline())
+    return found["p50"]
+
+
+def measure(kinds: dict[str, tuple[Start, Start]], turns: int) -> dict[str, list[float]]:
+    """The medians of all turns of each pair."""
+    started: list[Process] = []
+    clients: dict[str, Process] = {}
+    try:
+        for number, (kind, (serve, call)) in enumerate(kinds.items()):
+            started.append(on_core(-1, serve, f"set_{number}"))
+            started.append(on_core(0, call, f"set_{number}"))
+            clients[kind] = started[-1]
+            p50(started[-1])  # the first turn does not count
+        measured: dict[str, list[float]] = {kind: [] for kind in kinds}
+        for _ in range(turns):
+            # In any order: who comes first finds other caches than who comes last.
+            for kind, client in random.sample(list(clients.items()), len(clients)):
+                assert client.stdin is not None
+                client.stdin.write(f"{TURN}\n")
+                client.stdin.flush()
+                measured[kind].append(p50(client))
+        return measured
+    finally:
+        for process in started:
+            process.kill()
+            process.communicate()
+
+
+def rclpy_rows(python: str, turns: int) -> list[list[str]]:
+    """Ours and bare ones as client and as server, beside rclpy as both; a ratio is the median over all turns."""
+    with private_network() as is_alone:
+        measured = measure(rclpy_pairs(python, is_alone), turns)
+    reference = measured.pop("rclpy to rclpy")
+    table = [["service call, rclpy to rclpy on Fast DDS, p50", f"{min(reference):.0f} to {max(reference):.0f} us", ""]]
+    for kind, times in measured.items():
+        ratio = statistics.median(one / other for one, other in zip(times, reference, strict=True))
+        found = f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x"
+        goal = "<= 0.7x of that" if kind.startswith("our") else ""
+        table.append([f"{kind}, p50" if "rclpy" in kind else f"{kind}, the other end rclpy, p50", found, goal])
+    return table
+
+
 def row(name: str, value: str, target: str) -> None:
     """Print a line of the table."""
     print(f"| {name} | {value} | {target} |", flush=True)
@@ -110,7 +251,7 @@ def table(quick: bool, rclpy: str | None) -> None:
     settings = {f"{kind}, {name}": {"BENCH_LOOP": loop} for kind in styles for name, loop in loops.items()}
     settings["callback, three contexts"] = {"BENCH_CONTEXTS": "3"}
     kinds |= {kind: kinds[kind.partition(",")[0]] for kind in settings}
-    kinds |= bare_middleware().PAIRS
+    kinds |= floors.ZENOH_PAIRS if floors.is_on_zenoh() else floors.DDS_PAIRS
     kinds |= {"action": ("goal_server", "goal_client"), "parameter": ("parameter_server", "parameter_setter")}
     measured: dict[str, list[float]] = {kind: [] for kind in kinds}
     for _ in range(rounds):
@@ -119,7 +260,7 @@ def table(quick: bool, rclpy: str | None) -> None:
             measured[kind].append(pair(server, client, count, **settings.get(kind, {}))["p50"])
     print("| Figure | Measured | Target |\n|---|---|---|")
     floor = measured["floor"]
-    way = "put and recv" if runtime_zenoh.is_chosen() else "WaitSet"
+    way = "put and recv" if floors.is_on_zenoh() else "WaitSet"
     row(f"floor: bare {way} round trip, String, p50", f"{min(floor):.0f} to {max(floor):.0f} us", "")
     dds_rows = (
         ("loop", "asyncio's own loop, a pipe, a bare writer and reader", "", "floor"),
@@ -134,7 +275,7 @@ def table(quick: bool, rclpy: str | None) -> None:
         ("service", "a service call beside that", "", "query_loop"),
     )
     for kind, name, target, base in (
-        *(zenoh_rows if runtime_zenoh.is_chosen() else dds_rows),
+        *(zenoh_rows if floors.is_on_zenoh() else dds_rows),
         ("callback", "round trip, callback style", "1.3x", "floor"),
         ("callback, uvloop", "the same on uvloop", "1.3x", "floor"),
         ("callback, plain loop", "the same by asyncio.run", "1.3x", "floor"),
@@ -152,16 +293,16 @@ def table(quick: bool, rclpy: str | None) -> None:
         ratio = statistics.median(ours / other for ours, other in zip(times, measured[base], strict=True))
         goal = target and f"<= {target} {BASES[base]}"
         row(f"{name}, p50", f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x", goal)
-    for cells in rclpy_rows(rclpy, 10 * rounds, child) if rclpy else ():
+    for cells in rclpy_rows(rclpy, 10 * rounds) if rclpy else ():
         row(*cells)
     paced = pair("count_paced", "send_paced", 3000 if quick else 8000, reporter=0)
     row("CPU per received message at 1 kHz", f"{paced['cpu_us']:.0f} us", "<= 60 us")
-    if runtime_zenoh.is_chosen():
+    if floors.is_on_zenoh():
         bare = [pair(kind, "bare_send", 3000, reporter=0)["cpu_us"] for kind in ("bare_count", "pipe_count")]
         row("of bare Zenoh, by recv and by the pipe", f"{bare[0]:.0f} and {bare[1]:.0f} us", "")
     flood = pair("count_flood", "send_flood", 50_000 if quick else 200_000, reporter=0)
     row("CPU per received message, flood", f"{flood['cpu_us']:.1f} us at {flood['per_s']:.0f}/s", "<= 15 us")
-    if not runtime_zenoh.is_chosen():
+    if not floors.is_on_zenoh():
         cost = pair("listen_cost", "publish_cost", 0)
         row(
             "publish, 100-byte String",
@@ -182,30 +323,28 @@ def table(quick: bool, rclpy: str | None) -> None:
 
 
 ROLES: dict[str, Callable[[int], None]] = {
-    "floor_pong": lambda count: bare_middleware().floor_pong(),
-    "floor_ping": lambda count: bare_middleware().floor_ping(count),
-    **bare_middleware().ROLES,
-    "stream_pong": lambda count: run_node(topics.stream_pong, "pong"),
-    "callback_pong": lambda count: run_node(topics.callback_pong, "pong"),
-    "stream_ping": lambda count: run_node(lambda n, s: topics.stream_ping(n, s, count), "ping"),
-    "callback_ping": lambda count: run_node(lambda n, s: topics.callback_ping(n, s, count), "ping"),
-    "serve": lambda count: run_node(topics.serve, "server"),
-    "call": lambda count: run_node(lambda n, s: topics.call(n, s, count), "client"),
-    "send_paced": lambda count: run_node(lambda n, s: topics.send_paced(n, s, count), "sender"),
-    "count_paced": lambda count: run_node(lambda n, s: topics.count_paced(n, s, count), "receiver"),
-    "send_flood": lambda count: run_node(lambda n, s: topics.send_flood(n, s, count), "sender"),
-    "count_flood": lambda count: run_node(lambda n, s: topics.count_flood(n, s, count), "receiver"),
-    "listen_cost": lambda count: run_node(topics.listen_cost, "listener"),
-    "publish_cost": lambda count: run_node(topics.publish_cost, "talker"),
-    "idle": lambda count: run_node(lambda n, s: topics.idle(n, s, count), "idle"),
-    "goal_server": lambda count: run_node(goals.goal_server, "server"),
-    "goal_client": lambda count: run_node(lambda n, s: goals.goal_client(n, s, count), "client"),
-    "memory_server": lambda count: run_node(lambda n, s: goals.memory_server(n, s, count), "server"),
-    "memory_client": lambda count: run_node(lambda n, s: goals.memory_client(n, s, count), "client"),
-    "parameter_server": lambda count: run_node(goals.parameter_server, "parameter_server"),
-    "parameter_setter": lambda count: run_node(lambda n, s: goals.parameter_setter(n, s, count), "client"),
-    "send_images": lambda count: run_node(lambda n, s: topics.send_images(n, s, count), "camera"),
-    "count_images": lambda count: run_node(lambda n, s: topics.count_images(n, s, count), "viewer"),
+    **(floors.ZENOH_ROLES if floors.is_on_zenoh() else floors.DDS_ROLES),
+    "stream_pong": lambda count: run_node(nodes.stream_pong, "pong"),
+    "callback_pong": lambda count: run_node(nodes.callback_pong, "pong"),
+    "stream_ping": lambda count: run_node(lambda n, s: nodes.stream_ping(n, s, count), "ping"),
+    "callback_ping": lambda count: run_node(lambda n, s: nodes.callback_ping(n, s, count), "ping"),
+    "serve": lambda count: run_node(nodes.serve, "server"),
+    "call": lambda count: run_node(lambda n, s: nodes.call(n, s, count), "client"),
+    "send_paced": lambda count: run_node(lambda n, s: nodes.send_paced(n, s, count), "sender"),
+    "count_paced": lambda count: run_node(lambda n, s: nodes.count_paced(n, s, count), "receiver"),
+    "send_flood": lambda count: run_node(lambda n, s: nodes.send_flood(n, s, count), "sender"),
+    "count_flood": lambda count: run_node(lambda n, s: nodes.count_flood(n, s, count), "receiver"),
+    "listen_cost": lambda count: run_node(nodes.listen_cost, "listener"),
+    "publish_cost": lambda count: run_node(nodes.publish_cost, "talker"),
+    "idle": lambda count: run_node(lambda n, s: nodes.idle(n, s, count), "idle"),
+    "goal_server": lambda count: run_node(nodes.goal_server, "server"),
+    "goal_client": lambda count: run_node(lambda n, s: nodes.goal_client(n, s, count), "client"),
+    "memory_server": lambda count: run_node(lambda n, s: nodes.memory_server(n, s, count), "server"),
+    "memory_client": lambda count: run_node(lambda n, s: nodes.memory_client(n, s, count), "client"),
+    "parameter_server": lambda count: run_node(nodes.parameter_server, "parameter_server"),
+    "parameter_setter": lambda count: run_node(lambda n, s: nodes.parameter_setter(n, s, count), "client"),
+    "send_images": lambda count: run_node(lambda n, s: nodes.send_images(n, s, count), "camera"),
+    "count_images": lambda count: run_node(lambda n, s: nodes.count_images(n, s, count), "viewer"),
 }
 
 
@@ -222,7 +361,7 @@ def main() -> None:
     if arguments.role:
         ROLES[arguments.role](arguments.count)
     else:
-        with runtime_zenoh.on_zenoh() if arguments.transport == "zenoh" else nullcontext():
+        with floors.on_zenoh() if arguments.transport == "zenoh" else nullcontext():
             table(arguments.quick, arguments.rclpy)
 
 

@@ -149,7 +149,7 @@ def test_of_several_extras_the_one_is_asked_for_that_brings_the_others(arguments
     code = f"""
 import importlib.util, sys
 real = importlib.util.find_spec
-gone = set("pyarrow duckdb fsspec upath mcap zstandard lz4 distributed websockets cryptography".split())
+gone = set("pyarrow duckdb fsspec upath mcap zstandard lz4 dask distributed websockets cryptography".split())
 importlib.util.find_spec = lambda name, *more: None if name in gone else real(name, *more)
 for name in gone:
     sys.modules[name] = None

@@ -66,7 +66,7 @@ def compressedimage_to_array(
 
 
 def _decompress(data: Pixels, max_pixels: int) -> tuple[Pixels, str]:
-    pillow = _pillow()
+    pillow = pillow_image()
     if bytes(data[:4]) == b"\x89PNG" and len(data) > 25 and data[24] == 16 and data[25] in (2, 6):
         raise ConversionError("data: PNG with 16 bits for each colour, of which Pillow reads only 8")
     try:
@@ -164,7 +164,7 @@ def array_to_compressedimage(
     out = BytesIO()
     try:
         options: dict[str, Any] = {"quality": quality} if format == "jpeg" else {}
-        _pillow().fromarray(picture).save(out, format.upper(), **options)
+        pillow_image().fromarray(picture).save(out, format.upper(), **options)
     except (OSError, ValueError) as error:  # JPEG has at most 65535 rows and columns
         raise ConversionError(f"array: {format} does not support {pixels.shape}: {error!s:.200}") from None
     return message_class(cls, "sensor_msgs/msg/CompressedImage", header)(
@@ -172,7 +172,8 @@ def array_to_compressedimage(
     )
 
 
-def _pillow() -> ModuleType:
+def pillow_image() -> ModuleType:
+    """Return the module ``PIL.Image``; raises `ExtraMissingError`."""
     try:
         from PIL import Image
     except ModuleNotFoundError as missing:

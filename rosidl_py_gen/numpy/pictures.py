@@ -1,4 +1,4 @@
-"""Pictures of messages for notebooks: small PNGs of images, maps, clouds, scans and paths.
+"""Pictures of messages for notebooks, by Pillow (extra ``images``): PNGs of images, maps, clouds, scans and paths.
 
 A picture has at most 640 pixels on each side. Large messages are thinned out before they are converted, so a picture
 takes a few milliseconds.
@@ -7,16 +7,15 @@ takes a few milliseconds.
 from __future__ import annotations
 
 import base64
-import struct
-import zlib
 from collections.abc import Callable
+from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rosidl_py_gen.errors import ExtraMissingError
 from rosidl_py_gen.numpy.common import ConversionError, escaped, flat_bytes
-from rosidl_py_gen.numpy.compressed import compressedimage_to_array
+from rosidl_py_gen.numpy.compressed import compressedimage_to_array, pillow_image
 from rosidl_py_gen.numpy.images import convert_pixels, image_to_array
 from rosidl_py_gen.numpy.points import laserscan_to_points, occupancygrid_to_array, pointcloud_to_array, points_to_xyz
 
@@ -46,6 +45,7 @@ def picture_html(message: Any) -> str | None:
 
     Raises:
         ConversionError: the message cannot be drawn. Damaged messages may raise other errors.
+        ExtraMissingError: Pillow is not installed.
     """
     draw = _PICTURES.get(message._TYPE.name)
     if draw is None:
@@ -59,15 +59,9 @@ def picture_html(message: Any) -> str | None:
 
 def png(pixels: _Pixels) -> bytes:
     """Return 8-bit pixels as PNG: ``(height, width)`` for gray ones, ``(height, width, 3)`` for colours."""
-    height, width = pixels.shape[:2]
-    rows = np.zeros((height, 1 + pixels[0].size), np.uint8)  # each row begins with its filter, 0 for none
-    rows[:, 1:] = pixels.reshape(height, -1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2 if pixels.ndim == 3 else 0, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 6)), (b"IEND", b""))
-    parts = (
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+    out = BytesIO()
+    pillow_image().fromarray(pixels).save(out, "PNG")
+    return out.getvalue()
 
 
 # --------------------------------------------------------------------------------------------------------------- images

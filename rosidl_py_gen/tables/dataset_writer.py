@@ -176,8 +176,10 @@ class StagedDataset:
     """Files of a bag, or of a part of it, that become visible by `commit`; a context manager.
 
     Args:
+        overwrite: True to replace existing files, or a function that returns True for a place to replace.
         suffix: end of the names of files, for one of several parts of a bag.
         folder_of: function that returns the name of the folder of a topic, without ``topic=``.
+        metadata_of: function that returns additional metadata of each file, by the number of files.
 
     Attributes:
         report: result of `read_bag`.
@@ -188,14 +190,16 @@ class StagedDataset:
         bag: BagReader,
         out: str,
         name: str,
-        overwrite: bool = False,
+        overwrite: bool | Callable[[str], bool] = False,
         compression: str = "zstd",
         row_group_bytes: int = 16_777_216,
         suffix: str = "",
         folder_of: Callable[[str], str] = _quoted,
+        metadata_of: Callable[[int], dict[str, str]] | None = None,
     ) -> None:
         self._bag, self._out, self._name, self._suffix, self._folder_of = bag, out, name, suffix, folder_of
-        self._overwrite, self._compression, self._row_group_bytes = overwrite, compression, row_group_bytes
+        self._may_replace = overwrite if callable(overwrite) else lambda place: overwrite
+        self._compression, self._row_group_bytes, self._metadata_of = compression, row_group_bytes, metadata_of
         self._output = Output(out)
         self._open_files = ExitStack()
         self._waiting_bytes = 0
@@ -253,7 +257,7 @@ class StagedDataset:
 
     def _write(self, file: _File) -> None:
         if file.writer is None:
-            stream = self._open_files.enter_context(self._output.written(file.path, self._overwrite))
+            stream = self._open_files.enter_context(self._output.written(file.path, self._may_replace))
             writer = parquet().ParquetWriter(
                 stream,
                 file.schema,
@@ -277,10 +281,13 @@ class StagedDataset:
                     self._add_batches(file, builder.batches(messages))
                 if file.batches:
                     self._write(file)
-        for file in dict.fromkeys(self._by_key.values()):
-            if file.rows:
-                channel = file.channel
-                self.report.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
+            files = [file for file in dict.fromkeys(self._by_key.values()) if file.rows]
+            if self._metadata_of is not None:
+                for file in files:
+                    file.writer.add_key_value_metadata(self._metadata_of(len(files)))
+        for file in files:
+            channel = file.channel
+            self.report.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
 
     def commit(self) -> None:
         """Rename the files to their final names."""

@@ -16,7 +16,7 @@ from rosidl_py_gen.bags.remote import has_colons_in_names, is_url, unreachable_a
 from rosidl_py_gen.base.resources import missing_extra_message
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 PARTIAL = ".partial"
 _COLONS = "\ue000\ue001"
@@ -68,10 +68,15 @@ class Output:
         self._token = uuid4().hex[:12]
 
     @contextmanager
-    def written(self, place: str, overwrite: bool) -> Iterator[Any]:
-        """Open a binary file for writing, and make its folders; raises BagError if the file exists, or OSError."""
+    def written(self, place: str, may_replace: Callable[[str], bool]) -> Iterator[Any]:
+        """Open a binary file for writing, and make its folders.
+
+        Raises:
+            BagError: the file exists, and `may_replace` returns False for its place.
+            OSError: the file cannot be written.
+        """
         if self._system is None:
-            if not overwrite and os.path.exists(place):
+            if os.path.exists(place) and not may_replace(place):
                 raise BagError(f"{place} exists already")
             os.makedirs(os.path.dirname(place) or ".", exist_ok=True)
             self._partial[place] = f"{place}.{self._token}{PARTIAL}"
@@ -80,7 +85,7 @@ class Output:
             return
         with unreachable_as_error(place):
             path = file_system(place)[1]
-            if not overwrite and self._system.exists(path):
+            if self._system.exists(path) and not may_replace(place):
                 raise BagError(f"{place} exists already")
             self._system.makedirs(path.rpartition("/")[0], exist_ok=True)
             with self._system.open(path, "wb", block_size=_BLOCK_BYTES) as stream:

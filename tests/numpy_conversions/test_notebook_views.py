@@ -26,9 +26,17 @@ from rosidl_py_gen.numpy import (
     array_to_image,
     array_to_occupancygrid,
     array_to_pointcloud,
+    image_to_array,
 )
 from rosidl_py_gen.numpy.notebook import bag_html, message_html, node_html
 
+GRAY_ENCODINGS = ("mono8", "mono16", "8UC1")
+COLOR_ENCODINGS = (
+    *GRAY_ENCODINGS,
+    *(f"{order}{bits}" for order in ("rgb", "bgr", "rgba", "bgra") for bits in (8, 16)),
+    *(f"bayer_{order}{bits}" for order in ("rggb", "bggr", "gbrg", "grbg") for bits in (8, 16)),
+    *("yuv422", "uyvy", "yuv422_yuy2", "yuyv", "nv21", "nv24"),
+)
 EVIL = "<script>alert(1)</script>\x1b[31m\"'&"
 
 
@@ -98,6 +106,14 @@ def test_images_have_their_colours() -> None:
     assert (small[:, :280] == 0).all() and (small[:, 290:] == 200).all()
 
 
+@pytest.mark.parametrize("encoding", COLOR_ENCODINGS)
+def test_pictures_have_the_pixels_of_the_conversion(encoding: str) -> None:
+    image = Image(encoding=encoding, width=12, height=8, step=8 * 12)
+    image.data = np.random.default_rng(1).bytes(image.step * image.height * 3)
+    to = "mono8" if encoding in GRAY_ENCODINGS else "rgb8"
+    assert (pixels(image) == image_to_array(image, to=to)).all()
+
+
 def test_depths_are_scaled_and_unknown_ones_are_black() -> None:
     depths = np.linspace(1, 5, 600, dtype=np.float32).reshape(20, 30)
     depths[0, 0], depths[0, 1] = np.nan, np.inf
@@ -119,6 +135,8 @@ def test_compressed_images_are_decoded_and_thinned_out(monkeypatch: pytest.Monke
     assert abs(pixels(jpeg)[..., 1].mean() - 90) < 3
     assert fallback(CompressedImage(format="jpeg", data=b"nothing")).startswith("data: ")
     monkeypatch.setitem(sys.modules, "PIL", None)
+    missing = fallback(array_to_image(picture, "rgb8"))
+    assert re.match(r"this needs PIL, which is not installed: pip install .*\[images\]", missing)
     html = message_html(jpeg)
     found = re.search(r'src="data:image/jpeg;base64,([^"]+)"', html)
     assert found and base64.b64decode(found[1]) == bytes(jpeg.data)

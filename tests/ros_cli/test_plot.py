@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.console import Console
 from rich.terminal_theme import MONOKAI
 from support.browser import browser
@@ -23,7 +25,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.ros_cli.plotting import output
 from rosidl_py_gen.ros_cli.plotting.lines import BUCKETS, PlotLine, PlotPanel, TimeAxis, TopicLines, reduced
-from rosidl_py_gen.ros_cli.plotting.text_plot import text_plot
+from rosidl_py_gen.ros_cli.plotting.text_plot import plain_text, text_plot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["browser"]
 
-pytestmark = pytest.mark.needs("matplotlib")
+pytestmark = pytest.mark.needs("matplotlib", "plotext")
 
 Bool: Any = get_message("std_msgs/msg/Bool")
 Float64: Any = get_message("std_msgs/msg/Float64")
@@ -178,7 +180,7 @@ def test_the_time_is_that_of_a_part_a_header_or_the_day(
     assert run_here("bag", "plot", bag, *part, "--wall-clock")[0] == 0
     assert {"22:13:22", "22:13:24", "2023-Nov-14 22:13"} & {*texts(out)}, texts(out)
     code, said, _ = run_here("bag", "plot", bag, *part[:6], "--wall-clock")
-    assert code == 0 and re.search(r"2023-11-14 22:13:22 +time +2023-11-14 22:13:24\n$", said)
+    assert code == 0 and re.search(r"2023-11-14 22:13:22 +time +2023-11-14 22:13:24\n", said)
     code, _, err = run_here("bag", "plot", bag, "/odom", "twist.twist.linear.x", "/on", "data", "--stamp")
     assert (code, err) == (1, "error: messages of /on have no header with a stamp: std_msgs/msg/Bool\n")
 
@@ -196,12 +198,12 @@ def test_the_terminal_shows_the_lines(run_here: Any, bag: str) -> None:
     rows = said.splitlines()
     assert (code, err) == (0, "")
     assert rows[0] == "/odom" and max(map(len, rows)) <= 80
-    assert rows[-3] == "  ━ twist.twist.linear.x  ━ twist.twist.linear.y  ━ twist.twist.linear.z"
-    assert re.fullmatch(r" +0\.00 +3\.95 time \[s\] +7\.90", rows[-1])
-    assert rows[1].startswith("1.00 ┤") and rows[-4].startswith("0.00 ┤")
-    body = [row.partition("┤")[2] or row.partition("│")[2] for row in rows[1:-3]]
+    assert rows[-1] == "  ━ twist.twist.linear.x  ━ twist.twist.linear.y  ━ twist.twist.linear.z"
+    assert re.fullmatch(r" +0\.00 +3\.95 time \[s\] +7\.90", rows[-2])
+    assert rows[2].startswith("1.00┤") and rows[-4].startswith("0.00┤")
+    body = [row[5:].rstrip("│") for row in rows[2:-3]]
     dots = {(number, column) for number, row in enumerate(body) for column, char in enumerate(row) if char != " "}
-    width, height = 73, len(body)
+    width, height = 74, len(body)
     for column in range(width):
         level = min(1.0, 7.9 * column / (width - 1) / 3)
         assert any(abs(row - (1 - level) * (height - 1)) <= 1.2 for row, at in dots if at == column)
@@ -209,20 +211,49 @@ def test_the_terminal_shows_the_lines(run_here: Any, bag: str) -> None:
     assert "\x1b" not in said
 
 
+def test_a_line_of_the_terminal_is_interrupted_and_has_steps() -> None:
+    panel = PlotPanel("/t")
+    waves, steps = PlotLine("wave"), PlotLine("on", is_steps=True)
+    for number in range(100):
+        waves.add(number, math.nan if 40 <= number < 60 else 1.0)
+        steps.add(number, 0.0)
+    panel.lines += [waves, steps]
+    rows = plain_text(text_plot([panel], TimeAxis(), 80, 12)).splitlines()
+    top, bottom = (row[5:79] for row in (rows[2], rows[-4]))
+    assert " " not in bottom and re.fullmatch(r"[^ ]{29,31} {13,16}[^ ]{29,31}", top)
+
+
 def test_texts_are_drawn_within_their_width() -> None:
     panel = PlotPanel("/\x1b[31mevil" + "x" * 300)
     lines = TopicLines(panel, "/t", ["ranges"])
     for number in range(5):
         lines.add(LaserScan(ranges=[float("nan")] * 5 + [1e300 * number, -1e-300]), number)
-    rows = ["".join(run.text for run in row) for row in text_plot([panel], TimeAxis(), 40, 20)]
-    assert "\x1b" not in "".join(rows) and max(map(len, rows)) <= 40
+    plot = text_plot([panel], TimeAxis(), 40, 20)
+    rows = plain_text(plot).splitlines()
+    assert "\x1b[31m" not in plot and "\x1b" not in "".join(rows) and max(map(len, rows)) <= 40
     far = PlotPanel("/t")
     huge = TopicLines(far, "/t", ["data"])
     for number, value in enumerate((1.7e308, -1.7e308, 5e-324, 0.0)):
         huge.add(Float64(data=value), number)
-    assert "8e+307" in text_plot([far], TimeAxis(), 40, 20)[1][0].text
-    empty = ["".join(run.text for run in row) for row in text_plot([PlotPanel("/t")], TimeAxis(), 60, 12)]
+    assert "8e+307" in plain_text(text_plot([far], TimeAxis(), 40, 20)).splitlines()[2]
+    empty = plain_text(text_plot([PlotPanel("/t")], TimeAxis(), 60, 12)).splitlines()
     assert empty[0] == "/t" and len(empty) >= 7
+
+
+@given(
+    st.lists(st.floats() | st.sampled_from([1.7976e308, -1.7976e308, 5e-324]), min_size=1, max_size=30),
+    st.lists(st.floats(0, 1e12), min_size=30, max_size=30),
+    st.booleans(),
+    st.integers(20, 200),
+    st.integers(1, 60),
+)
+def test_any_values_are_drawn(values: list[float], times: list[float], is_steps: bool, width: int, height: int) -> None:
+    panel, line = PlotPanel("/t"), PlotLine("x", is_steps=is_steps)
+    for second, value in zip(sorted(times), values, strict=False):
+        line.add(second, value)
+    panel.lines.append(line)
+    rows = plain_text(text_plot([panel], TimeAxis(), width, height)).splitlines()
+    assert max(map(len, rows)) <= width and rows[0] == "/t"
 
 
 @pytest.mark.parametrize(
@@ -270,6 +301,17 @@ def test_without_matplotlib_there_is_text(run_here: Any, bag: str, tmp_path: Pat
     code, said, err = run_here("bag", "plot", bag, "/on", "data")
     assert code == 0 and said.startswith("/on\n") and err.startswith("a window needs matplotlib: pip install ")
     assert run_here("bag", "plot", bag, "/on", "data", "--terminal")[2] == ""
+
+
+@pytest.mark.parametrize("command", ["bag", "topic"])
+def test_without_plotext_the_terminal_has_an_error(run_here: Any, bag: str, monkeypatch: Any, command: str) -> None:
+    import importlib.util
+
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "plotext" else find(name))
+    code, said, err = run_here(command, "plot", *([bag] if command == "bag" else []), "/on", "data", "--terminal")
+    assert (code, said) == (1, "")
+    assert re.search(r"needs plotext, which is not installed: pip install .*\[plot\]", err)
 
 
 def test_a_window_shows_the_plot_until_it_is_closed(run_here: Any, bag: str, monkeypatch: Any) -> None:
@@ -371,7 +413,7 @@ async def test_a_live_plot_ends_after_messages_or_seconds(node: Node, tool: Any,
     process = await tool.start("topic", "plot", "/f", "-n", "3")
     await send_numbers(publisher, 4, 0.1, factor=2.0)
     ended = await tool.end(process)
-    assert ended.code == 0 and ended.out.startswith("/f\n4.00 ┤") and "━ data\n" in ended.out
+    assert ended.code == 0 and re.match(r"/f\n +┌─+┐\n4\.00┤", ended.out) and "━ data\n" in ended.out
     silent = await tool("topic", "plot", "/f", "data", "--duration", "2")
     assert (silent.code, silent.err) == (1, "error: no message on /f in 2 s\n")
     wrong = await tool("topic", "plot", "/f", "dat")
@@ -410,7 +452,7 @@ async def test_a_terminal_is_redrawn(node: Node, tool: Any, monkeypatch: pytest.
     drawn: list[int] = []
     monkeypatch.setattr(output.terminal_output, "is_terminal", lambda: True)
     monkeypatch.setattr(
-        "rosidl_py_gen.ros_cli.plotting.text_plot.text_plot", lambda panels, *_: drawn.append(panels[0].count) or []
+        "rosidl_py_gen.ros_cli.plotting.text_plot.text_plot", lambda panels, *_: drawn.append(panels[0].count) or ""
     )
     process = await tool.start("topic", "plot", "/f", "--duration", "2")
     await send_numbers(node.create_publisher(Float64, "/f"), 6, 0.3)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,9 +21,10 @@ from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_ba
 from std_msgs.msg import Int64
 from std_msgs.msg import UInt8MultiArray as Array
 from support.bag_datasets import bag_of, rows, said
-from support.pool_tasks import die, die_once, fail, pid
+from support.dask_tasks import die, fail, pid, run_or_die
 from werkzeug.serving import make_server
 
+from rosidl_py_gen import ExtraMissingError
 from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.tables import write_datasets
 from rosidl_py_gen.tables.multi_bag import datasets as many
@@ -29,6 +32,19 @@ from rosidl_py_gen.tables.multi_bag import task_runners
 
 BAGS = 60
 EACH = 20
+PARENT = """
+import os, time
+from rosidl_py_gen.tables.multi_bag import task_runners
+from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
+
+def pid(task):
+    return TaskResult(error=str(os.getpid()))
+
+if __name__ == "__main__":
+    with task_runners.local_processes(1) as run:
+        run(pid, ["a"], lambda task, result: print(result.error, flush=True))
+        time.sleep(60)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -69,10 +85,8 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
     monkeypatch.setattr(two_workers.scheduler, "allowed_failures", 0)
 
     with task_runners.dask_cluster(two_workers.scheduler_address) as run:
-        ((task, outcome),) = run(die, [5])
-        assert task == 5 and "KilledWorker" in outcome.error
-        ((_, outcome),) = run(fail, [6])
-        assert outcome.error == "the worker failed: KeyError: 6"
+        assert "KilledWorker" in results_of(run, die, [5])[5].error
+        assert results_of(run, fail, [6])[6].error == "the worker failed: KeyError: 6"
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,37 +100,51 @@ def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatc
 # ------------------------------------------------------------------------------------------- processes of this machine
 
 
-def test_processes_of_this_machine_are_reached_by_no_other(tmp_path: Path) -> None:
-    with task_runners.process_pool(2) as run:
-        found = dict(run(pid, ["a", "b", "c", "d"]))
-        pids = {int(one.error) for one in found.values()}
-        assert sorted(found) == ["a", "b", "c", "d"] and len(pids) == 2 and os.getpid() not in pids
-        assert [one.warnings for one in found.values()] == [()] * 4, "no socket of the internet"
-        assert {int(one.error) for _, one in run(pid, ["e"])} <= pids, "they are used again"
+def results_of(run: Any, function: Any, tasks: list[Any]) -> dict[Any, Any]:
+    results: dict[Any, Any] = {}
+    run(function, tasks, results.__setitem__)
+    return results
+
+
+def test_local_processes_are_reused_and_open_no_port() -> None:
+    with task_runners.local_processes(2) as run:
+        first, second = results_of(run, pid, ["a", "b", "c", "d"]), results_of(run, pid, ["e"])
+    assert sorted(first) == ["a", "b", "c", "d"]
+    pids = {int(one.error) for one in first.values()}
+    assert len(pids) <= 2 and os.getpid() not in pids and int(second["e"].error) in pids
+    assert [one.warnings for one in first.values()] == [()] * 4
     assert not any(map(psutil.pid_exists, pids))
 
 
-def test_a_process_that_dies_is_replaced_and_only_its_task_is_repeated_or_given_up(
+def test_a_process_that_dies_leaves_errors_and_the_next_run_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(task_runners, "MAX_DEATHS", 2)
-    with task_runners.process_pool(2) as run:
-        tasks = [str(tmp_path / name) for name in "ab"]
-        outcomes = dict(run(die_once, tasks))
-        assert sorted(outcomes) == tasks and all(one.error.isdecimal() for one in outcomes.values())
-        outcomes = dict(run(die, [5]))
-        assert outcomes[5].error == "the process of this task was killed by signal 9, 2 times in a row"
-        assert dict(run(fail, [6]))[6].error == "the worker failed: KeyError: 6"
-        assert dict(run(pid, [7]))[7].error.isdecimal()
+    bags = [bag_of(tmp_path / f"{name}.mcap", 1) for name in "abc"]
+    with monkeypatch.context() as patch:
+        patch.setattr(many, "run_task", run_or_die)
+        report = write_datasets(bags, tmp_path / "out", workers=1 + 1)
+    assert str(bags[1]) in report.failed and "a process of Dask ended unexpectedly" in report.failed[str(bags[1])]
+    assert len(report.files) + len(report.failed) == 3
+    again = write_datasets(bags, tmp_path / "out", workers=2)
+    assert "b" in again.files and not again.failed and rows(tmp_path / "out") == [("a", 1), ("b", 1), ("c", 1)]
 
 
-def test_a_process_ends_when_the_one_that_started_it_is_gone() -> None:
-    worker = task_runners.WorkerProcess()
-    worker.send(pid, "a")
-    assert worker.receive() is not None
-    worker.connection.close()
-    assert worker.process.wait(20) == 1
-    worker.close()
+def test_a_local_process_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PARENT)
+    with subprocess.Popen([sys.executable, str(program)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        child = psutil.Process(int(parent.stdout.readline()))
+        parent.kill()
+    assert psutil.wait_procs([child], 20)[1] == []
+
+
+def test_processes_need_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = bag_of(tmp_path / "a.mcap", 1)
+    monkeypatch.setitem(sys.modules, "dask", None)
+    with pytest.raises(ExtraMissingError, match=r"this needs dask, which is not installed: .*\[tables\]"):
+        write_datasets([bag], tmp_path / "out", workers=2)
+    assert not write_datasets([bag], tmp_path / "out").failed
 
 
 def test_memory_of_this_process_is_for_no_other(tmp_path: Path) -> None:
@@ -128,8 +156,8 @@ def test_memory_of_this_process_is_for_no_other(tmp_path: Path) -> None:
 
 def test_processes_are_for_several_tasks_of_some_size(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[Any] = []
-    monkeypatch.setattr(many, "process_pool", started.append)
-    size = many.POOL_BYTES
+    monkeypatch.setattr(many, "local_processes", started.append)
+    size = many.PROCESSES_BYTES
     many.select_runner(None, None, [size, size])
     assert started == [min(os.cpu_count() or 1, 2)]
     for workers, sizes in ((None, [100] * 50), (1, [size] * 9), (None, []), (2, []), (None, [size])):
@@ -203,7 +231,8 @@ def test_bags_and_dataset_of_s3(bucket: Any, tmp_path: Path) -> None:
     assert rows("s3://fleet/out") == [("a", 1), ("a", 2), ("b", 3)]
     counted.reads.clear()
     assert said(write_datasets(["s3://fleet/in/[ab].mcap"], "s3://fleet/out")) == ([], ["a", "b"], [])
-    assert not counted.gets((".mcap", ".parquet"))
+    assert not counted.gets(".mcap")
+    assert len(counted.gets(".parquet")) == 2 and all(one[2] for one in counted.gets(".parquet")), "only metadata"
     assert not [one for one in counted.reads if one[0] in ("PUT", "DELETE")]
     system.put(str(bag_of(tmp_path / "b.mcap", 4)), "fleet/in/b.mcap")
     assert said(write_datasets(["s3://fleet/in/[ab].mcap"], "s3://fleet/out")) == (["b"], ["a"], [])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from itertools import pairwise
@@ -20,7 +19,7 @@ from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, mcap_
 from rosidl_py_gen.tables import write_dataset, write_datasets
 from rosidl_py_gen.tables.multi_bag import bag_tasks
 from rosidl_py_gen.tables.multi_bag import datasets as many
-from rosidl_py_gen.tables.multi_bag.bag_tasks import DatasetManifest, run_task
+from rosidl_py_gen.tables.multi_bag.bag_tasks import run_task
 from rosidl_py_gen.tables.multi_bag.datasets import names_of
 from rosidl_py_gen.tables.query import Database, is_dataset
 
@@ -134,56 +133,56 @@ def test_chunks_that_overlap_are_cut_by_time_too(tmp_path: Path, monkeypatch: py
     assert sorted(value for _, value in rows(tmp_path / "out")) == [*range(2000)] and not report.failed
 
 
-def test_what_was_not_finished_is_done_once_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cut off before its files have names, while they get them, and before the manifest says so."""
+def test_an_interrupted_bag_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interrupted before the first file gets its name, and between two files."""
     bag, out = bag_of(tmp_path / "a.mcap", 1, 2, text="x"), tmp_path / "out"
+    real = os.replace
 
     class Killed(BaseException):
         pass
 
-    def die(*_: Any) -> None:
-        raise Killed
+    for count in (0, 1):
 
-    real, write = os.replace, DatasetManifest.write
+        def replace(source: str, target: str, count: int = count) -> None:
+            if len(list(out.rglob("*.parquet"))) >= count:
+                raise Killed
+            real(source, target)
 
-    def last(manifest: DatasetManifest, entry: Any) -> None:
-        if entry.is_done:
-            raise Killed
-        write(manifest, entry)
-
-    def second(source: str, target: str) -> None:
-        if target.endswith(".parquet") and list(out.rglob("*.parquet")):
-            raise Killed
-        real(source, target)
-
-    for patch in (
-        lambda: monkeypatch.setattr(DatasetManifest, "begin", die),
-        lambda: monkeypatch.setattr(os, "replace", second),
-        lambda: monkeypatch.setattr(DatasetManifest, "write", last),
-    ):
-        with monkeypatch.context():
-            patch()
-            with pytest.raises(Killed):
-                write_datasets([bag], out)
-        monkeypatch.undo()
-        (out / "topic=%2Fn" / "bag=a").mkdir(parents=True, exist_ok=True)
-        (out / "topic=%2Fn" / "bag=a" / "x.parquet.0123.partial").write_bytes(b"left by a process that was killed")
+        with monkeypatch.context() as patch, pytest.raises(Killed):
+            patch.setattr(os, "replace", replace)
+            write_datasets([bag], out)
+        assert len(list(out.rglob("*.parquet"))) == count
+    (out / "topic=%2Fn" / "bag=a" / "x.parquet.0123.partial").write_bytes(b"left by a process that was killed")
     assert said(write_datasets([bag], out)) == (["a"], [], [])
     assert rows(out) == [("a", 1), ("a", 2)] and rows(out, "s") == [("a", "x")]
     assert not list(out.rglob("*.partial"))
     assert said(write_datasets([bag], out)) == ([], ["a"], [])
 
 
-def test_an_entry_that_is_none_is_written_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("damage", ["empty", "cut", "without metadata", "invalid metadata", "other keys"])
+def test_a_file_without_a_valid_record_is_not_replaced(tmp_path: Path, damage: str) -> None:
     bag, out = bag_of(tmp_path / "a.mcap", 1), tmp_path / "out"
     write_datasets([bag], out)
-    (entry,) = (out / "_manifest").rglob("*.json")
-    whole = entry.read_bytes()
-    for text in (b"", whole[:40], b"[]", b'{"files": 5}', b'{"files": [{"x": 1}]}'):
-        entry.write_bytes(text)
-        assert said(write_datasets([bag], out)) == (["a"], [], [])
-        assert json.loads(entry.read_bytes()) == json.loads(whole)
-    assert rows(out) == [("a", 1)]
+    (file,) = out.rglob("*.parquet")
+    table = pq.read_table(file, partitioning=None)
+    if damage in ("empty", "cut"):
+        file.write_bytes(b"" if damage == "empty" else file.read_bytes()[:-30])
+    else:
+        text = {"invalid metadata": "[", "other keys": '{"x": 1}'}.get(damage)
+        pq.write_table(table.replace_schema_metadata({"rosidl_py_gen.task": text} if text else {}), file)
+    report = write_datasets([bag], out)
+    assert said(report) == ([], [], [str(bag)]) and "exists already" in report.failed[str(bag)]
+    assert said(write_datasets([bag], out, overwrite=True)) == (["a"], [], [])
+    assert rows(out) == [("a", 1)] and said(write_datasets([bag], out)) == ([], ["a"], [])
+
+
+def test_a_part_without_messages_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(many, "RANGE_BYTES", 2000)
+    monkeypatch.setattr(mcap_writer, "CHUNK_BYTES", 1 << 12)
+    bag, out = bag_of(tmp_path / "a.mcap", *range(3000), text="x"), tmp_path / "out"
+    assert len(write_datasets([bag], out, topics=["/s"]).files["a"]) == 1
+    assert said(write_datasets([bag], out, topics=["/s"])) == ([], ["a"], [])
+    assert rows(out, "s") == [("a", "x")]
 
 
 def test_files_of_others_are_kept(tmp_path: Path) -> None:
@@ -319,14 +318,7 @@ def test_names_that_are_known_are_kept() -> None:
     assert names_of(["s3://b/x.mcap", "/d/x.mcap"]) == {"b/x": "s3://b/x.mcap", "d/x": "/d/x.mcap"}
     known = {"/d/x.mcap": "x"}
     assert names_of(["/e/x.mcap", "/d/x.mcap"], known) == {"e/x": "/e/x.mcap", "x": "/d/x.mcap"}
-    assert names_of(["/x.mcap"], {"/y": "x"}) == {"/x.mcap": "/x.mcap"}
-
-
-def test_several_processes_need_posix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "a.mcap").write_bytes(b"")
-    monkeypatch.setattr("rosidl_py_gen.tables.multi_bag.task_runners.IS_POSIX", False)
-    with pytest.raises(BagError, match=r"found workers=2 on .*; expected workers=1"):
-        write_datasets([tmp_path / "a.mcap"], tmp_path / "out", workers=2)
+    assert names_of(["/x.mcap"], {"/y": "x"}) == names_of(["/x.mcap"], {}, {"x"}) == {"/x.mcap": "/x.mcap"}
 
 
 def test_a_scheduler_has_its_own_workers(tmp_path: Path) -> None:

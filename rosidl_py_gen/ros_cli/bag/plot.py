@@ -47,14 +47,14 @@ def plot(
 
     The plot is written to --out, shown in a window, or drawn in the terminal if there is no display. FIELD is
     pose.pose.position.x, ranges[0], ranges[0:5], or a message such as twist.linear, which gives a line for each of its
-    numbers. Further topics get a plot below. Of several bags each starts at 0 s, unless --wall-clock is used. Files and
-    windows need the extra plot.
+    numbers. Further topics get a plot below. Of several bags each starts at 0 s, unless --wall-clock is used. Needs the
+    extra plot.
 
     \b
     rosidl-py bag plot drive /imu angular_velocity
     rosidl-py bag plot drive /imu linear_acceleration.x /odom twist.twist.linear.x --out drive.svg
     """
-    require_output(out)
+    require_output(out, in_terminal)
     from rosidl_py_gen.ros_cli.bag.display import opened_bag
     from rosidl_py_gen.ros_cli.plotting.lines import TimeAxis, topics_and_fields
 

@@ -50,7 +50,7 @@ def table(
 
     Each topic of each bag is written to PLACE/topic=.../bag=.../*.parquet; large bags are split. A bag that fails does
     not stop others. A second run writes only missing or changed bags. Bags may be URLs of fsspec, with *. Several
-    processes share the work if it is worth it; they open no port. Workers of a Dask cluster need the extra cluster.
+    processes of Dask share the work if it is worth it; they open no port. A Dask cluster needs the extra cluster.
 
     \b
     rosidl-py bag table my_bag --out dataset

@@ -19,7 +19,6 @@ from rosidl_py_gen.ros_cli import options, terminal_output
 if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.plotting.figure import PlotWindow
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TimeAxis
-    from rosidl_py_gen.ros_cli.plotting.text_plot import StyledText
 
 _MAX_ROWS = 40
 
@@ -30,7 +29,7 @@ plot_options = options.all_of(
         "--out",
         type=click.Path(dir_okay=False),
         metavar="FILE",
-        help="Write a file; its ending selects the format: .png, .svg, .pdf, ... Needs the extra plot.",
+        help="Write a file; its ending selects the format: .png, .svg, .pdf, ...",
     ),
     click.option("--terminal", "in_terminal", is_flag=True, help="Draw in the terminal, even if windows can open."),
     click.option("--stamp", "by_stamp", is_flag=True, help="Time of header.stamp, instead of the time of receipt."),
@@ -39,13 +38,15 @@ plot_options = options.all_of(
 """Options that ``bag plot`` and ``topic plot`` share."""
 
 
-def require_output(out: str | None) -> None:
-    """Raise an error if `out` cannot be written: the extra ``plot`` is missing, or the ending is unknown."""
+def require_output(out: str | None, in_terminal: bool) -> None:
+    """Raise an error if the plot cannot be output: the extra ``plot`` is missing, or the ending of `out` is unknown."""
     if out is not None:
         require_modules("matplotlib")
         from rosidl_py_gen.ros_cli.plotting.figure import require_format
 
         require_format(out)
+    elif in_terminal or not _has_display() or importlib.util.find_spec("matplotlib") is None:
+        require_modules("plotext")
 
 
 def show_plot(panels: Sequence[PlotPanel], axis: TimeAxis, out: str | None, in_terminal: bool) -> None:
@@ -98,13 +99,15 @@ def plot_window(count: int, in_terminal: bool) -> Iterator[PlotWindow | None]:
 
 def print_plot(panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
     """Print the plot, with colours on a terminal."""
-    rows = _rows(panels, axis)
+    plot = _text(panels, axis)
     if terminal_output.is_terminal():
         from rich.console import Console
 
-        Console(highlight=False).print(rich_text(rows))
+        Console(highlight=False).print(rich_text(plot))
         return
-    terminal_output.lines("".join(run.text for run in row).rstrip() for row in rows)
+    from rosidl_py_gen.ros_cli.plotting.text_plot import plain_text
+
+    terminal_output.lines(plain_text(plot).splitlines())
 
 
 @contextmanager
@@ -117,10 +120,11 @@ def live_plot() -> Iterator[Callable[[Sequence[PlotPanel], TimeAxis], None]]:
     from rich.live import Live
 
     with Live(console=Console(highlight=False), auto_refresh=False, transient=True) as live:
-        yield lambda panels, axis: live.update(rich_text(_rows(panels, axis)), refresh=True)
+        yield lambda panels, axis: live.update(rich_text(_text(panels, axis)), refresh=True)
 
 
-def _rows(panels: Sequence[PlotPanel], axis: TimeAxis) -> list[list[StyledText]]:
+def _text(panels: Sequence[PlotPanel], axis: TimeAxis) -> str:
+    require_modules("plotext")
     from rosidl_py_gen.ros_cli.plotting.text_plot import text_plot
 
     size = shutil.get_terminal_size()
@@ -128,9 +132,8 @@ def _rows(panels: Sequence[PlotPanel], axis: TimeAxis) -> list[list[StyledText]]
     return text_plot(panels, axis, max(20, size.columns), rows)
 
 
-def rich_text(rows: Sequence[Sequence[StyledText]]) -> Any:
-    """Return the rows of `text_plot` as a text of rich."""
+def rich_text(plot: str) -> Any:
+    """Return the result of `text_plot` as a text of rich, which adapts the colours to the terminal."""
     from rich.text import Text
 
-    lines = (Text.assemble(*((run.text, run.style) for run in row), no_wrap=True) for row in rows)
-    return Text("\n").join(lines)
+    return Text.from_ansi(plot, no_wrap=True)

@@ -60,14 +60,14 @@ async def plot(
 
     The plot is drawn in a window, or in the terminal if there is no display; --out writes a file at the end. FIELD is
     pose.pose.position.x, ranges[0], ranges[0:5], or a message such as twist.linear, which gives a line for each of its
-    numbers. Further topics get a plot below. Files and windows need the extra plot.
+    numbers. Further topics get a plot below. Needs the extra plot.
 
     \b
     rosidl-py topic plot /imu angular_velocity
     rosidl-py topic plot /imu linear_acceleration.x /odom twist.twist.linear.x --last 10
     rosidl-py topic plot /battery percentage --duration 60 --out battery.png
     """
-    require_output(out)
+    require_output(out, in_terminal)
     from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TimeAxis, TopicLines, topics_and_fields
     from rosidl_py_gen.runtime import AdaptiveSubscription

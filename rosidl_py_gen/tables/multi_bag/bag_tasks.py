@@ -1,9 +1,8 @@
 """Task of a dataset: a bag, or a part of a large one between two log times, so that each message is in one task.
 
-The manifest has an entry for each finished task, so that another run does only the missing ones. Content exists if an
-entry names it and all its files exist. An entry is written before its files are renamed, which marks them as its own,
-and again afterwards. Files have the same names in each run, so that a repeated task replaces incomplete content. The
-entries are in ``_manifest``, a folder that readers of datasets ignore, by name of the bag.
+Another run does only the missing tasks, which existing files tell: the metadata of each file names its task, and the
+number of files of the task. A task is complete if all its files exist. Files get their final names when their contents
+are complete, and have the same names in each run, so that a repeated task replaces them.
 
 A failure of a task is a result, not an exception.
 """
@@ -11,145 +10,129 @@ A failure of a task is a result, not an exception.
 from __future__ import annotations
 
 import json
-import os
 import warnings
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from hashlib import sha256
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.bags.common import BagError, BagWarning, DamagedPart
-from rosidl_py_gen.bags.remote import is_url, unreachable_as_error
+from rosidl_py_gen.bags.remote import unreachable_as_error
 from rosidl_py_gen.base.distributions import distribution_of_command
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.tables.dataset_writer import BAG, DatasetFile, StagedDataset
-from rosidl_py_gen.tables.output_files import PARTIAL, file_system, joined
+from rosidl_py_gen.tables.arrow import pa, parquet
+from rosidl_py_gen.tables.dataset_writer import BAG, TOPIC, DatasetFile, StagedDataset
+from rosidl_py_gen.tables.output_files import PARTIAL, file_system
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator
+    from collections.abc import Callable, Collection, Iterable
     from typing import TypeAlias
 
-    TaskFunction: TypeAlias = "Callable[..., TaskResult]"
-    TaskRunner: TypeAlias = "Callable[[TaskFunction, list[Task]], Iterator[tuple[Task, TaskResult]]]"
+    TaskFunction: TypeAlias = "Callable[[Task], TaskResult]"
+    ResultFunction: TypeAlias = "Callable[[Task, TaskResult], None]"
+    TaskRunner: TypeAlias = "Callable[[TaskFunction, list[Task], ResultFunction], None]"
 
-FOLDER = "_manifest"
+_METADATA_KEY = "rosidl_py_gen.task"
+_READERS = 16
+"""Number of files whose metadata are read at the same time; files in object stores take 10 to 100 ms each."""
 
 
 @dataclass(frozen=True, slots=True)
-class ManifestEntry:
-    """Result of a task for a bag.
+class TaskRecord:
+    """Task that has written a file, from the metadata of the file.
 
     Attributes:
-        place, name: path or URL of the bag, and its name.
-        version: version of its files.
+        bag: digest of the path or URL of the bag.
+        version: version of the bag's files.
         options: digest of the options.
-        number, task_count: index of the part, and number of parts.
-        files: files with paths below the dataset.
-        is_done: True when the files have their final names.
+        number, task_count: index of the part of the bag, and number of parts.
+        file_count: number of files of the task.
     """
 
-    place: str
-    name: str
+    bag: str
     version: str
     options: str
-    number: int
-    task_count: int
-    files: tuple[DatasetFile, ...] = ()
-    is_done: bool = False
+    number: int = 0
+    task_count: int = 1
+    file_count: int = 0
 
-    @property
-    def folder(self) -> str:
-        """Folder of the entries of the bag, below the dataset."""
-        return f"{FOLDER}/{BAG}={quote(self.name, safe='')}"
+    def metadata(self, file_count: int) -> dict[str, str]:
+        """Return the metadata of one of `file_count` files."""
+        return {_METADATA_KEY: json.dumps(asdict(replace(self, file_count=file_count)))}
 
-    @property
-    def path(self) -> str:
-        """Path of the entry below the dataset."""
-        return f"{self.folder}/{self.options}-{self.version}-{self.number:04}-{self.task_count:04}.json"
+    def may_replace(self, place: str) -> bool:
+        """Return True if a task for the same bag with the same options has written a file."""
+        record = _read_record(*file_system(place))
+        return record is not None and (record.bag, record.options) == (self.bag, self.options)
 
 
-class DatasetManifest:
-    """Entries of a dataset. All methods raise BagError or OSError if the place cannot be read or written."""
-
-    def __init__(self, out: str) -> None:
-        self._out = out
-        self._system, path = file_system(out)
-        self._root = path.rstrip("/")
-
-    def read(self) -> tuple[list[ManifestEntry], set[str]]:
-        """Return all entries, and the paths of all files of the dataset."""
-        with unreachable_as_error(self._out):
-            self._system.invalidate_cache()
-            files = self._find(self._root)
-            return self._entries(path for path in files if path.startswith(f"{FOLDER}/")), files
-
-    def _find(self, folder: str) -> set[str]:
-        return {path[len(self._root) + 1 :] for path in self._system.find(folder)}
-
-    def _entries(self, paths: Iterable[str]) -> list[ManifestEntry]:
-        paths = [f"{self._root}/{path}" for path in paths if path.endswith(".json")]
-        contents = self._system.cat(paths, on_error="omit") if paths else {}
-        return [entry for entry in map(_parse, contents.values()) if entry is not None]
-
-    def has(self, entry: ManifestEntry) -> bool:
-        """Return True if an entry of this task exists, complete or not: its files belong to the task."""
-        with unreachable_as_error(self._out):
-            self._system.invalidate_cache()  # another process may have written it since
-            return bool(self._system.exists(f"{self._root}/{entry.path}"))
-
-    def begin(self, entry: ManifestEntry) -> None:
-        """Write the entry before its files are renamed, and remove entries of other tasks for the same files."""
-        with unreachable_as_error(self._out):
-            self._system.invalidate_cache()
-            own = {one.path for one in entry.files}
-            for other in self._entries(self._find(f"{self._root}/{entry.folder}") - {entry.path}):
-                if not own.isdisjoint(one.path for one in other.files):
-                    self._system.rm(f"{self._root}/{other.path}")
-        self.write(entry)
-
-    def write(self, entry: ManifestEntry) -> None:
-        """Write the entry."""
-        with unreachable_as_error(self._out):
-            path = f"{self._root}/{entry.path}"
-            self._system.makedirs(path.rpartition("/")[0], exist_ok=True)
-            text = json.dumps(asdict(entry), indent=1).encode()
-            if is_url(self._out):
-                self._system.pipe_file(path, text)
-            else:
-                self._system.pipe_file(path + PARTIAL, text)
-                os.replace(path + PARTIAL, path)
-
-    def remove(self, entries: Iterable[ManifestEntry], existing: Collection[str]) -> None:
-        """Remove entries and their files, files first."""
-        with unreachable_as_error(self._out):
-            for entry in entries:
-                for path in (*(one.path for one in entry.files), entry.path):
-                    if path in existing:
-                        self._system.rm(f"{self._root}/{path}")
-
-    def remove_partial(self, names: Iterable[str]) -> None:
-        """Remove partial files of bags with these names, left by processes that were killed."""
-        with unreachable_as_error(self._out):
-            folders = {f"{BAG}={quote(name, safe='')}" for name in names}
-            for path in self._system.find(self._root):
-                if path.endswith(PARTIAL) and not folders.isdisjoint(path.split("/")):
-                    self._system.rm(path)
-
-
-def _parse(text: bytes) -> ManifestEntry | None:
-    """Return None for an entry that is incomplete or invalid, so that its task is repeated."""
+def _read_record(system: Any, path: str) -> TaskRecord | None:
+    """Return None for the file of another program, or a file that cannot be read: no task replaces such files."""
     try:
-        values: dict[str, Any] = json.loads(text)
-        files = tuple(DatasetFile(**one) for one in values.pop("files"))
-        return ManifestEntry(**values, files=files)
-    except (ValueError, TypeError, KeyError, AttributeError):
+        with system.open(path, "rb") as stream:
+            metadata = parquet().read_metadata(stream).metadata or {}
+        return TaskRecord(**json.loads(metadata[_METADATA_KEY.encode()]))
+    except (OSError, ValueError, TypeError, KeyError, pa.ArrowException):
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class TaskFile:
+    """Existing file of a task; `name` is the name of the bag in the dataset."""
+
+    path: str
+    name: str
+    record: TaskRecord
+
+
+def find_task_files(out: str, names: Collection[str]) -> list[TaskFile]:
+    """Return the files of bags with these names that tasks have written. Raises BagError or OSError."""
+    system, root = file_system(out)
+    with unreachable_as_error(out):
+        system.invalidate_cache()
+        found: dict[str, str] = {}
+        for path in system.find(root):
+            topic, bag, file = (["", "", "", *path.split("/")])[-3:]
+            name = unquote(bag.removeprefix(f"{BAG}="))
+            if topic.startswith(f"{TOPIC}=") and bag.startswith(f"{BAG}=") and file.endswith(".parquet"):
+                found.update({path: name} if name in names else {})
+        with ThreadPoolExecutor(_READERS) as threads:
+            records = threads.map(partial(_read_record, system), found)
+            pairs = zip(found.items(), records, strict=True)
+            return [TaskFile(path, name, record) for (path, name), record in pairs if record is not None]
+
+
+def complete_parts(files: Iterable[TaskFile]) -> set[int]:
+    """Return the numbers of the parts all of whose files exist."""
+    return {
+        record.number for record, count in Counter(one.record for one in files).items() if count == record.file_count
+    }
+
+
+def remove_files(out: str, paths: Iterable[str]) -> None:
+    """Remove files that `find_task_files` has found. Raises BagError or OSError."""
+    with unreachable_as_error(out):
+        system = file_system(out)[0]
+        for path in paths:
+            system.rm(path)
+
+
+def remove_partial_files(out: str, names: Iterable[str]) -> None:
+    """Remove partial files of bags with these names, left by processes that were killed."""
+    folders = {f"{BAG}={quote(name, safe='')}" for name in names}
+    system, root = file_system(out)
+    with unreachable_as_error(out):
+        for path in system.find(root):
+            if path.endswith(PARTIAL) and not folders.isdisjoint(path.split("/")):
+                system.rm(path)
 
 
 # ---------------------------------------------------------------------------------------------------------------- tasks
@@ -185,10 +168,13 @@ class Task:
     """Messages of a bag with ``start_ns <= log_time < end_ns``; None is the start or end of the selection.
 
     Attributes:
+        place, name: path or URL of the bag, and its name in the dataset.
         size: about the stored bytes of the messages.
     """
 
-    entry: ManifestEntry
+    place: str
+    name: str
+    record: TaskRecord
     out: str
     options: TaskOptions
     overwrite: bool
@@ -245,7 +231,7 @@ def _run(function: Callable[[Task], TaskResult], task: Task) -> TaskResult:
 
 def _open(task: Task) -> BagReader:
     options = task.options
-    return BagReader(task.entry.place, search_path=options.search_path, skip_damaged=options.on_error == "skip")
+    return BagReader(task.place, search_path=options.search_path, skip_damaged=options.on_error == "skip")
 
 
 def _find_cuts(task: Task) -> TaskResult:
@@ -258,10 +244,10 @@ def _find_cuts(task: Task) -> TaskResult:
 def split_task(task: Task, cuts: tuple[int, ...]) -> list[Task]:
     """Return the parts of a task between the cuts."""
     spans = [*pairwise([None, *cuts, None])]
-    entries = [replace(task.entry, number=number, task_count=len(spans)) for number in range(len(spans))]
+    records = [replace(task.record, number=number, task_count=len(spans)) for number in range(len(spans))]
     return [
-        replace(task, entry=entry, start_ns=start, end_ns=end, size=task.size // len(spans))
-        for entry, (start, end) in zip(entries, spans, strict=True)
+        replace(task, record=record, start_ns=start, end_ns=end, size=task.size // len(spans))
+        for record, (start, end) in zip(records, spans, strict=True)
     ]
 
 
@@ -275,9 +261,8 @@ def _span(reader: BagReader, options: TaskOptions) -> tuple[int, int]:
 
 
 def _write(task: Task, on_progress: Callable[[float], None] | None) -> TaskResult:
-    entry, options = task.entry, task.options
-    manifest = DatasetManifest(task.out)
-    suffix = f"-{entry.number:04}" if entry.task_count > 1 else ""
+    record, options = task.record, task.options
+    suffix = f"-{record.number:04}" if record.task_count > 1 else ""
     with _open(task) as reader:
         start, end = _span(reader, options)
         start = start if task.start_ns is None else task.start_ns
@@ -286,15 +271,13 @@ def _write(task: Task, on_progress: Callable[[float], None] | None) -> TaskResul
         if options.topics and not topics:
             near = did_you_mean(options.topics[0], reader.topics)
             raise BagError(f"{reader.path} has no topic {options.topics[0]}{near}")
-        may_replace = task.overwrite or manifest.has(entry)
-        count = sum(reader.topics[one].count or 0 for one in topics or reader.topics) / entry.task_count
+        count = sum(reader.topics[one].count or 0 for one in topics or reader.topics) / record.task_count
         progress = None if on_progress is None else lambda messages: on_progress(min(1.0, messages / max(1, count)))
-        with StagedDataset(reader, task.out, entry.name, may_replace, suffix=suffix) as dataset:
+        overwrite = True if task.overwrite else record.may_replace
+        with StagedDataset(
+            reader, task.out, task.name, overwrite, suffix=suffix, metadata_of=record.metadata
+        ) as dataset:
             dataset.read_bag(topics, options.include_large, start, end, options.on_error, progress)
-            report = dataset.report
-            prefix = len(joined(task.out, ""))
-            files = tuple(replace(one, path=one.path[prefix:].replace(os.sep, "/")) for one in report.files)
-            manifest.begin(replace(entry, files=files))
             dataset.commit()
-            manifest.write(replace(entry, files=files, is_done=True))
+            report = dataset.report
     return TaskResult(tuple(report.files), report.skipped_topics, damaged=tuple(reader.damaged))

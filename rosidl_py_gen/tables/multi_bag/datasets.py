@@ -1,7 +1,7 @@
-"""Datasets of the bags that patterns match, written by this process, by processes of this machine, or by Dask.
+"""Datasets of the bags that patterns match, written by this process, or by Dask in several.
 
-Bags that the manifest lists as complete are skipped, large bags are split into several tasks, and processes are started
-only for enough data. A bag that fails does not stop the others.
+Bags whose files exist are skipped, large bags are split into several tasks, and processes are started only for enough
+data. A bag that fails does not stop the others.
 """
 
 from __future__ import annotations
@@ -19,31 +19,34 @@ from rosidl_py_gen.base.distributions import selected
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.dataset_writer import DatasetFile, bag_name
 from rosidl_py_gen.tables.multi_bag.bag_tasks import (
-    DatasetManifest,
-    ManifestEntry,
     Task,
     TaskOptions,
+    TaskRecord,
     TaskResult,
+    complete_parts,
     digest,
+    find_task_files,
+    remove_files,
+    remove_partial_files,
     run_task,
     split_task,
     split_times_of,
 )
-from rosidl_py_gen.tables.multi_bag.task_runners import IS_POSIX, dask_cluster, process_pool
+from rosidl_py_gen.tables.multi_bag.task_runners import dask_cluster, local_processes
 from rosidl_py_gen.tables.output_files import file_system, url_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
     from contextlib import AbstractContextManager
 
-    from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskFunction, TaskRunner
+    from rosidl_py_gen.tables.multi_bag.bag_tasks import ResultFunction, TaskFile, TaskFunction, TaskRunner
 
 _TAG_KEYS = ("ETag", "etag", "md5Hash", "content_md5", "generation", "checksum")
 _TIME_KEYS = ("mtime", "LastModified", "last_modified", "updated", "modified", "created")
 _WILDCARDS = frozenset("*?[")
 RANGE_BYTES = 1 << 28
 """Stored bytes of a bag that make one task."""
-POOL_BYTES = 1 << 26
+PROCESSES_BYTES = 1 << 26
 """Number of bytes from which on processes are started."""
 
 
@@ -55,7 +58,7 @@ class DatasetsReport:
         files: written files, by name of the bag.
         skipped_topics: reasons by topic that was not written, or not completely, by name of the bag.
         failed: error of a bag, by its path or URL; some parts of a large bag may have been written.
-        unchanged: names of bags that the dataset contains already.
+        unchanged: names of bags all of whose files exist.
         damaged: parts of MCAP files that were skipped with ``on_error="skip"``, by name of the bag.
     """
 
@@ -84,7 +87,8 @@ def write_datasets(
 ) -> DatasetsReport:
     """Write many bags as one Parquet dataset, each as `write_dataset` does; large bags as several files for each topic.
 
-    Existing content of the dataset is not written again: another run adds missing bags and replaces changed ones.
+    Existing files are not written again: another run adds missing bags and replaces changed ones. A bag has changed if
+    the size, modification time or tag of one of its files is another.
 
     Args:
         bags: paths, and URLs of fsspec, which may have ``*``.
@@ -98,14 +102,15 @@ def write_datasets(
             that Dask's configuration names. With ``tcp://``, every host that reaches the scheduler or a worker can run
             code on all of them, and in this process. Needs the extra ``cluster``.
         workers: number of processes of this machine; 1 is this process. None: one for each core if there is enough
-            data, else 1. The processes open no port, and need POSIX.
+            data, else 1. The processes open no port. Like all processes that Python starts, they import the main
+            module: a program must call this function below ``if __name__ == "__main__":``.
         search_path: folders with the packages of the recordings, as in `BagReader`.
         progress: called with the number of completed tasks, and of all.
         on_bytes: called with about the number of stored bytes that are read, and of all.
 
     Raises:
         ValueError: both `scheduler` and `workers` are set.
-        BagError: the place is not valid, the scheduler does not respond, or `workers` need POSIX.
+        BagError: the place is not valid, or the scheduler does not respond.
         OSError: the place cannot be read or written. Errors of a bag are in the report.
     """
     if scheduler is not None and workers is not None:
@@ -133,6 +138,8 @@ def write_datasets(
     with select_runner(scheduler, workers, [one.size for one, _ in due]) as run:
         job.run(job.tasks(due, run), run)
     job.clean_up()
+    for text in job.warnings:
+        warnings.warn(text, BagWarning, stacklevel=2)
     return job.report
 
 
@@ -151,51 +158,53 @@ class _DatasetJob:
     ) -> None:
         self._out, self._options, self._overwrite = out, options, overwrite
         self._progress, self._on_bytes = progress, on_bytes
-        self._manifest = DatasetManifest(out)
         self._name_of: dict[str, str] = {}
-        self._existing: set[str] = set()
+        self._with_complete_parts: list[str] = []
         self.report = DatasetsReport()
+        self.warnings: list[str] = []
 
-    def missing_bags(self, sources: list[BagSource]) -> list[tuple[BagSource, list[ManifestEntry]]]:
-        """Return bags that the dataset lacks or has partly, with the entries of their complete parts."""
-        entries, self._existing = self._manifest.read()
-        names = names_of((one.place for one in sources), {one.place: one.name for one in entries})
+    def missing_bags(self, sources: list[BagSource]) -> list[tuple[BagSource, set[int]]]:
+        """Return bags that the dataset lacks or has partly, with the numbers of their complete parts."""
+        place_of = {digest(one.place): one.place for one in sources}
+        files = find_task_files(self._out, possible_names(place_of.values()))
+        known = {place_of[one.record.bag]: one.name for one in files if one.record.bag in place_of}
+        names = names_of(place_of.values(), known, {one.name for one in files})
         self._name_of = {place: name for name, place in names.items()}
-        by_place: dict[str, list[ManifestEntry]] = {}
-        for entry in entries:
-            if entry.options == self._options.digest:
-                by_place.setdefault(entry.place, []).append(entry)
+        by_place: dict[str, list[TaskFile]] = {}
+        for file in files:
+            if file.record.options == self._options.digest and file.record.bag in place_of:
+                by_place.setdefault(place_of[file.record.bag], []).append(file)
         due = []
         for one in sources:
-            known = by_place.get(one.place, [])
-            self._manifest.remove([entry for entry in known if entry.version != one.version], self._existing)
-            complete = [entry for entry in known if entry.version == one.version and self._is_complete(entry)]
-            numbers = {entry.number for entry in complete}
-            if not self._overwrite and complete and numbers == set(range(complete[0].task_count)):
+            own = by_place.get(one.place, [])
+            remove_files(self._out, [file.path for file in own if file.record.version != one.version])
+            own = [file for file in own if file.record.version == one.version]
+            complete = set() if self._overwrite else complete_parts(own)
+            if complete and len(complete) == own[0].record.task_count:
                 self.report.unchanged.append(self._name_of[one.place])
                 continue
-            due.append((one, [] if self._overwrite else complete))
+            due.append((one, complete))
+            self._with_complete_parts += [one.place] if complete else []
         return due
 
-    def _is_complete(self, entry: ManifestEntry) -> bool:
-        return entry.is_done and all(one.path in self._existing for one in entry.files)
-
-    def tasks(self, due: list[tuple[BagSource, list[ManifestEntry]]], run: TaskRunner) -> list[Task]:
+    def tasks(self, due: list[tuple[BagSource, set[int]]], run: TaskRunner) -> list[Task]:
         """Return the tasks for missing bags; large bags are read to split them."""
         tasks: list[Task] = []
-        large: dict[str, tuple[Task, set[int]]] = {}
-        for one, complete in due:
-            entry = ManifestEntry(one.place, self._name_of[one.place], one.version, self._options.digest, 0, 1)
-            task = Task(entry, self._out, self._options, self._overwrite, size=one.size)
-            if one.size > self._options.range_bytes:
-                large[one.place] = task, {entry.number for entry in complete}
-            else:
-                tasks.append(task)
-        for task, result in run(split_times_of, [task for task, _ in large.values()]):
+        large: list[Task] = []
+        complete_of = {one.place: complete for one, complete in due}
+
+        def split(task: Task, result: TaskResult) -> None:
             self._add_result(task, result)
             if not result.error:
-                complete_numbers = large[task.entry.place][1]
-                tasks += [one for one in split_task(task, result.cuts) if one.entry.number not in complete_numbers]
+                parts = split_task(task, result.cuts)
+                tasks.extend(one for one in parts if one.record.number not in complete_of[task.place])
+
+        for one, _ in due:
+            record = TaskRecord(digest(one.place), one.version, self._options.digest)
+            name = self._name_of[one.place]
+            task = Task(one.place, name, record, self._out, self._options, self._overwrite, size=one.size)
+            (large if one.size > self._options.range_bytes else tasks).append(task)
+        run(split_times_of, large, split)
         return tasks
 
     def run(self, tasks: list[Task], run: TaskRunner) -> None:
@@ -212,52 +221,58 @@ class _DatasetJob:
             size = task.size
             return run_task(task, on_progress=show)
 
-        show(0)
-        for task, result in run(run_here if run is one_by_one else run_task, tasks):
+        def finish(task: Task, result: TaskResult) -> None:
+            nonlocal count, done_bytes
             count += 1
             done_bytes += task.size
             self._add_result(task, result)
             show(0)
 
+        show(0)
+        run(run_here if run is one_by_one else run_task, tasks, finish)
+
     def _add_result(self, task: Task, result: TaskResult) -> None:
-        entry, report = task.entry, self.report
+        report = self.report
         if result.error:
-            text = result.error if entry.place in result.error else f"{entry.place}: {result.error}"
-            report.failed.setdefault(entry.place, text)
+            text = result.error if task.place in result.error else f"{task.place}: {result.error}"
+            report.failed.setdefault(task.place, text)
         if result.files:
-            report.files.setdefault(entry.name, []).extend(result.files)
+            report.files.setdefault(task.name, []).extend(result.files)
         if result.skipped_topics:
-            report.skipped_topics.setdefault(entry.name, {}).update(result.skipped_topics)
+            report.skipped_topics.setdefault(task.name, {}).update(result.skipped_topics)
         if result.damaged:  # two tasks may read the same chunk
-            known = report.damaged.get(entry.name, [])
-            report.damaged[entry.name] = [*dict.fromkeys([*known, *result.damaged])]
-        for text in result.warnings:
-            warnings.warn(text, BagWarning, stacklevel=4)
+            known = report.damaged.get(task.name, [])
+            report.damaged[task.name] = [*dict.fromkeys([*known, *result.damaged])]
+        self.warnings += result.warnings
 
     def clean_up(self) -> None:
-        """Sort the files, and remove partial files of processes that were killed."""
-        for files in self.report.files.values():
+        """Complete the report, and remove partial files of processes that were killed."""
+        report = self.report
+        for files in report.files.values():
             files.sort(key=lambda one: one.path)
+        for place in self._with_complete_parts:  # the other parts have no messages, and therefore no files
+            if place not in report.failed and self._name_of[place] not in report.files:
+                report.unchanged.append(self._name_of[place])
         if not is_url(self._out):
-            self._manifest.remove_partial(self._name_of.values())
+            remove_partial_files(self._out, self._name_of.values())
 
 
 def select_runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[TaskRunner]:
     """Return the function that runs tasks: in this process, in others of this machine, or in workers of Dask."""
     if scheduler is None and workers is None:
         tasks = sum(max(1, -(-size // RANGE_BYTES)) for size in sizes)
-        workers = min(os.cpu_count() or 1, tasks) if sum(sizes) >= POOL_BYTES and IS_POSIX else 1
+        workers = min(os.cpu_count() or 1, tasks) if sum(sizes) >= PROCESSES_BYTES else 1
     if not sizes or (scheduler is None and workers == 1):
         return nullcontext(one_by_one)
     if workers is not None:
-        return process_pool(workers)
+        return local_processes(workers)
     assert scheduler is not None
     return dask_cluster(scheduler)
 
 
-def one_by_one(function: TaskFunction, tasks: list[Task]) -> Iterator[tuple[Task, TaskResult]]:
+def one_by_one(function: TaskFunction, tasks: list[Task], on_result: ResultFunction) -> None:
     for task in tasks:
-        yield task, function(task)
+        on_result(task, function(task))
 
 
 # -------------------------------------------------------------------------------------------------------------- sources
@@ -319,16 +334,18 @@ def _tag_or_time(info: Mapping[str, Any]) -> str:
     return str(next((info[key] for key in (*_TAG_KEYS, *_TIME_KEYS) if info.get(key)), ""))
 
 
-def names_of(places: Iterable[str], known: Mapping[str, str] | None = None) -> dict[str, str]:
+def names_of(
+    places: Iterable[str], known: Mapping[str, str] | None = None, reserved: Collection[str] = ()
+) -> dict[str, str]:
     """Return a unique name for each bag: that of its file, with folders before it if necessary.
 
-    `known` has existing names by place, which are kept and not assigned to others.
+    `known` has existing names by place, which are kept; bags without one get no name in `reserved`.
     """
     known = known or {}
     places = list(dict.fromkeys(places))
     paths = {place: _path_names(place) for place in (*places, *known)}
     names: dict[str, str] = {}
-    reserved = set(known.values())
+    reserved = {*reserved, *known.values()}
     for place in places:
         own, length = paths[place], 1
         if place in known:
@@ -340,6 +357,15 @@ def names_of(places: Iterable[str], known: Mapping[str, str] | None = None) -> d
             length += 1
         name = "/".join(own[-length:])
         names[name if name not in names and name not in reserved else place] = place
+    return names
+
+
+def possible_names(places: Iterable[str]) -> set[str]:
+    """Return all names that `names_of` may give to bags."""
+    names = set(places)
+    for place in places:
+        own = _path_names(place)
+        names.update("/".join(own[-length:]) for length in range(1, len(own) + 1))
     return names
 
 

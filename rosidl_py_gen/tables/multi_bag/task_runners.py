@@ -1,8 +1,8 @@
-"""Execution of tasks by processes of this machine, or by the workers of a Dask scheduler.
+"""Execution of tasks by Dask: in processes of this machine, or on the workers of a scheduler that the caller names.
 
-Socket pairs connect them, which no other process can open: a port on the loopback interface would let every user of the
-machine send tasks, that is, run code. A process runs one task at a time. A process that dies is replaced, and its task
-is repeated; after `MAX_DEATHS` deaths the task fails.
+Dask's scheduler "processes" needs no more than Dask itself, and connects the processes by pipes. A local cluster of
+`distributed` would listen on a port of the loopback interface: every user of the machine could send it tasks, that is,
+run code. A process runs one task at a time, whose memory is bounded by `StagedDataset`.
 
 Anyone who can connect to a scheduler without TLS can run code on its workers, and in this process, which reads their
 results with pickle. Therefore this module starts no scheduler.
@@ -10,146 +10,86 @@ results with pickle. Therefore this module starts no scheduler.
 
 from __future__ import annotations
 
+import multiprocessing
 import os
-import pickle
 import signal
 import sys
-from collections import deque
-from contextlib import contextmanager, suppress
+from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
-from multiprocessing.connection import Connection, Pipe, wait
-from queue import SimpleQueue
-from subprocess import DEVNULL, Popen
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.base.python_processes import python_command
 from rosidl_py_gen.base.resources import missing_extra_message
 from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.tables.multi_bag.bag_tasks import Task, TaskFunction, TaskRunner
+    from rosidl_py_gen.tables.multi_bag.bag_tasks import ResultFunction, Task, TaskFunction, TaskRunner
 
-IS_POSIX = os.name == "posix"
-MAX_DEATHS = 4
-"""Number of processes that a task may kill before it is given up; Dask has the same limit."""
 CONNECT_TIMEOUT_S = 10
 """Time after which a scheduler of Dask counts as not reachable, in seconds."""
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Environment of the processes, unless it is set: one thread each, as there is a process for each core."""
+_MAX_WINDOWS_PROCESSES = 61
+"""Maximum number of processes of an executor on Windows."""
+_PROCESS_ENDED = (
+    "a process of Dask ended unexpectedly, for this bag or another: it may lack memory, or the program that calls "
+    'write_datasets lacks `if __name__ == "__main__":`; the next run writes only what is missing, and workers=1 '
+    "(--workers 1) uses this process"
+)
 
 
 @contextmanager
-def process_pool(workers: int) -> Iterator[TaskRunner]:
-    """Yield a function that runs tasks in `workers` processes, and yields each with its result as it finishes."""
-    if not IS_POSIX:
-        raise BagError(f"found workers={workers} on {sys.platform}; expected workers=1: several processes need POSIX")
-    idle: list[WorkerProcess] = []
+def local_processes(workers: int) -> Iterator[TaskRunner]:
+    """Yield a function that runs tasks in up to `workers` processes, and passes on each result as it arrives."""
     try:
-        yield lambda function, tasks: _run(function, tasks, workers, idle)
-    finally:
-        for worker in idle:
-            worker.close()
+        import dask  # noqa: F401
+    except ModuleNotFoundError as missing:
+        raise missing_extra_message(missing) or missing from None
+    if sys.platform == "win32":
+        workers = min(workers, _MAX_WINDOWS_PROCESSES)
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_process) as pool:
+        yield partial(_run_in_processes, pool)
 
 
-def _run(
-    function: TaskFunction, tasks: list[Task], workers: int, idle: list[WorkerProcess]
-) -> Iterator[tuple[Task, TaskResult]]:
-    due = deque((task, 0) for task in tasks)
-    busy: dict[Any, tuple[WorkerProcess, Task, int]] = {}
+def _run_in_processes(pool: Executor, function: TaskFunction, tasks: list[Task], on_result: ResultFunction) -> None:
+    import dask
+    from dask.callbacks import Callback
+
+    due = {f"task-{number}": task for number, task in enumerate(tasks)}
+
+    def finish(key: str, result: TaskResult, *_: Any) -> None:
+        on_result(due.pop(key), result)
+
+    api: Any = dask  # without types
+    calls = [api.delayed(function, pure=False)(task, dask_key_name=key) for key, task in due.items()]
     try:
-        while due or busy:
-            while due and len(busy) < workers:
-                task, deaths = due.popleft()
-                worker = idle.pop() if idle else WorkerProcess()
-                busy[worker.connection] = worker, task, deaths
-                worker.send(function, task)
-            for connection in wait(list(busy)):
-                worker, task, deaths = busy.pop(connection)
-                result = worker.receive()
-                if result is not None:
-                    idle.append(worker)
-                    yield task, result
-                    continue
-                worker.close()
-                if deaths + 1 < MAX_DEATHS:
-                    due.append((task, deaths + 1))
-                    continue
-                code = worker.process.returncode
-                how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
-                yield task, TaskResult(error=f"the process of this task {how}, {MAX_DEATHS} times in a row")
-    finally:
-        for worker, _, _ in busy.values():
-            worker.close()
+        with Callback(posttask=finish):  # type: ignore[no-untyped-call]
+            # By default six tasks would be one, which only one process could do.
+            api.compute(*calls, scheduler="processes", pool=pool, chunksize=1, optimize_graph=False)
+    except BrokenProcessPool:
+        for task in due.values():
+            on_result(task, TaskResult(error=_PROCESS_ENDED))
 
 
-class WorkerProcess:
-    """Process that waits for tasks. It ends at once when this process closes its connection, or ends."""
-
-    def __init__(self) -> None:
-        self.connection, other = Pipe()
-        # Unlike multiprocessing, this does not import the main module, which may have no `if __name__ == "__main__"`.
-        command = python_command(f"from {__name__} import serve; serve({other.fileno()})")
-        environment = {**_ONE_THREAD, **os.environ}
-        with other:
-            self.process = Popen(command, env=environment, pass_fds=[other.fileno()], stdin=DEVNULL, stdout=DEVNULL)
-
-    def send(self, function: TaskFunction, task: Task) -> None:
-        with suppress(OSError):  # the process has died, which `receive` detects
-            self.connection.send((function, task))
-
-    def receive(self) -> TaskResult | None:
-        """Return the result of the task; None if the process has died."""
-        try:
-            result = self.connection.recv()
-        except (EOFError, OSError):
-            return None
-        assert isinstance(result, TaskResult)
-        return result
-
-    def close(self) -> None:
-        self.connection.close()
-        self.process.kill()
-        self.process.wait()
+def _start_process() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it at once, without a traceback
+    Thread(target=_end_with_parent, daemon=True).start()
 
 
-def serve(descriptor: int) -> None:
-    """Run the tasks that arrive on a connection; the main function of the processes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all processes; the parent handles it
-    connection = Connection(descriptor)
-    requests: SimpleQueue[bytes] = SimpleQueue()
-    Thread(target=_receive, args=(connection, requests), daemon=True).start()
-    while True:
-        connection.send(_result(requests.get()))
-
-
-def _receive(connection: Any, requests: SimpleQueue[bytes]) -> None:
-    try:
-        while True:
-            requests.put(connection.recv_bytes())
-    except (EOFError, OSError):
-        os._exit(1)
-
-
-def _result(request: bytes) -> TaskResult:
-    try:
-        function, task = pickle.loads(request)
-        result = function(task)
-        assert isinstance(result, TaskResult)
-        return result
-    except Exception as error:
-        return TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
-
-
-# ----------------------------------------------------------------------------------------------------------------- Dask
+def _end_with_parent() -> None:
+    # Executors leave their processes waiting if the process that started them is killed.
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 @contextmanager
 def dask_cluster(scheduler: str) -> Iterator[TaskRunner]:
-    """Yield a function that runs tasks on the workers of a scheduler, as `process_pool`. Raises `BagError`."""
+    """Yield a function that runs tasks on the workers of a scheduler, as `local_processes`. Raises `BagError`."""
     try:
         import distributed
     except ModuleNotFoundError as missing:
@@ -161,10 +101,10 @@ def dask_cluster(scheduler: str) -> Iterator[TaskRunner]:
     except (OSError, ValueError, TypeError, ImportError) as error:
         raise BagError(f"no scheduler of Dask responds at {scheduler}: {error}") from None
     with client:
-        yield partial(_run_by_dask, client)
+        yield partial(_run_on_cluster, client)
 
 
-def _run_by_dask(client: Any, function: TaskFunction, tasks: list[Task]) -> Iterator[tuple[Task, TaskResult]]:
+def _run_on_cluster(client: Any, function: TaskFunction, tasks: list[Task], on_result: ResultFunction) -> None:
     import distributed
 
     futures = {client.submit(function, task, pure=False): task for task in tasks}
@@ -173,5 +113,5 @@ def _run_by_dask(client: Any, function: TaskFunction, tasks: list[Task]) -> Iter
         if not isinstance(result, TaskResult):  # an exception, possibly with its type and traceback
             error = result[1] if isinstance(result, tuple) else result
             result = TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
-        yield futures.pop(future), result
+        on_result(futures.pop(future), result)
         future.release()

@@ -1,16 +1,91 @@
-"""The parts of bench/runtime.py that concern topics and services: what each of its processes does."""
+"""Nodes of bench/runtime.py and bench/rclpy.py: what each of their processes does, and how it reports.
+
+The DDS domain is on loopback.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import gc
+import json
+import os
+import resource
 import statistics
 import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
 from typing import Any
 
-from runtime_common import IMAGE_BYTES, SERVICE, STOP, TEXT, both_ways, cpu_s, percentile, report
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+DOMAIN = "219"
+os.environ.update({"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"})
+os.environ.pop("CYCLONEDDS_URI", None)
+
+SERVICE = os.environ.get("BENCH_SERVICE", "set")
+STOP = "stop"
+TEXT = "hello world"
+IMAGE_BYTES = 1920 * 1080 * 3
+WARM_UP = 1000
+KEPT_S = 0.2
+
+
+def cpu_s() -> float:
+    """CPU seconds of this process so far, all threads."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def rss_mb() -> float:
+    """Resident memory of this process now."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def percentile(values: list[float], share: float) -> float:
+    """The value below which `share` of all values lie."""
+    return sorted(values)[min(len(values) - 1, int(len(values) * share))]
+
+
+def report(**figures: object) -> None:
+    """Send figures to the parent."""
+    print(json.dumps(figures), flush=True)
+
+
+def run_node(main: Callable[[Any, Any], Any], name: str) -> None:
+    """Run `main(node, String)` on an event loop: BENCH_LOOP says which, BENCH_CONTEXTS how many contexts are on it."""
+    from rosidl_py_gen import get_message
+    from rosidl_py_gen.runtime import Context, Node, run
+
+    async def body() -> None:
+        async with AsyncExitStack() as stack:
+            for number in range(int(os.environ.get("BENCH_CONTEXTS", "1")) - 1):
+                context = await stack.enter_async_context(Context())
+                await stack.enter_async_context(Node(f"{name}_beside_{number}", context=context))
+            node = await stack.enter_async_context(Node(name))
+            await main(node, get_message("std_msgs/msg/String"))
+
+    kind = os.environ.get("BENCH_LOOP")
+    if kind == "uvloop":
+        import uvloop
+
+        uvloop.run(body())
+    elif kind == "asyncio":
+        asyncio.run(body())
+    else:
+        run(body)
+
+
+async def both_ways(publisher: Any, subscription: Any) -> None:
+    """Wait until both directions are connected, and a moment for the peer to see the same."""
+    await publisher.wait_for_subscribers(timeout_s=10)
+    await subscription.wait_for_publishers(timeout_s=10)
+    await asyncio.sleep(0.2)
+
+
+# -------------------------------------------------------------------------------------------------- topics and services
 
 
 async def stream_pong(node: Any, string: Any) -> None:
@@ -239,3 +314,101 @@ async def count_images(node: Any, _: Any, count: int) -> None:
     except TimeoutError:
         pass
     report(dropped=subscription.dropped, whole=whole, cpu_ms=(cpu_s() - cpu) / max(1, whole) * 1000)
+
+
+# ----------------------------------------------------------------------------------------------- actions and parameters
+
+
+def fibonacci() -> Any:
+    """The action type."""
+    from rosidl_py_gen import get_action
+
+    return get_action("example_interfaces/action/Fibonacci")
+
+
+async def goal_server(node: Any, _: Any) -> None:
+    """An action server whose goals end at once; ends with its parent's pipe."""
+    kind = fibonacci()
+
+    async def execute(goal: Any) -> Any:
+        return kind.Result(sequence=[0, 1, 1])
+
+    node.create_action_server(kind, "fibonacci", execute)
+    await asyncio.to_thread(sys.stdin.read)
+
+
+async def goal_client(node: Any, _: Any, count: int) -> None:
+    """Measure from sending a goal to having its result."""
+    kind = fibonacci()
+    client = node.create_action_client(kind, "fibonacci")
+    await client.wait_for_server(timeout_s=10)
+    await asyncio.sleep(0.2)
+    times = []
+    for _ in range(count):
+        start = time.perf_counter_ns()
+        goal = await client.send_goal(kind.Goal(order=3), timeout_s=5)
+        await goal.result(timeout_s=5)
+        times.append((time.perf_counter_ns() - start) / 1000)
+    report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+
+
+async def memory_server(node: Any, _: Any, count: int) -> None:
+    """An action server that forgets results soon; reports how much `count` goals after the first ones left behind."""
+    kind = fibonacci()
+    done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    served, before = 0, 0.0
+
+    async def execute(goal: Any) -> Any:
+        nonlocal served, before
+        served += 1
+        goal.publish_feedback(kind.Feedback(sequence=[0]))
+        if served == WARM_UP:
+            gc.collect()
+            before = rss_mb()
+        elif served == WARM_UP + count:
+            done.set_result(None)
+        return kind.Result(sequence=[0, 1, 1])
+
+    server = node.create_action_server(kind, "fibonacci", execute, result_timeout_s=KEPT_S)
+    await done
+    await asyncio.sleep(2 * KEPT_S + 0.1)
+    gc.collect()
+    report(grown_mb=rss_mb() - before, goals=len(server.goals))
+
+
+async def memory_client(node: Any, _: Any, count: int) -> None:
+    """Send `count` goals after the first ones; reports how much memory they left behind."""
+    kind = fibonacci()
+    client = node.create_action_client(kind, "fibonacci")
+    await client.wait_for_server(timeout_s=10)
+    await asyncio.sleep(0.2)
+    before = 0.0
+    for number in range(WARM_UP + count):
+        if number == WARM_UP:
+            gc.collect()
+            before = rss_mb()
+        goal = await client.send_goal(kind.Goal(order=3), timeout_s=5)
+        await goal.result(timeout_s=5)
+    gc.collect()
+    report(grown_mb=rss_mb() - before)
+    await asyncio.to_thread(sys.stdin.read)
+
+
+async def parameter_server(node: Any, _: Any) -> None:
+    """A node with a parameter; ends with its parent's pipe."""
+    node.declare_parameter("speed", 0.5)
+    await asyncio.to_thread(sys.stdin.read)
+
+
+async def parameter_setter(node: Any, _: Any, count: int) -> None:
+    """Measure setting a parameter of another node."""
+    client = node.create_parameter_client("/parameter_server")
+    await client.wait_for_services(timeout_s=10)
+    await asyncio.sleep(0.2)
+    times = []
+    for number in range(count):
+        start = time.perf_counter_ns()
+        results = await client.set({"speed": float(number)}, timeout_s=5)
+        times.append((time.perf_counter_ns() - start) / 1000)
+        assert results[0].successful
+    report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
