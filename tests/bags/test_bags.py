@@ -1,4 +1,4 @@
-"""Bags we write are read by others with equal values, and theirs by us."""
+"""Bags written and read by this package, by mcap, by mcap-ros2-support and by rosbags have equal values."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def bag(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
-def test_what_is_written_is_read(bag: Path) -> None:
+def test_written_messages_are_read_back(bag: Path) -> None:
     with BagReader(bag) as reader:
         assert list(reader.topics) == ["/chatter", "/imu"]
         topic = reader.topics["/imu"]
@@ -70,7 +70,7 @@ def test_what_is_written_is_read(bag: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
-def test_mcap_and_its_ros2_support_read_it_as_our_factory_does(tmp_path: Path, compression: str) -> None:
+def test_mcap_ros2_support_decodes_bags_like_our_decoder_factory(tmp_path: Path, compression: str) -> None:
     path = tmp_path / "bag.mcap"
     write_some(path, compression=compression)
     with path.open("rb") as one, path.open("rb") as two:
@@ -89,7 +89,7 @@ def test_mcap_and_its_ros2_support_read_it_as_our_factory_does(tmp_path: Path, c
     assert counts == {"/imu": 10, "/chatter": 10}
 
 
-def test_messages_come_by_log_time_though_chunks_overlap(tmp_path: Path) -> None:
+def test_messages_of_overlapping_chunks_are_ordered_by_log_time(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap"
     with BagWriter(path) as writer:
         for times in ([5, 1, 30], [4, 2, 40], [3, 20, 10], [50, 60]):
@@ -105,12 +105,12 @@ def test_messages_come_by_log_time_though_chunks_overlap(tmp_path: Path) -> None
         assert (reader.start_ns, reader.end_ns) == (1, 60)
 
 
-def test_rosbags_reads_the_folder(tmp_path: Path) -> None:
+def test_rosbags_reads_a_written_bag_folder(tmp_path: Path) -> None:
     write_some(tmp_path / "bag", split_bytes=2000)
     store = get_typestore(Stores.ROS2_JAZZY)
     with RosbagsReader(tmp_path / "bag") as reader:
         assert reader.message_count == 20 and len(list((tmp_path / "bag").glob("*.mcap"))) > 1
-        assert reader.duration == 9 * S + 2  # rosbags counts to behind the last one
+        assert reader.duration == 9 * S + 2  # rosbags counts to the time after the last message
         for connection, log_time, data in reader.messages():
             decoded: Any = store.deserialize_cdr(data, connection.msgtype)
             if connection.topic == "/imu":
@@ -147,7 +147,7 @@ def test_files_of_mcap_ros2_support_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("big", [False, True], ids=["little endian", "big endian"])
-def test_what_other_decoders_read_wrong_is_read(tmp_path: Path, big: bool) -> None:
+def test_fields_that_other_decoders_misread_are_decoded(tmp_path: Path, big: bool) -> None:
     text = "wstring text\nbuiltin_interfaces/Time before\nbuiltin_interfaces/Duration less\n"
     text += "std_msgs/Empty nothing\nint32 last\n"
     times = f"{'=' * 80}\nMSG: builtin_interfaces/{{}}\nint32 sec\nuint32 nanosec\n"
@@ -172,7 +172,7 @@ def test_what_other_decoders_read_wrong_is_read(tmp_path: Path, big: bool) -> No
             assert type(empty).__name__ == "Empty"
 
 
-def test_types_of_idl_files_are_written_so_that_others_read_them(
+def test_types_of_idl_files_are_stored_as_msg_definitions_where_possible(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "share" / "of_idl" / "msg"
@@ -201,7 +201,7 @@ def test_types_of_idl_files_are_written_so_that_others_read_them(
         assert [item.message for item in reader][2] == odd(Number=3)
 
 
-def test_sequences_of_poses_come_as_arrays_when_asked_for(tmp_path: Path) -> None:
+def test_sequences_of_poses_are_read_as_arrays_on_request(tmp_path: Path) -> None:
     path = tmp_path / "poses.mcap"
     poses = PoseArray()
     poses.poses = [get_message("geometry_msgs/msg/Pose")() for _ in range(3)]
@@ -219,7 +219,7 @@ def test_sequences_of_poses_come_as_arrays_when_asked_for(tmp_path: Path) -> Non
 # ------------------------------------------------------------------------------------------------------------- others
 
 
-def test_qos_comes_back(tmp_path: Path) -> None:
+def test_offered_qos_is_stored_and_read_back(tmp_path: Path) -> None:
     latched = QoSProfile(depth=3, durability=Durability.TRANSIENT_LOCAL)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/map", String, qos=[latched])
@@ -237,7 +237,7 @@ def test_qos_comes_back(tmp_path: Path) -> None:
     assert qos_profiles("- {history: keep_last") == qos_profiles("5") == []
 
 
-def test_playing_keeps_the_distances(tmp_path: Path) -> None:
+def test_playback_preserves_time_intervals_scaled_by_rate(tmp_path: Path) -> None:
     path = tmp_path / "b.mcap"
     with BagWriter(path) as writer:
         for number in range(4):
@@ -251,7 +251,7 @@ def test_playing_keeps_the_distances(tmp_path: Path) -> None:
     assert VirtualTimeLoop().run(main()) == [0.0, 0.05, 0.1, 0.15]
 
 
-def test_writers_refuse_what_would_not_be_read(tmp_path: Path) -> None:
+def test_writer_refuses_wrong_types_times_and_options(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "b.mcap") as writer:
         with pytest.raises(BagError, match="no type yet"):
             writer.write("/s", b"1234")
@@ -270,7 +270,7 @@ def test_writers_refuse_what_would_not_be_read(tmp_path: Path) -> None:
         BagWriter(tmp_path / "c.mcap", compression="gzip")
 
 
-def test_a_full_disk_is_told_and_what_was_written_is_read(tmp_path: Path) -> None:
+def test_full_disk_is_an_error_and_written_messages_remain_readable(tmp_path: Path) -> None:
     path = tmp_path / "full.mcap"
     writer = BagWriter(path, compression="")
     with file_size_limit(20_000_000):
@@ -283,7 +283,7 @@ def test_a_full_disk_is_told_and_what_was_written_is_read(tmp_path: Path) -> Non
         assert len(list(reader)) > 100
 
 
-def test_a_disk_that_is_full_when_a_file_ends_leaves_those_before_and_no_more_is_written(tmp_path: Path) -> None:
+def test_full_disk_closes_the_writer_and_keeps_the_files_before(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "bag", compression="", split_bytes=500_000)
     for number in range(7):
         writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
@@ -299,7 +299,7 @@ def test_a_disk_that_is_full_when_a_file_ends_leaves_those_before_and_no_more_is
         assert [item.log_time for item in reader] == list(range(7))  # two are in the chunk that breaks off
 
 
-def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_path: Path) -> None:
+def test_recorder_killed_while_creating_a_file_leaves_the_other_files_readable(tmp_path: Path) -> None:
     write_some(tmp_path / "bag", split_s=3)
     (tmp_path / "bag" / "metadata.yaml").unlink()
     for beginning in (b"", b"\x89MCAP"):
@@ -310,7 +310,7 @@ def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_p
     require_error(tmp_path / "bag", "does not begin with the magic bytes of MCAP")
 
 
-def test_a_file_that_was_renamed_is_named(tmp_path: Path) -> None:
+def test_renamed_file_is_suggested_in_the_error(tmp_path: Path) -> None:
     write_some(tmp_path / "bag")
     (tmp_path / "bag" / "bag_0.mcap").rename(tmp_path / "bag" / "drive.mcap")
     require_error(tmp_path / "bag", r"refers to bag_0\.mcap, which does not exist; drive\.mcap exists and can be read")
@@ -318,7 +318,7 @@ def test_a_file_that_was_renamed_is_named(tmp_path: Path) -> None:
         assert len(list(reader)) == 20
 
 
-def test_names_of_other_things_are_refused(tmp_path: Path) -> None:
+def test_paths_that_are_not_bags_are_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "x.txt").write_text("x")
     for path, text in (
@@ -331,7 +331,7 @@ def test_names_of_other_things_are_refused(tmp_path: Path) -> None:
         BagReader(tmp_path / "none.mcap")
 
 
-def test_messages_of_a_class_are_of_that_class_or_an_error_names_the_difference(tmp_path: Path) -> None:
+def test_messages_read_with_a_class_are_its_instances_or_the_mismatch_is_an_error(tmp_path: Path) -> None:
     path = write_strings(tmp_path / "a.mcap", ["x", "y"])
     same = compile_definition("std_msgs/msg/String", "string data")
     other = compile_definition("std_msgs/msg/String", "string data\nint32 number")
@@ -349,7 +349,7 @@ def test_messages_of_a_class_are_of_that_class_or_an_error_names_the_difference(
         assert BagMessage[String](*items[0]) == items[0]
 
 
-def test_repr_of_a_reader_has_path_and_numbers(tmp_path: Path) -> None:
+def test_repr_of_a_reader_has_path_and_counts(tmp_path: Path) -> None:
     path = write_strings(tmp_path / "a.mcap", ["x", "y"])
     with BagReader(path) as reader:
         assert repr(reader) == f"<BagReader {str(path)!r}: 2 messages of 1 topic>"

@@ -1,4 +1,4 @@
-"""Copies of bags: everything is in the copy, or is counted."""
+"""Copies of bags contain every record, or count the missing records."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_reindex_of_a_file_without_an_index_copies_every_record(original: Random
 
 @settings(max_examples=examples(40))
 @given(random_files(for_sqlite=True))
-def test_conversion_to_sqlite_counts_what_it_does_not_copy(original: RandomFile) -> None:
+def test_conversion_to_sqlite_counts_records_that_are_not_copied(original: RandomFile) -> None:
     contents = original.contents
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -247,7 +247,7 @@ def test_selection_of_topics_and_times_copies_all_attachments_and_metadata(tmp_p
     assert (copy.attachments.total(), copy.metadata.total()) == (1, 1)
 
 
-def test_note_names_the_kinds_and_the_reason(tmp_path: Path, capsys: Any) -> None:
+def test_note_lists_records_that_are_not_carried_over_and_the_reason(tmp_path: Path, capsys: Any) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(one_message(attachment_record("a", "", b"x") * 2, metadata_record("m", {})))
     ros_cli.main(["bag", "convert", str(path), str(tmp_path / "b"), "--storage", "sqlite3"])
@@ -258,7 +258,7 @@ def test_note_names_the_kinds_and_the_reason(tmp_path: Path, capsys: Any) -> Non
 
 
 @pytest.mark.parametrize("step", ["write", "rename"])
-def test_failed_repair_changes_nothing(tmp_path: Path, monkeypatch: Any, step: str) -> None:
+def test_failed_reindex_leaves_the_bag_unchanged(tmp_path: Path, monkeypatch: Any, step: str) -> None:
     path = tmp_path / "a_0.mcap"
     data = one_message(attachment_record("a", "", b"x"))
     path.write_bytes(data)
@@ -281,7 +281,7 @@ def test_failed_repair_changes_nothing(tmp_path: Path, monkeypatch: Any, step: s
     assert reindex_folder(tmp_path).messages == 1
 
 
-def test_record_of_rosbag2_is_not_doubled_and_its_custom_data_are_copied(tmp_path: Path) -> None:
+def test_metadata_record_of_rosbag2_is_not_duplicated_and_custom_data_are_copied(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", custom_data={"k": "v"}) as writer:
         writer.write("/a", String(), 1)
     for source, target in [("bag", "b.mcap"), ("b.mcap", "c"), ("c", "d")]:
@@ -371,7 +371,7 @@ def test_channels_that_no_index_lists_are_copied(tmp_path: Path) -> None:
             assert sorted(item.topic for item in reader.messages()) == ["/a", "/b"]
 
 
-def test_damaged_name_of_a_compression_loses_its_chunk_only(tmp_path: Path) -> None:
+def test_damaged_compression_name_loses_only_its_chunk(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=1, compression=CompressionType.LZ4)

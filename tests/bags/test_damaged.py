@@ -1,4 +1,4 @@
-"""Damaged files: right data or our error, soon, and without much memory; what is lost is reported.
+"""Damaged files yield correct data or our error, in bounded time and memory; losses are reported.
 
 Full versions: `tests/support/bag_damage.py`.
 """
@@ -27,7 +27,7 @@ from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.bags.reindexing import reindex_folder
 from rosidl_py_gen.bags.storage.mcap_file import McapFile
 
-pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is damaged is left out
+pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # damaged messages are skipped
 Bool: Any = get_message("std_msgs/msg/Bool")
 
 
@@ -40,7 +40,7 @@ def read(path: Path) -> list[Any]:
 
 
 @pytest.mark.parametrize("has_index", [True, False])
-def test_a_chunk_that_becomes_too_large_is_refused(tmp_path: Path, has_index: bool) -> None:
+def test_chunk_that_decompresses_beyond_the_limit_is_refused(tmp_path: Path, has_index: bool) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path, compression="zstd") as writer:
         writer.write("/a", String(data="a" * 100_000), 0)
@@ -48,12 +48,12 @@ def test_a_chunk_that_becomes_too_large_is_refused(tmp_path: Path, has_index: bo
         path.write_bytes(path.read_bytes()[:-60])
     with BagReader(path, max_decompressed_bytes=101_000) as reader:
         assert [len(one.message.data) for one in reader] == [100_000]
-    told = r"a chunk of \d+ bytes states 1\d{5} bytes; expected at most 10000, unless max_decompressed_bytes is more"
+    limit = r"a chunk of \d+ bytes states 1\d{5} bytes; expected at most 10000, unless max_decompressed_bytes is more"
     for skip_damaged in (False, True):  # it is not damaged
-        require_error(path, told, max_decompressed_bytes=10_000, skip_damaged=skip_damaged)
+        require_error(path, limit, max_decompressed_bytes=10_000, skip_damaged=skip_damaged)
 
 
-def test_an_index_that_names_a_chunk_many_times_is_not_used(tmp_path: Path) -> None:
+def test_index_that_lists_a_chunk_repeatedly_is_not_used(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path) as writer:
         for topic, message, log_time, _ in RIGHT:
@@ -70,7 +70,7 @@ def test_an_index_that_names_a_chunk_many_times_is_not_used(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("start", "checksum"), [(0, 0), (0, 1), (8, 1)])
-def test_looking_for_an_index_takes_little_memory(tmp_path: Path, start: int, checksum: int) -> None:
+def test_search_for_an_index_uses_little_memory(tmp_path: Path, start: int, checksum: int) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as stream:
         stream.write(b"\x89MCAP0\r\n")
@@ -115,7 +115,7 @@ def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("script", "said"),
+    ("script", "error_text"),
     [
         (
             "drop table messages; create view Messages as with recursive n(i) as "
@@ -134,7 +134,7 @@ def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
     ],
     ids=["view", "column", "virtual table"],
 )
-def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, script: str, said: str) -> None:
+def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, script: str, error_text: str) -> None:
     with SqliteWriter(tmp_path / "bag") as writer:
         writer.add_topic("/s", BagTopic("/s", "std_msgs/msg/Bool"))
         writer.write("/s", b"\0\1\0\0\1", 1)
@@ -143,15 +143,15 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, script: st
     base = sqlite3.connect(path)
     base.executescript(script)
     base.close()
-    require_error(path, said)
+    require_error(path, error_text)
 
 
 BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for n in range(1, 30))
 MERGED = "a0: &a0 {k: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}\n" for n in range(1, 30))
 
 
-def told(**wrong: str) -> str:
-    """A metadata file with wrong values."""
+def metadata_text(**wrong: str) -> str:
+    """Return the text of a metadata file with wrong values."""
     right = {"files": "[a.mcap]", "storage": "mcap", "topic": "/a", "count": "1", "qos": '""'}
     return (
         "rosbag2_bagfile_information: {{relative_file_paths: {files}, storage_identifier: {storage}, "
@@ -161,7 +161,7 @@ def told(**wrong: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "error_text"),
     [
         ("", "not in the format of rosbag2: .*; recreate it with `rosidl-py bag reindex`"),
         ("{", "not YAML: "),
@@ -174,20 +174,20 @@ def told(**wrong: str) -> str:
             "[" * 200_000,
             "not YAML: .*(more than 100 levels|exceeded maximum nesting depth)",
         ),  # the latter: libyaml 0.2.6
-        (told(qos="[" * 900 + "]" * 900), "not YAML: .*more than 100 levels"),
+        (metadata_text(qos="[" * 900 + "]" * 900), "not YAML: .*more than 100 levels"),
         (MERGED, "not YAML: "),
-        (told(count=".inf"), "OverflowError"),
-        (BOMB + told(files="[*a29]"), "more than 1000000 values, aliases written out"),
-        (BOMB + told(topic="*a29"), "more than 1000000 values, aliases written out"),
-        (BOMB + told(storage="*a29"), "more than 1000000 values, aliases written out"),
-        (told(files='["a\\0.mcap"]'), "a file name with a zero byte"),
+        (metadata_text(count=".inf"), "OverflowError"),
+        (BOMB + metadata_text(files="[*a29]"), "more than 1000000 values, aliases written out"),
+        (BOMB + metadata_text(topic="*a29"), "more than 1000000 values, aliases written out"),
+        (BOMB + metadata_text(storage="*a29"), "more than 1000000 values, aliases written out"),
+        (metadata_text(files='["a\\0.mcap"]'), "a file name with a zero byte"),
         ("a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: [*b, *b]", "not in the format of rosbag2"),
     ],
 )
 @pytest.mark.usefixtures("little_memory")
-def test_metadata_that_is_none_is_told(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_metadata_is_reported(tmp_path: Path, text: str, error_text: str) -> None:
     (tmp_path / "metadata.yaml").write_text(text)
-    require_error(tmp_path, said)
+    require_error(tmp_path, error_text)
 
 
 @pytest.mark.parametrize(
@@ -202,11 +202,11 @@ def test_metadata_that_is_none_is_told(tmp_path: Path, text: str, said: str) -> 
     ids=["int", "deep", "merged", "bomb", "infinity"],
 )
 @pytest.mark.usefixtures("little_memory")
-def test_qos_that_is_none_gives_no_profiles(text: str) -> None:
+def test_invalid_qos_text_is_parsed_as_no_profiles(text: str) -> None:
     assert qos_profiles(text) == []
 
 
-def test_metadata_does_not_lead_out_of_its_folder(tmp_path: Path) -> None:
+def test_metadata_cannot_refer_to_files_outside_the_bag_folder(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "secret.mcap") as writer:
         writer.write("/s", Bool())
     bag = tmp_path / "bag"
@@ -220,7 +220,7 @@ def test_metadata_does_not_lead_out_of_its_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("writer", [BagWriter, SqliteWriter])
-def test_a_recorder_killed_while_it_compresses_a_file_leaves_every_message_once(
+def test_recorder_killed_during_file_compression_leaves_each_message_exactly_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: Any
 ) -> None:
     class Killed(BaseException): ...
@@ -244,7 +244,7 @@ def test_a_recorder_killed_while_it_compresses_a_file_leaves_every_message_once(
             assert all(file.suffix == ".zstd" for file in reader.files), step
 
 
-def test_progress_of_reindexing_never_goes_back(tmp_path: Path) -> None:
+def test_progress_of_reindexing_never_decreases(tmp_path: Path) -> None:
     size, states = len(recording(tmp_path / "a_0.mcap", COUNT)), []
     reindex_folder(tmp_path, lambda *state: states.append(state))
     assert states == sorted(states) and states[-1] == (size, size)
@@ -258,7 +258,7 @@ def raising(error: type[BaseException]) -> Any:
 
 
 @pytest.mark.parametrize("writer", [BagWriter, SqliteWriter])
-def test_of_a_plain_file_and_its_compressed_form_the_complete_one_is_read(tmp_path: Path, writer: Any) -> None:
+def test_complete_file_is_read_if_plain_and_compressed_form_exist(tmp_path: Path, writer: Any) -> None:
     folder = tmp_path / "bag"
     with writer(folder) as bag:
         bag.add_topic("/a", BagTopic("/a", "std_msgs/msg/Bool", "bool data"))
@@ -276,7 +276,7 @@ def test_of_a_plain_file_and_its_compressed_form_the_complete_one_is_read(tmp_pa
             assert reader.files == [plain if whole == data else packed]
 
 
-def test_files_are_on_the_disk_before_they_get_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_are_synced_to_disk_before_they_are_renamed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps: list[tuple[str, str]] = []
     sync, replace = os.fsync, Path.replace
 
@@ -297,14 +297,14 @@ def test_files_are_on_the_disk_before_they_get_their_names(tmp_path: Path, monke
         assert steps[at - 1 : at + 2] == [("sync", f".{name}"), ("rename", name), ("sync", "bag")]
 
 
-def test_mutated_files_give_intact_messages_or_an_error_and_more_of_them_with_skip_damaged(tmp_path: Path) -> None:
+def test_mutated_files_yield_intact_messages_or_an_error_and_skip_damaged_recovers_more(tmp_path: Path) -> None:
     figures = mutations(tmp_path, 250)
     assert figures["skipping: messages"] > 2 * figures["strict: messages"]
     assert figures["slowest ms"] < 2000
 
 
 @pytest.mark.parametrize("compression", ["", "zstd"])
-def test_files_cut_and_zeroed_at_every_block_lose_what_is_there(tmp_path: Path, compression: str) -> None:
+def test_losses_of_files_cut_or_zeroed_at_any_block_are_bounded_and_reported(tmp_path: Path, compression: str) -> None:
     figures = blocks(tmp_path, compression, 600, step=4 * 4096)
     for kind in ("closed", "killed"):
         assert figures[f"{kind}, cut: read strictly"] == figures[f"{kind}, cut: cases"]
@@ -316,7 +316,7 @@ def test_files_cut_and_zeroed_at_every_block_lose_what_is_there(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("mode", ["zstd", "file"])
-def test_a_killed_recorder_leaves_all_that_was_flushed(tmp_path: Path, mode: str) -> None:
+def test_killed_recorder_leaves_all_flushed_messages(tmp_path: Path, mode: str) -> None:
     kills(tmp_path, mode, 1)
 
 
@@ -325,7 +325,7 @@ def test_a_killed_recorder_leaves_all_that_was_flushed(tmp_path: Path, mode: str
 
 @pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
 @pytest.mark.parametrize("has_index", [True, False])
-def test_a_damaged_chunk_is_an_error_with_its_place_or_is_skipped_and_reported(
+def test_damaged_chunk_is_an_error_with_its_position_or_is_skipped_and_reported(
     tmp_path: Path, has_index: bool, compression: str
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -356,7 +356,7 @@ def test_zeros_in_the_last_chunk_are_the_end_of_a_file_without_index(tmp_path: P
                 assert sum(one.count or 0 for one in reader.topics.values()) == COUNT - 40
 
 
-def test_a_message_outside_of_chunks_that_may_end_with_lost_blocks_is_dropped(tmp_path: Path) -> None:
+def test_unchunked_message_that_may_end_in_lost_blocks_is_dropped(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, use_chunking=False, index_types=IndexType.NONE)
@@ -375,7 +375,7 @@ def test_a_message_outside_of_chunks_that_may_end_with_lost_blocks_is_dropped(tm
             assert [one.message.data for one in reader] == ["abcd"] * count
 
 
-def test_after_a_hole_in_the_records_the_next_chunk_is_found_but_not_one_in_a_message(tmp_path: Path) -> None:
+def test_search_after_damage_finds_the_next_chunk_but_no_chunk_inside_a_message(tmp_path: Path) -> None:
     inner = recording(tmp_path / "inner.mcap", COUNT, "")
     path = tmp_path / "a.mcap"
     with BagWriter(path, compression="") as writer:
@@ -394,7 +394,7 @@ def test_after_a_hole_in_the_records_the_next_chunk_is_found_but_not_one_in_a_me
 # ------------------------------------------------------------------------------------------------------------- the rest
 
 
-def test_chunks_that_overlap_are_read_in_linear_time(tmp_path: Path) -> None:
+def test_overlapping_chunks_are_read_in_linear_time(tmp_path: Path) -> None:
     """Every chunk ends after all others: with a list that is sorted for each, 12 000 took 20 s."""
     path, count = tmp_path / "a.mcap", 12_000
     samples = ((log_time, bytes(8)) for number in range(count) for log_time in (number, 10**9 - number))
@@ -408,7 +408,7 @@ def test_chunks_that_overlap_are_read_in_linear_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("times", [[1 << 63], [5, (1 << 64) - 1]])
-def test_log_times_that_arrays_have_no_room_for_are_an_error(tmp_path: Path, times: list[int]) -> None:
+def test_log_times_beyond_the_range_of_arrays_are_an_error(tmp_path: Path, times: list[int]) -> None:
     path = write_foreign(tmp_path / "a.mcap", ("/s", *STRING, [(one, String(data="x").encode()) for one in times]))
     with BagReader(path) as reader, pytest.raises(BagError, match=f"/s at {times[-1]} ns: arrays have log times up to"):
         reader.to_arrays("/s")
@@ -424,7 +424,7 @@ def test_a_topic_name_with_control_characters_is_not_written(tmp_path: Path) -> 
                 assert str(caught.value).isprintable()
 
 
-def test_messages_of_a_chunk_that_lost_its_head_are_not_read_without_their_checksum(tmp_path: Path) -> None:
+def test_messages_of_a_chunk_without_header_are_skipped_for_lack_of_checksum(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     data = bytearray(recording(path, COUNT, ""))
     (first, _), (begin, _) = chunks(bytes(data))[1:3]

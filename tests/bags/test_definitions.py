@@ -1,4 +1,4 @@
-"""Bags without definitions: which one is taken, and what is said when it is not that of the recording."""
+"""Bags without definitions: the definition that is used, and errors if it differs from the recording's."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from rosidl_py_gen.errors import RosidlError
 Empty: Any = get_message("std_msgs/msg/Empty")
 String: Any = get_message("std_msgs/msg/String")
 NAME = "old_msgs/msg/Reading"
-THEN, NOW, LATER = "float32 value\nfloat32 weight\n", "float32 value\n", "float32 value\nfloat32 weight\nstring unit\n"
+OLD, NEW, LONG = "float32 value\nfloat32 weight\n", "float32 value\n", "float32 value\nfloat32 weight\nstring unit\n"
 
 
 def package(folder: Path, text: str) -> Path:
-    """A source package with one message."""
+    """Write a source package with one message."""
     (folder / "msg").mkdir(parents=True)
     (folder / "package.xml").write_text("<package><name>old_msgs</name></package>")
     (folder / "msg" / "Reading.msg").write_text(text)
@@ -34,7 +34,7 @@ def package(folder: Path, text: str) -> Path:
 
 
 def humble_bag(folder: Path, name: str, samples: list[bytes], *, hash: str = "") -> Path:
-    """A folder as rosbag2 of Humble writes it; `hash` is in metadata.yaml, as later ones have it."""
+    """Write a folder as rosbag2 of Humble does; `hash` is in metadata.yaml, as in later distributions."""
     folder.mkdir()
     write_humble(folder / "bag_0.db3", ("/reading", name, enumerate(samples, 1)))
     topic = {"name": "/reading", "type": name, "serialization_format": "cdr", "offered_qos_profiles": ""}
@@ -56,13 +56,13 @@ def reading(text: str, **values: Any) -> Any:
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    return humble_bag(tmp_path / "bag", NAME, [reading(THEN, value=n, weight=2.0).encode() for n in range(200)])
+    return humble_bag(tmp_path / "bag", NAME, [reading(OLD, value=n, weight=2.0).encode() for n in range(200)])
 
 
-def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
+def test_definition_from_search_path_or_typestore_is_used_with_a_warning(
     bag: Path, tmp_path: Path, recwarn: pytest.WarningsRecorder
 ) -> None:
-    folder = package(tmp_path / "then" / "old_msgs", THEN)
+    folder = package(tmp_path / "then" / "old_msgs", OLD)
     with BagReader(bag, search_path=folder) as reader:
         found = reader.definition("/reading")
         assert found.origin.endswith("old_msgs/msg/Reading.msg") and not found.is_recorded
@@ -72,7 +72,7 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
     said = str(warned.message)
     assert warned.category is BagWarning and found.origin in said
     assert "contains neither definition nor hash of old_msgs/msg/Reading (/reading)" in said
-    for given in (THEN, compile_definition(NAME, THEN)):
+    for given in (OLD, compile_definition(NAME, OLD)):
         with BagReader(bag, typestore={"old_msgs/Reading": given}) as reader:
             assert reader.definition("/reading").origin == "typestore"
             assert next(iter(reader)).message.weight == 2.0
@@ -84,7 +84,7 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
         pytest.raises(BagError, match=r".msg:1:1: unknown type.*$") as told,
     ):
         reader.definition("/reading")
-    assert "\n" not in str(told.value)  # it is the reason why `bag table` leaves a topic out, in one line
+    assert "\n" not in str(told.value)  # `bag table` prints it in one line, as the reason why it skips a topic
     with pytest.raises(TypeError, match="typestore: old_msgs/Reading: expected a message class"):
         BagReader(bag, typestore={"old_msgs/Reading": 1})  # type: ignore[dict-item]
 
@@ -92,37 +92,37 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (NOW, "4 of 12 bytes of a message are after its last field; typestore, used because the bag has no definition"),
-        (LATER, "a message of 12 bytes: old_msgs/msg/Reading.unit: at byte 12: expected 4 bytes.*; typestore, used"),
+        (NEW, "4 of 12 bytes of a message are after its last field; typestore, used because the bag has no definition"),
+        (LONG, "a message of 12 bytes: old_msgs/msg/Reading.unit: at byte 12: expected 4 bytes.*; typestore, used"),
     ],
 )
-def test_messages_that_are_not_of_the_guess_are_never_handed_out(bag: Path, text: str, said: str) -> None:
+def test_messages_that_do_not_fit_the_guessed_definition_are_never_returned(bag: Path, text: str, said: str) -> None:
     with BagReader(bag, typestore={NAME: text}) as reader:
         with pytest.warns(BagWarning, match=f"skipped /reading: {said}") as told:
             for _ in range(2):
                 assert list(reader.messages()) == []
-        assert len(told) == 2  # the guess, and what is left out
+        assert len(told) == 2  # the guess, and the skipped messages
         assert reader.skipped["/reading"].count == 400
         with pytest.raises(WrongDefinitionError, match=f"/reading: {said}"):
             list(reader.messages("/reading"))
 
 
 @pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
-def test_each_message_of_a_fixed_size_is_measured(tmp_path: Path) -> None:
-    """And a damaged one behind good ones is left out alone, where that is asked for."""
-    good, long = reading(NOW, value=1.0).encode(), reading(THEN, value=2.0).encode()
+def test_size_of_each_fixed_size_message_is_checked(tmp_path: Path) -> None:
+    """With on_error="skip" a damaged message between intact messages is skipped alone."""
+    good, long = reading(NEW, value=1.0).encode(), reading(OLD, value=2.0).encode()
     samples = [good] * 100 + [long]
     bag = humble_bag(tmp_path / "bag", NAME, samples)
-    with BagReader(bag, typestore={NAME: NOW}) as reader:
+    with BagReader(bag, typestore={NAME: NEW}) as reader:
         assert len(list(reader)) == 100
         assert reader.skipped["/reading"].count == 1
     bag = humble_bag(tmp_path / "damaged", NAME, [good, good[:6], good])
-    with BagReader(bag, typestore={NAME: NOW}) as reader:
+    with BagReader(bag, typestore={NAME: NEW}) as reader:
         assert len(list(reader.messages("/reading", on_error="skip"))) == 2
 
 
 @pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
-def test_what_middlewares_pad_and_empty_texts_of_other_writers_are_of_the_guess(tmp_path: Path) -> None:
+def test_padding_and_unterminated_empty_strings_fit_the_guessed_definition(tmp_path: Path) -> None:
     samples = [String(data="a" * size).encode() for size in range(8)]
     padded = [sample + bytes(-len(sample) % 4) for sample in samples]
     without_end = b"\0\1\0\0" + struct.pack("<I", 0)
@@ -134,7 +134,7 @@ def test_what_middlewares_pad_and_empty_texts_of_other_writers_are_of_the_guess(
 
 
 @pytest.mark.parametrize("kind", [BagTopic("/go", "std_msgs/msg/Empty"), Empty], ids=["no definition", "definition"])
-def test_messages_without_fields_are_read_with_a_byte_and_without(tmp_path: Path, kind: Any) -> None:
+def test_messages_without_fields_are_read_with_and_without_padding(tmp_path: Path, kind: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # nothing is guessed there
         with BagWriter(tmp_path / "a.mcap") as writer:
@@ -147,23 +147,23 @@ def test_messages_without_fields_are_read_with_a_byte_and_without(tmp_path: Path
                 assert found == [Empty()] * (3 - number)
 
 
-def test_only_a_definition_with_the_recorded_hash_is_taken(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
-    then = compile_definition(NAME, THEN)
+def test_only_a_definition_with_the_recorded_hash_is_used(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    then = compile_definition(NAME, OLD)
     samples = [then(value=1.0, weight=2.0).encode()]
-    now, right = package(tmp_path / "now" / "old_msgs", NOW), package(tmp_path / "then" / "old_msgs", THEN)
+    now, right = package(tmp_path / "now" / "old_msgs", NEW), package(tmp_path / "then" / "old_msgs", OLD)
     bag = humble_bag(tmp_path / "bag", NAME, samples, hash=type_hash(then))
     with BagReader(bag, search_path=right) as reader:
         assert reader.definition("/reading").is_recorded and next(iter(reader)).message.weight == 2.0
-    swapped = compile_definition("old_msgs/msg/Other", THEN)  # known to nobody under the recorded name
+    swapped = compile_definition("old_msgs/msg/Other", OLD)  # no definition with the recorded name has this hash
     other = humble_bag(tmp_path / "other", NAME, samples, hash=type_hash(swapped))
-    for options in ({"search_path": now}, {"typestore": {NAME: NOW}, "search_path": [now]}):
+    for options in ({"search_path": now}, {"typestore": {NAME: NEW}, "search_path": [now]}):
         with BagReader(other, **options) as reader, pytest.raises(BagError) as caught:
             next(reader.messages("/reading"))
-        assert type_hash(swapped) in str(caught.value) and type_hash(compile_definition(NAME, NOW)) in str(caught.value)
+        assert type_hash(swapped) in str(caught.value) and type_hash(compile_definition(NAME, NEW)) in str(caught.value)
     assert recwarn.list == []
 
 
-def test_the_hash_of_a_channel_decides_too(tmp_path: Path) -> None:
+def test_type_hash_of_an_mcap_channel_selects_the_definition(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.add_topic("/s", BagTopic("/s", "std_msgs/msg/String", type_hash=type_hash(String)))
         writer.write("/s", String(data="a").encode(), 1)
@@ -176,7 +176,7 @@ def test_the_hash_of_a_channel_decides_too(tmp_path: Path) -> None:
             list(reader.messages("/t"))
 
 
-def test_sqlite_bags_have_one_definition_for_a_type(tmp_path: Path) -> None:
+def test_sqlite_writer_refuses_two_definitions_of_one_type(tmp_path: Path) -> None:
     texts, samples = ("int32 a\nint32 b", "int32 b\nint32 a"), []
     for topic, text in zip(("/one", "/two"), texts, strict=True):
         cls: Any = compile_definition("my/msg/Pair", text)
@@ -192,7 +192,7 @@ def test_sqlite_bags_have_one_definition_for_a_type(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
-def test_a_definition_with_another_hash_is_not_that_of_a_topic(tmp_path: Path) -> None:
+def test_stored_definition_with_another_hash_is_not_used_for_a_topic(tmp_path: Path) -> None:
     right: Any = compile_definition("my/msg/Pair", "int32 a\nint32 b")
     with SqliteWriter(tmp_path / "bag") as writer:
         for topic in ("/one", "/two"):

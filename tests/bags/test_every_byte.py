@@ -1,4 +1,4 @@
-"""Small files of each kind with every byte wrong once, and cut at every length: our error, or the right messages."""
+"""Small files with each byte wrong once, and cut at every length, yield our error or correct messages."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ KINDS: dict[str, Callable[[Path], None]] = {
 }
 
 
-def found(path: Path) -> tuple[list[Any], bool] | None:
-    """The messages, and whether something was left out; None when the file is refused."""
+def read_messages(path: Path) -> tuple[list[Any], bool] | None:
+    """Return the messages and True if any were skipped; None if the file is refused."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -70,7 +70,7 @@ def found(path: Path) -> tuple[list[Any], bool] | None:
 
 
 def flips(data: bytes) -> list[bytes]:
-    """Each with one byte wrong: in all bits, or in one."""
+    """Return copies of the data, each with one wrong byte: all bits or one bit flipped."""
     return [
         data[:at] + bytes([byte ^ (0xFF if at % 2 else 1 << at // 2 % 8)]) + data[at + 1 :]
         for at, byte in enumerate(data)
@@ -78,30 +78,30 @@ def flips(data: bytes) -> list[bytes]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_wrong_byte_of_an_mcap_file_is_told_or_changes_nothing(tmp_path: Path, kind: str) -> None:
+def test_wrong_byte_of_an_mcap_file_is_reported_or_changes_nothing(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.mcap"
     KINDS[kind](path)
-    assert found(path) == (RIGHT, False)
+    assert read_messages(path) == (RIGHT, False)
     wrong = [
-        (at, answer)
+        (at, result)
         for at, data in enumerate(flips(path.read_bytes()))
-        if path.write_bytes(data) and (answer := found(path)) not in (None, (RIGHT, False))
+        if path.write_bytes(data) and (result := read_messages(path)) not in (None, (RIGHT, False))
     ]
     assert wrong == []
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_mcap_file_that_is_cut_anywhere_has_the_messages_up_to_there(tmp_path: Path, kind: str) -> None:
+def test_mcap_file_cut_at_any_length_has_the_messages_before_the_cut(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.mcap"
     KINDS[kind](path)
     data = path.read_bytes()
     counts = []
     for end in range(len(data)):
         path.write_bytes(data[:end])
-        answer = found(path)
-        assert answer is not None
-        assert answer == (RIGHT[: len(answer[0])], False), end
-        counts.append(len(answer[0]))
+        result = read_messages(path)
+        assert result is not None
+        assert result == (RIGHT[: len(result[0])], False), end
+        counts.append(len(result[0]))
     assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == COUNT
 
 
@@ -119,16 +119,14 @@ def database(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("is_packed", [False, True], ids=["database", "compressed database"])
-def test_a_wrong_byte_of_a_database_ends_in_no_other_error_and_a_cut_one_is_refused(
-    database: Path, is_packed: bool
-) -> None:
-    """There are no checksums in it, so a wrong value can only be told where it breaks the format."""
+def test_wrong_byte_or_truncation_of_a_database_raises_only_our_errors(database: Path, is_packed: bool) -> None:
+    """A database has no checksums, so a wrong value is detected only where it breaks the format."""
     data, path = database.read_bytes(), database
     if is_packed:
         data, path = ZstdCompressor().compress(data), database.with_suffix(".db3.zstd")
     for wrong in (*flips(data), *(data[:end] for end in range(0, len(data), 1 if is_packed else 31))):
         path.write_bytes(wrong)
-        answer = found(path)
-        assert answer is None or len(answer[0]) <= COUNT or len(wrong) == len(data)
+        result = read_messages(path)
+        assert result is None or len(result[0]) <= COUNT or len(wrong) == len(data)
     path.write_bytes(data)
-    assert found(path) == (RIGHT, False)
+    assert read_messages(path) == (RIGHT, False)

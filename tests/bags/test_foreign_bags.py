@@ -1,4 +1,4 @@
-"""Bags as other tools and killed recorders leave them: nothing is lost, and nothing is read as something else."""
+"""Bags of other tools and of killed recorders are read completely and correctly."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COUNT = 20
 
 
 def foreign(path: Path, count: int = COUNT, order: Any = range, **options: Any) -> Path:
-    """A file of strings "0", "1", ... as the package for MCAP writes it, in the given order of times."""
+    """Write a file of strings "0", "1", ... with the package mcap, in the given order of times."""
     samples = [(number, String(data=str(number)).encode()) for number in order(count)]
     return write_foreign(path, ("/s", *STRING, samples), **{"chunk_size": 100, **options})
 
@@ -50,15 +50,15 @@ RIGHT = [str(number) for number in range(COUNT)]
 OLD, NEW = "int32 x\nint32 y", "int32 y\nint32 x"
 
 
-def of_two_definitions(path: Path) -> Path:
+def write_two_definitions(path: Path) -> Path:
     data = b"\0\1\0\0" + struct.pack("<ii", 1, 2)
     channels = (("/place", "my_msgs/msg/Place", text, [(number, data)]) for number, text in enumerate((OLD, NEW)))
     return write_foreign(path, *channels)
 
 
-def test_messages_of_one_topic_are_decoded_and_copied_each_with_its_own_definition(tmp_path: Path) -> None:
+def test_messages_of_one_topic_are_decoded_and_copied_with_their_own_definitions(tmp_path: Path) -> None:
     copy = tmp_path / "copy"
-    with BagReader(of_two_definitions(tmp_path / "a.mcap")) as reader:
+    with BagReader(write_two_definitions(tmp_path / "a.mcap")) as reader:
         assert [(item.message.x, item.message.y) for item in reader] == [(1, 2), (2, 1)]
         assert reader.to_arrays("/place", ["x"])["x"].tolist() == [1, 2]
         assert [topic.definition for topic in reader.channels] == [OLD, NEW]
@@ -77,7 +77,7 @@ def test_messages_of_one_topic_are_decoded_and_copied_each_with_its_own_definiti
         assert [(item.message.x, item.message.y) for item in reader] == [(1, 2), (2, 1)]
 
 
-def test_a_table_of_fields_that_changed_their_kind_is_refused(tmp_path: Path) -> None:
+def test_table_of_fields_whose_type_changed_is_refused(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         for number, text in enumerate(("int32 x", "float64 x")):
             cls = compile_definition("my_msgs/msg/Value", text)
@@ -109,7 +109,7 @@ def test_a_table_of_fields_that_changed_their_kind_is_refused(tmp_path: Path) ->
     ids=str,
 )
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4])
-def test_whatever_an_index_leaves_out_is_found(
+def test_messages_and_topics_missing_from_an_index_are_found(
     tmp_path: Path, options: dict[str, Any], compression: CompressionType
 ) -> None:
     path = foreign(tmp_path / "a.mcap", compression=compression, **options)
@@ -121,7 +121,7 @@ def test_whatever_an_index_leaves_out_is_found(
 
 
 @pytest.mark.parametrize("is_chunked", [True, False])
-def test_messages_come_by_log_time_without_an_index_too(tmp_path: Path, is_chunked: bool) -> None:
+def test_messages_without_an_index_are_ordered_by_log_time(tmp_path: Path, is_chunked: bool) -> None:
     path = foreign(
         tmp_path / "a.mcap", order=lambda count: reversed(range(count)), use_chunking=is_chunked, repeat_channels=False
     )
@@ -131,7 +131,7 @@ def test_messages_come_by_log_time_without_an_index_too(tmp_path: Path, is_chunk
     assert found
 
 
-def test_messages_beside_the_chunks_of_an_index_are_found(tmp_path: Path) -> None:
+def test_messages_outside_the_indexed_chunks_are_found(tmp_path: Path) -> None:
     path = foreign(tmp_path / "a.mcap")
     data = path.read_bytes()
     footer = struct.unpack_from("<QQI", data, len(data) - 28)
@@ -146,7 +146,7 @@ def test_messages_beside_the_chunks_of_an_index_are_found(tmp_path: Path) -> Non
         assert [item.message.data for item in reader.messages(start_ns=6, end_ns=9)] == ["6", "7", "loose", "8"]
 
 
-def test_a_wrong_byte_in_messages_outside_of_chunks_is_told(tmp_path: Path) -> None:
+def test_wrong_byte_in_unchunked_messages_is_reported(tmp_path: Path) -> None:
     path = foreign(tmp_path / "a.mcap", use_chunking=False, enable_data_crcs=True)
     data = path.read_bytes()
     assert words(path) == RIGHT
@@ -157,7 +157,7 @@ def test_a_wrong_byte_in_messages_outside_of_chunks_is_told(tmp_path: Path) -> N
 # --------------------------------------------------------------------------------------------------------------- memory
 
 
-def test_the_bag_of_a_killed_recorder_is_read_piece_by_piece(tmp_path: Path) -> None:
+def test_bag_of_a_killed_recorder_is_read_in_bounded_memory(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     write_strings(path, ["x" * 100_000] * 300, compression="")
     path.write_bytes(path.read_bytes()[:-100])
@@ -166,7 +166,7 @@ def test_the_bag_of_a_killed_recorder_is_read_piece_by_piece(tmp_path: Path) -> 
         assert sum(1 for _ in reader.messages(raw=True)) == 300
 
 
-def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_path: Path) -> None:
+def test_chunks_whose_overlap_exceeds_the_memory_limit_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path) as writer:
         writer.add_topic("/s", String)
@@ -181,7 +181,7 @@ def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_p
 # ------------------------------------------------------------------------------------------------------------- left out
 
 
-def with_strangers(path: Path) -> Path:
+def write_undecodable_topics(path: Path) -> Path:
     with BagWriter(path) as writer:
         writer.add_topic("/bad", BagTopic("/bad", "my_msgs/msg/Bad", "int33 x"))
         writer.add_topic("/json", BagTopic("/json", "my_msgs/msg/J", "{}", "jsonschema", "json"))
@@ -193,11 +193,11 @@ def with_strangers(path: Path) -> Path:
     return path
 
 
-def test_what_cannot_be_decoded_is_left_out_counted_and_named(tmp_path: Path) -> None:
-    with BagReader(with_strangers(tmp_path / "a.mcap")) as reader:
-        with pytest.warns(BagWarning) as told:
+def test_undecodable_messages_are_skipped_counted_and_reported_by_topic(tmp_path: Path) -> None:
+    with BagReader(write_undecodable_topics(tmp_path / "a.mcap")) as reader:
+        with pytest.warns(BagWarning) as warned:
             assert [item.message.data for item in reader] == ["0", "1", "2", "3", "4"]
-        assert len(told) == 4
+        assert len(warned) == 4
         assert {topic: out.count for topic, out in reader.skipped.items()} == {
             "/bad": 2, "/json": 1, "/none": 1, "/odd": 1,
         }  # fmt: skip
@@ -209,7 +209,7 @@ def test_what_cannot_be_decoded_is_left_out_counted_and_named(tmp_path: Path) ->
                 reader.messages(name)
 
 
-def test_an_empty_definition_is_that_of_an_empty_message(tmp_path: Path) -> None:
+def test_empty_definition_means_a_message_without_fields(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path) as writer:
         writer.add_topic("/go", BagTopic("/go", "my_msgs/msg/Trigger", ""))
@@ -250,7 +250,7 @@ def test_messages_in_a_write_ahead_log_are_read(tmp_path: Path, is_read_only: bo
     assert words(killed) == RIGHT
 
 
-def test_a_transaction_that_a_crash_ended_is_undone(tmp_path: Path) -> None:
+def test_transaction_interrupted_by_a_crash_is_rolled_back(tmp_path: Path) -> None:
     live = database(tmp_path / "bag")
     base = sqlite3.connect(live, isolation_level=None)
     base.execute("pragma cache_size=1")
@@ -265,7 +265,7 @@ def test_a_transaction_that_a_crash_ended_is_undone(tmp_path: Path) -> None:
     assert killed.read_bytes() == before
 
 
-def test_another_thread_may_read(tmp_path: Path) -> None:
+def test_several_threads_read_with_one_reader(tmp_path: Path) -> None:
     for path in 20 * (database(tmp_path / "bag"), foreign(tmp_path / "a.mcap")):
         with BagReader(path) as reader:
             found: list[list[str]] = []
@@ -286,7 +286,7 @@ def test_another_thread_may_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", ["none", "message"])
-def test_threads_that_unpack_at_once_do_not_mix_it_up(tmp_path: Path, mode: str) -> None:
+def test_concurrent_decompression_in_threads_returns_correct_messages(tmp_path: Path, mode: str) -> None:
     draw = random.Random(7)
     texts = [draw.randbytes(20_000).hex() for _ in range(60)]
     write_strings(tmp_path / "bag", texts, compression="zstd" if mode == "none" else "", compression_mode=mode)
@@ -298,7 +298,7 @@ def test_threads_that_unpack_at_once_do_not_mix_it_up(tmp_path: Path, mode: str)
         assert all(agreed.result() for agreed in [threads.submit(agrees) for _ in range(16)])
 
 
-def test_two_definitions_of_one_name_in_a_database_are_told_apart_by_hash(tmp_path: Path) -> None:
+def test_two_definitions_of_one_type_in_a_database_are_distinguished_by_hash(tmp_path: Path) -> None:
     path = database(tmp_path / "bag", 0)
     base = sqlite3.connect(path)
     for number, text in ((2, OLD), (3, NEW)):
@@ -334,7 +334,7 @@ def test_compressed_bags_of_rosbag2_are_read(tmp_path: Path, storage: str, mode:
     assert words(file) == RIGHT
 
 
-def test_damaged_compression_is_told(tmp_path: Path) -> None:
+def test_damaged_compression_is_reported(tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     compress = ZstdCompressor().compress
     stored = [compress(String(data="a" * 1000).encode())[:-3], compress(bytes(1_000_000))]

@@ -15,7 +15,7 @@ from rosidl_py_gen.bags import BagReader
 String: Any = get_message("std_msgs/msg/String")
 QOS = "- history: 1\n  depth: 7\n  reliability: 1\n  durability: 2\n"
 MESSAGES = "create table messages(id integer primary key, topic_id integer, timestamp integer, data blob)"
-# What each release added to its tables.
+# Columns that each release added to its tables.
 TOPICS = {
     "dashing": "",
     "foxy": ", offered_qos_profiles text",
@@ -77,7 +77,7 @@ def metadata(version: int, name: str) -> dict[str, Any]:
 @pytest.mark.filterwarnings("ignore:.*contains neither definition nor hash:rosidl_py_gen.bags.BagWarning")
 @pytest.mark.parametrize("version", range(1, 10))
 @pytest.mark.parametrize("release", TOPICS)
-def test_databases_and_metadata_of_all_releases_are_read(tmp_path: Path, release: str, version: int) -> None:
+def test_databases_and_metadata_of_all_rosbag2_releases_are_read(tmp_path: Path, release: str, version: int) -> None:
     folder = tmp_path / "bag"
     folder.mkdir()
     database(folder / "bag_0.db3", release)

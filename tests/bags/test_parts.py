@@ -1,4 +1,4 @@
-"""Bags of several files, packed ones, and what their metadata say: for both storages, read by us and by rosbags."""
+"""Split and compressed bags and their metadata, for both storages, read by this package and by rosbags."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from rosidl_py_gen.runtime import QoSProfile
 S = 1_000_000_000
 
 
-def made(path: Path, storage: str, **options: Any) -> dict[str, Any]:
+def write_numbers(path: Path, storage: str, **options: Any) -> dict[str, Any]:
     """Write ten messages, one a second, of 500 bytes each; return the metadata."""
     write_strings(path, [f"{number:0500}" for number in range(10)], "/words", storage, S, **options)
-    told = yaml.safe_load((path / "metadata.yaml").read_text())
-    return dict(told["rosbag2_bagfile_information"])
+    information = yaml.safe_load((path / "metadata.yaml").read_text())
+    return dict(information["rosbag2_bagfile_information"])
 
 
-def words_of(path: Path) -> list[int]:
-    """The numbers in it, as rosbags reads them; we read the same."""
+def read_numbers(path: Path) -> list[int]:
+    """Read the numbers with rosbags, and check that this package reads the same."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with RosbagsReader(path) as theirs:
         found = [store.deserialize_cdr(data, one.msgtype).data for one, _, data in theirs.messages()]  # type: ignore[attr-defined]
@@ -38,35 +38,35 @@ def words_of(path: Path) -> list[int]:
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize(("limit", "counts"), [({"split_s": 4}, [4, 4, 2]), ({"split_bytes": 1000}, [2, 2, 2, 2, 2])])
-def test_a_full_file_is_followed_by_another(
+def test_bag_is_split_by_duration_or_size(
     tmp_path: Path, storage: str, limit: dict[str, Any], counts: list[int]
 ) -> None:
     path = tmp_path / "bag"
     custom = {"robot": "r2", "no": ""} if "split_s" in limit else None
-    told = made(path, storage, custom_data=custom, **limit)
-    assert told["custom_data"] == custom
+    information = write_numbers(path, storage, custom_data=custom, **limit)
+    assert information["custom_data"] == custom
     suffix = "mcap" if storage == "mcap" else "db3"
-    assert told["relative_file_paths"] == [f"bag_{number}.{suffix}" for number in range(len(counts))]
-    assert [one["message_count"] for one in told["files"]] == counts
-    assert (told["message_count"], told["duration"]["nanoseconds"]) == (10, 9 * S)
-    assert words_of(path) == [*range(10)]
-    for number, name in enumerate(told["relative_file_paths"]):  # each file is a bag
+    assert information["relative_file_paths"] == [f"bag_{number}.{suffix}" for number in range(len(counts))]
+    assert [one["message_count"] for one in information["files"]] == counts
+    assert (information["message_count"], information["duration"]["nanoseconds"]) == (10, 9 * S)
+    assert read_numbers(path) == [*range(10)]
+    for number, name in enumerate(information["relative_file_paths"]):  # each file is a bag
         with BagReader(path / name) as reader:
             assert len(list(reader)) == counts[number]
 
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("packing", ["file", "message"])
-def test_packed_bags_are_those_of_rosbag2(tmp_path: Path, storage: str, packing: str) -> None:
+def test_compressed_bags_have_the_layout_of_rosbag2(tmp_path: Path, storage: str, packing: str) -> None:
     path = tmp_path / "bag"
     options = {"compression": ""} if storage == "mcap" else {}
-    plain = made(tmp_path / "plain", storage, **options)
-    told = made(path, storage, compression_mode=packing, split_s=5, compression_threads=2, **options)
-    assert (told["compression_format"], told["compression_mode"]) == ("zstd", packing.upper())
+    plain = write_numbers(tmp_path / "plain", storage, **options)
+    information = write_numbers(path, storage, compression_mode=packing, split_s=5, compression_threads=2, **options)
+    assert (information["compression_format"], information["compression_mode"]) == ("zstd", packing.upper())
     assert (plain["compression_format"], plain["compression_mode"]) == ("", "")
-    assert {name.endswith(".zstd") for name in told["relative_file_paths"]} == {packing == "file"}
-    assert sorted(one.name for one in path.iterdir()) == sorted([*told["relative_file_paths"], "metadata.yaml"])
-    assert words_of(path) == [*range(10)]
+    assert {name.endswith(".zstd") for name in information["relative_file_paths"]} == {packing == "file"}
+    assert sorted(one.name for one in path.iterdir()) == sorted([*information["relative_file_paths"], "metadata.yaml"])
+    assert read_numbers(path) == [*range(10)]
     sizes = [sum(one.stat().st_size for one in folder.iterdir()) for folder in (path, tmp_path / "plain")]
     assert storage == "sqlite3" or sizes[0] < sizes[1]
 
@@ -81,9 +81,9 @@ def test_a_bag_is_split_on_request(tmp_path: Path, storage: str) -> None:
             bag.write("/words", String(data=str(number)).encode(), number)
             bag.split()
             bag.split()
-    told = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert [one["message_count"] for one in told["files"]] == [1, 1, 1, 0]
-    assert words_of(path) == [0, 1, 2]
+    information = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert [one["message_count"] for one in information["files"]] == [1, 1, 1, 0]
+    assert read_numbers(path) == [0, 1, 2]
     with pytest.raises(BagError, match="is closed"):
         bag.split()
 
@@ -109,7 +109,7 @@ def test_messages_are_written_with_their_definition_and_qos(tmp_path: Path, stor
         assert qos == {"/renamed": 1, "/volatile": 2}  # transient local, volatile
 
 
-def test_what_was_flushed_into_sqlite_is_there_for_others(tmp_path: Path) -> None:
+def test_flushed_messages_are_visible_to_other_sqlite_connections(tmp_path: Path) -> None:
     with SqliteWriter(tmp_path / "bag") as bag:
         bag.add_topic("/words", topic_of("/words", String))
         bag.write("/words", String(data="1").encode(), 1)
@@ -130,7 +130,7 @@ def test_what_was_flushed_into_sqlite_is_there_for_others(tmp_path: Path) -> Non
         ({"split_s": 1}, "is one file; only a folder can be split"),
     ],
 )
-def test_one_file_is_not_split_or_packed(tmp_path: Path, options: Any, error: str) -> None:
+def test_single_file_bag_cannot_be_split_or_compressed(tmp_path: Path, options: Any, error: str) -> None:
     with pytest.raises(BagError, match=error):
         BagWriter(tmp_path / "a.mcap", **options)
     with (
@@ -145,7 +145,7 @@ def test_one_file_is_not_split_or_packed(tmp_path: Path, options: Any, error: st
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_a_disk_that_is_full_at_the_end_leaves_no_metadata_that_end_in_the_middle(tmp_path: Path, storage: str) -> None:
+def test_full_disk_on_close_leaves_no_truncated_metadata(tmp_path: Path, storage: str) -> None:
     path = tmp_path / "bag"
     bag = STORAGES[storage](path)
     bag.add_topic("/words", topic_of("/words", String))

@@ -47,7 +47,7 @@ def mcap(path: Path, name: str, samples: list[bytes], distro: str = "", at_end: 
     return path
 
 
-def test_a_database_of_humble(tmp_path: Path) -> None:
+def test_database_recorded_by_humble_is_read_with_definitions_of_humble(tmp_path: Path) -> None:
     bag = humble_bag(tmp_path / "bag", RANGE, [SAMPLE])
     with BagReader(bag) as reader:
         (item,) = reader
@@ -59,7 +59,7 @@ def test_a_database_of_humble(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("distro", "cls"), [("humble", HUMBLE), ("jazzy", JAZZY), ("lyrical", JAZZY), ("foxy", JAZZY)])
-def test_metadata_state_the_distribution(tmp_path: Path, distro: str, cls: Any) -> None:
+def test_distribution_in_metadata_selects_the_definition(tmp_path: Path, distro: str, cls: Any) -> None:
     bag = humble_bag(tmp_path / "bag", RANGE, [cls(range=2.5).encode()])
     with sqlite3.connect(bag / "bag_0.db3") as base:
         base.execute("update schema set ros_distro = 'kilted'")
@@ -73,7 +73,7 @@ def test_metadata_state_the_distribution(tmp_path: Path, distro: str, cls: Any) 
 
 
 @pytest.mark.parametrize("index", [True, False])
-def test_mcap_files_state_the_distribution(tmp_path: Path, index: bool) -> None:
+def test_distribution_in_mcap_file_selects_the_definition(tmp_path: Path, index: bool) -> None:
     for at_start, at_end in (("humble", ""), ("", "humble")):
         path = mcap(tmp_path / f"{at_start}-bag.mcap", RANGE, [SAMPLE], at_start, at_end)
         if not index:
@@ -86,7 +86,7 @@ def test_mcap_files_state_the_distribution(tmp_path: Path, index: bool) -> None:
         assert [type(item.message) for item in reader] == [JAZZY]
 
 
-def test_the_recording_precedes_the_environment_and_the_caller_precedes_it(
+def test_recorded_distribution_overrides_environment_and_caller_overrides_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bag = humble_bag(tmp_path / "bag", RANGE, [SAMPLE])
@@ -105,7 +105,7 @@ def test_the_recording_precedes_the_environment_and_the_caller_precedes_it(
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_tasks_of_other_processes_use_the_selection_of_the_command(tmp_path: Path, workers: int) -> None:
+def test_tasks_in_worker_processes_use_the_distribution_selected_by_the_command(tmp_path: Path, workers: int) -> None:
     """The bag states lyrical, so without the selection the sample of Humble would not fit."""
     tables = pytest.importorskip("rosidl_py_gen.tables")
     bags = [humble_bag(tmp_path / f"bag{number}", RANGE, [SAMPLE]) for number in range(2)]
@@ -119,7 +119,7 @@ def test_tasks_of_other_processes_use_the_selection_of_the_command(tmp_path: Pat
     assert not report.skipped_topics
 
 
-def test_types_that_the_distribution_lacks_are_refused_by_name(tmp_path: Path) -> None:
+def test_types_missing_from_the_recorded_distribution_are_refused_by_name(tmp_path: Path) -> None:
     name = "nav_msgs/msg/Trajectory"
     bag = humble_bag(tmp_path / "bag", name, [b"\0\1\0\0"])
     with BagReader(bag) as reader, pytest.raises(Exception, match="it is part of lyrical only"):
@@ -127,7 +127,7 @@ def test_types_that_the_distribution_lacks_are_refused_by_name(tmp_path: Path) -
 
 
 @given(st.binary(max_size=300), st.integers(0, 400))
-def test_damaged_metadata_have_no_distribution(noise: bytes, at: int) -> None:
+def test_damaged_metadata_never_raise_when_the_distribution_is_read(noise: bytes, at: int) -> None:
     stream = BytesIO()
     writer = Writer(stream, compression=CompressionType.NONE)
     writer.start("ros2")
@@ -140,7 +140,7 @@ def test_damaged_metadata_have_no_distribution(noise: bytes, at: int) -> None:
 
 
 @pytest.mark.parametrize("text", ["[" * 5000, "ros_distro: [a]", "- a", "&a [*a, *a]", "ros_distro: 5", ""])
-def test_metadata_of_any_form(tmp_path: Path, text: str) -> None:
+def test_malformed_serialized_metadata_leave_the_default_distribution(tmp_path: Path, text: str) -> None:
     path = tmp_path / "bag.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE)

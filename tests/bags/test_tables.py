@@ -53,7 +53,7 @@ def columns(bag: Path, topic: str, *fields: str, **options: Any) -> Any:
         return reader.to_arrays(topic, list(fields), **options)
 
 
-def test_an_element_of_a_sequence_is_a_column(bag: Path) -> None:
+def test_element_of_a_sequence_is_a_table_column(bag: Path) -> None:
     table = columns(bag, "/joints", "position[1]", "position[-2]", "name[1]", "header.stamp.sec")
     assert table["position[1]"].tolist() == [0.5, 1.5, 2.5] and table["position[1]"].dtype == np.float64
     assert table["position[-2]"].tolist() == [0, 1, 2]
@@ -68,7 +68,7 @@ def test_an_element_of_a_sequence_is_a_column(bag: Path) -> None:
     assert covariance.dtype.names[3:] == tuple(f"linear_acceleration.{axis}" for axis in "xyz")
 
 
-def test_a_part_of_known_length_has_an_axis_more(bag: Path) -> None:
+def test_slice_of_known_length_adds_an_axis_to_the_column(bag: Path) -> None:
     table = columns(bag, "/scan", "ranges[0:2]", "ranges[1:2]")
     assert table["ranges[0:2]"].tolist() == [[0, 1]] * 3 and table["ranges[0:2]"].dtype == np.float32
     assert table["ranges[1:2]"].shape == (3, 1)
@@ -83,7 +83,7 @@ def test_a_part_of_known_length_has_an_axis_more(bag: Path) -> None:
         ].shape == (0, 3)
 
 
-def test_a_whole_sequence_is_an_object_or_padded_on_request(bag: Path) -> None:
+def test_whole_sequence_is_an_object_column_or_padded_on_request(bag: Path) -> None:
     for path in ("ranges", "ranges[:]", "ranges[0:]"):
         table = columns(bag, "/scan", path)
         assert [row.tolist() for row in table[path]] == [[0, 1], [0, 1, 2], [0, 1, 2, 3]]
@@ -96,7 +96,7 @@ def test_a_whole_sequence_is_an_object_or_padded_on_request(bag: Path) -> None:
     assert columns(bag, "/joints", "name", pad="-")["name"].shape == (3, 2)
 
 
-def test_elements_of_messages_lead_on(bag: Path) -> None:
+def test_column_paths_continue_into_elements_of_message_sequences(bag: Path) -> None:
     table = columns(bag, "/tf", "transforms[0].transform.translation.x", "transforms[0].header", "transforms[:].header")
     assert table["transforms[0].transform.translation.x"].tolist() == [0, 1, 2]
     assert table.dtype.names[2:] == (
@@ -113,7 +113,7 @@ def test_elements_of_messages_lead_on(bag: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("topic", "path", "said"),
+    ("topic", "path", "error_text"),
     [
         ("/scan", "ranges[2]", r"/scan at 0 ns: ranges\[2\]: has 2 elements; pass pad="),
         ("/scan", "ranges[0:3]", r"/scan at 0 ns: ranges\[0:3\]: has 2 elements; pass pad="),
@@ -131,27 +131,27 @@ def test_elements_of_messages_lead_on(bag: Path) -> None:
         ("/path", "points[:].positions", r"points\[:\].positions: a path must have at most one slice"),
     ],
 )
-def test_errors_say_what_there_is(bag: Path, topic: str, path: str, said: str) -> None:
-    with pytest.raises(BagError, match=said):
+def test_errors_of_wrong_column_paths_list_existing_fields(bag: Path, topic: str, path: str, error_text: str) -> None:
+    with pytest.raises(BagError, match=error_text):
         columns(bag, topic, path)
 
 
-def test_what_is_missing_is_filled_only_with_what_the_field_can_have(bag: Path) -> None:
+def test_missing_elements_are_padded_only_with_values_of_the_field_type(bag: Path) -> None:
     table = columns(bag, "/scan", "ranges[3]", "ranges[1:4]", pad=NAN)
     assert np.isnan(table["ranges[3]"][:2]).all() and table["ranges[3]"][2] == 3
     assert table["ranges[1:4]"].shape == (3, 3) and table["ranges[1:4]"][2].tolist() == [1, 2, 3]
     assert columns(bag, "/tf", "transforms[1].child_frame_id", pad="-").tolist()[0] == (0, "-")
-    for path, pad, said in (
+    for path, pad, error_text in (
         ("transforms[1].child_frame_id", NAN, "pad=nan is not a text"),
         ("transforms[1].header.stamp", NAN, "pad=nan is not a int64"),
         ("transforms[1].header.stamp", 0.5, "pad=0.5 is not a int64"),
         ("transforms[1].transform.translation.x", "-", "pad='-' is not a number"),
     ):
-        with pytest.raises(BagError, match=said):
+        with pytest.raises(BagError, match=error_text):
             columns(bag, "/tf", path, pad=pad)
 
 
-def test_one_long_value_does_not_make_every_row_long(tmp_path: Path) -> None:
+def test_one_long_value_does_not_enlarge_every_row_of_a_table(tmp_path: Path) -> None:
     path = tmp_path / "long.mcap"
     with BagWriter(path) as writer:
         for number in range(2000):
@@ -170,7 +170,7 @@ def test_one_long_value_does_not_make_every_row_long(tmp_path: Path) -> None:
             reader.to_arrays("/p", "points[0:99999999].x", pad=0)
 
 
-def test_fixed_arrays_of_messages_are_read_too(tmp_path: Path) -> None:
+def test_fixed_size_arrays_of_messages_are_read_as_columns(tmp_path: Path) -> None:
     text = "geometry_msgs/Point32[2] corners\nstring[2] names\nbool[3] flags\nuint8[] raw\n"
     corners = compile_definition(
         "odd_msgs/msg/Box", text + "=" * 80 + "\nMSG: geometry_msgs/Point32\nfloat32 x\nfloat32 y\nfloat32 z\n"
@@ -186,7 +186,7 @@ def test_fixed_arrays_of_messages_are_read_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.needs("pandas")
-def test_pandas_gets_columns_and_times(bag: Path) -> None:
+def test_pandas_frame_has_selected_columns_and_time_index(bag: Path) -> None:
     import pandas
 
     with BagReader(bag) as reader:
@@ -202,7 +202,7 @@ def test_pandas_gets_columns_and_times(bag: Path) -> None:
         assert reader.to_pandas("/imu", start_ns=100).empty
 
 
-def test_without_pandas_it_says_what_to_do(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_without_pandas_explains_how_to_install_it(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with (
         BagReader(bag) as reader,

@@ -1,4 +1,4 @@
-"""Zstd of Python 3.14 and newer does what zstandard does."""
+"""The zstd module of Python 3.14 and newer behaves as the package zstandard."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def without_size(data: bytes) -> bytes:
 
 @pytest.mark.parametrize("size", LENGTHS)
 @pytest.mark.parametrize("threads", [0, 1, -1])
-def test_frames_are_read_by_zstandard_and_state_their_size(size: int, threads: int) -> None:
+def test_frames_compressed_by_python_are_read_by_zstandard_and_state_their_size(size: int, threads: int) -> None:
     data = some(size)
     compressor = zstd_of_python.ZstdCompressor(1, threads=threads)
     copied = io.BytesIO()
@@ -38,19 +38,19 @@ def test_frames_are_read_by_zstandard_and_state_their_size(size: int, threads: i
 
 
 @pytest.mark.parametrize("size", LENGTHS)
-def test_frames_of_zstandard_are_read(size: int) -> None:
+def test_frames_compressed_by_zstandard_are_decompressed(size: int) -> None:
     data = some(size)
     for frame in (zstandard.compress(data), without_size(data)):
         assert zstd_of_python.ZstdDecompressor().decompress(frame, max_output_size=size) == data
         assert zstd_of_python.frame_content_size(frame) == zstandard.frame_content_size(frame)
 
 
-def test_output_larger_than_allowed_is_an_error() -> None:
+def test_decompressed_output_larger_than_allowed_is_an_error() -> None:
     with pytest.raises(zstd_of_python.ZstdError, match="does not end after 99999 bytes"):
         zstd_of_python.ZstdDecompressor().decompress(without_size(bytes(100_000)), max_output_size=99_999)
 
 
-def test_several_frames_in_pieces_are_read_as_one() -> None:
+def test_several_frames_are_read_as_one_stream_on_request() -> None:
     data = [some(size) for size in LENGTHS]
     frames = b"".join(map(zstandard.compress, data))
     for size in (1000, 1 << 20, 1 << 23):
@@ -63,7 +63,7 @@ def test_several_frames_in_pieces_are_read_as_one() -> None:
     assert zstd_of_python.ZstdDecompressor().stream_reader(frames).read(1 << 23) == data[0]
 
 
-def test_broken_off_frames_give_what_zstandard_gives() -> None:
+def test_truncated_frames_are_read_as_zstandard_reads_them() -> None:
     frame = zstandard.compress(some(3_000_000))
     for cut in (5, 1000, 1_000_000, len(frame) - 1):
         ours = zstd_of_python.ZstdDecompressor().stream_reader(io.BytesIO(frame[:cut]))
@@ -73,7 +73,7 @@ def test_broken_off_frames_give_what_zstandard_gives() -> None:
             zstd_of_python.ZstdDecompressor().decompress(frame[:cut])
 
 
-def test_damaged_frames_are_errors_or_the_same_data() -> None:
+def test_damaged_frames_are_errors_or_equal_data_as_in_zstandard() -> None:
     frame = zstandard.compress(some(10_000))
     rng = random.Random(1)
     for _ in range(2000):
@@ -88,7 +88,7 @@ def test_damaged_frames_are_errors_or_the_same_data() -> None:
         assert outputs[0] == outputs[1]
 
 
-def test_large_windows_need_a_stated_size() -> None:
+def test_frame_with_large_window_and_no_stated_size_is_an_error() -> None:
     wide = zstandard.ZstdCompressionParameters(window_log=29, write_content_size=False)
     stream = zstandard.ZstdCompressor(compression_params=wide).compressobj()
     frame = stream.compress(bytes(1000)) + stream.flush()

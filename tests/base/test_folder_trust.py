@@ -28,7 +28,7 @@ def umask(mask: int) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("mask", [0, 0o002, 0o022, 0o077, 0o277, 0o777])
-def test_new_folders_are_private_whatever_the_umask_is(tmp_path: Path, mask: int) -> None:
+def test_new_folders_are_private_with_any_umask(tmp_path: Path, mask: int) -> None:
     with umask(mask):
         make_folder(tmp_path / "a/b/c")
         make_folder(tmp_path / "a/b/c")
@@ -36,14 +36,14 @@ def test_new_folders_are_private_whatever_the_umask_is(tmp_path: Path, mask: int
     assert modes == [0o700] * 3
 
 
-def test_a_named_mode_is_restricted_by_the_umask_but_usable(tmp_path: Path) -> None:
+def test_given_mode_is_restricted_by_the_umask_but_keeps_owner_access(tmp_path: Path) -> None:
     for number, mask in enumerate((0, 0o022, 0o077, 0o777)):
         with umask(mask):
             make_folder(tmp_path / str(number), 0o755)
     assert [stat.S_IMODE(os.stat(tmp_path / str(one)).st_mode) for one in range(4)] == [0o755, 0o755, 0o700, 0o700]
 
 
-def test_a_file_in_place_of_a_folder_is_an_error(tmp_path: Path) -> None:
+def test_creating_a_folder_where_a_file_exists_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(FileExistsError):
         make_folder(tmp_path / "file")
@@ -51,7 +51,7 @@ def test_a_file_in_place_of_a_folder_is_an_error(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", [0o777, 0o757, 0o722])
 @pytest.mark.parametrize("place", ["a", "a/b", "a/b/c"])
-def test_a_writable_folder_on_the_path_is_named(tmp_path: Path, place: str, mode: int) -> None:
+def test_folder_on_the_path_that_other_users_can_write_is_reported(tmp_path: Path, place: str, mode: int) -> None:
     make_folder(tmp_path / "a/b/c")
     assert distrust_reason(tmp_path / "a/b/c") == distrust_reason(tmp_path / "a/b/c/missing/folder") == ""
     (tmp_path / place).chmod(mode)
@@ -75,7 +75,7 @@ def test_entries_of_a_folder_with_the_sticky_bit_are_not_trusted(tmp_path: Path)
     assert {entries_reason(tmp_path, accepts_private_group=one) for one in (True, False)} == {text}
 
 
-def test_links_are_checked_with_the_folders_that_they_lead_through(tmp_path: Path) -> None:
+def test_symbolic_links_are_checked_with_all_folders_on_their_way(tmp_path: Path) -> None:
     make_folder(tmp_path / "open/inside/target")
     make_folder(tmp_path / "own")
     (tmp_path / "own/link").symlink_to("../open/inside")
@@ -87,7 +87,7 @@ def test_links_are_checked_with_the_folders_that_they_lead_through(tmp_path: Pat
     assert "too many symbolic links" in distrust_reason(tmp_path / "own/loop")
 
 
-def test_only_a_group_of_the_user_alone_may_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_group_write_mode_is_accepted_only_for_a_private_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_folder(tmp_path / "a/b")
     (tmp_path / "a").chmod(0o770)
     for is_private, reason in ((True, ""), (False, f"other users can write into {tmp_path / 'a'} (mode 0770)")):
@@ -98,7 +98,7 @@ def test_only_a_group_of_the_user_alone_may_write(tmp_path: Path, monkeypatch: p
         assert own_folder_reason(tmp_path / "a") != ""
 
 
-def test_an_own_folder_is_neither_a_link_nor_a_file(tmp_path: Path) -> None:
+def test_own_folder_must_not_be_a_link_or_a_file(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path)
     (tmp_path / "file").touch()
     assert own_folder_reason(tmp_path) == own_folder_reason(tmp_path / "missing") == ""
@@ -113,7 +113,7 @@ def test_paths_that_cannot_be_checked_are_not_trusted(path: str) -> None:
 
 @needs_root
 @pytest.mark.parametrize("place", ["a", "a/b"])
-def test_a_folder_of_another_user_is_named(tmp_path: Path, place: str) -> None:
+def test_folder_of_another_user_is_reported(tmp_path: Path, place: str) -> None:
     make_folder(tmp_path / "a/b")
     os.chown(tmp_path / place, NOBODY, NOBODY)
     assert distrust_reason(tmp_path / "a/b").startswith(f"{tmp_path / place} belongs to user ")
@@ -121,7 +121,7 @@ def test_a_folder_of_another_user_is_named(tmp_path: Path, place: str) -> None:
 
 
 @needs_root
-def test_a_link_of_another_user_is_named(tmp_path: Path) -> None:
+def test_symbolic_link_of_another_user_is_reported(tmp_path: Path) -> None:
     make_folder(tmp_path / "target")
     (tmp_path / "link").symlink_to("target")
     os.lchown(tmp_path / "link", NOBODY, NOBODY)

@@ -12,10 +12,10 @@ from rosidl_py_gen.base.interrupts import REPEAT_S, CommandInterrupts
 
 
 class ExitedError(Exception):
-    """Raised in the place of `os._exit`."""
+    """Raised instead of calling `os._exit`."""
 
 
-def test_one_ctrl_c_ends_in_order_and_a_late_second_one_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_first_ctrl_c_raises_keyboard_interrupt_and_a_late_second_ctrl_c_exits(monkeypatch: pytest.MonkeyPatch) -> None:
     def exit_now(code: int) -> None:
         raise ExitedError(code)
 
@@ -41,7 +41,7 @@ def test_one_ctrl_c_ends_in_order_and_a_late_second_one_at_once(monkeypatch: pyt
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_command_inside_another_program_sets_no_handler() -> None:
+def test_command_inside_another_program_sets_no_sigint_handler() -> None:
     before = signal.getsignal(signal.SIGINT)
     with CommandInterrupts().handling(is_process=False):
         assert signal.getsignal(signal.SIGINT) is before

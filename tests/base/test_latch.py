@@ -30,7 +30,7 @@ def test_registration_that_eight_threads_close_is_removed_once() -> None:
     assert sorted(removed) == list(range(300))
 
 
-def test_iteration_contains_what_is_registered_all_the_time() -> None:
+def test_iteration_contains_items_that_stay_registered_while_threads_add_others() -> None:
     items: RegistrationSet[str] = RegistrationSet()
     items.add("first")
     items.add("second")

@@ -1,4 +1,4 @@
-"""The table of well-known message packages, and the texts made of it."""
+"""The table of well-known message packages, and the download notes made from it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ PACKAGES = sorted({name for row in ROWS for name in row[5:]})
 BUNDLED = {path.name for path in (Path(__file__).parents[2] / "interfaces").glob("**/")}
 
 
-def test_the_table_is_small_and_names_its_source_and_date() -> None:
+def test_message_package_table_is_small_and_states_source_and_date() -> None:
     assert 150 <= len(PACKAGES) <= 200 and FILE.stat().st_size <= 20_000
     assert re.search(r"Source: github\.com/ros/rosdistro, [0-9a-f]{10} of 20\d\d-\d\d-\d\d", LINES[0])
     assert not BUNDLED & set(PACKAGES)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
-def test_a_line_has_a_repository_a_branch_of_each_distribution_and_packages(row: list[str]) -> None:
+def test_table_row_has_repository_branch_for_each_distribution_and_packages(row: list[str]) -> None:
     repository, *branches = row[:5]
     assert re.fullmatch(r"(https://[\w.-]+/)?[\w.-]+/[\w./-]+", repository) and not repository.endswith(".git")
     assert len(branches) == len(DISTRIBUTIONS) and branches[0] != "=" and set(branches) != {"-"}
@@ -34,7 +34,7 @@ def test_a_line_has_a_repository_a_branch_of_each_distribution_and_packages(row:
 
 
 @pytest.mark.parametrize("distro", DISTRIBUTIONS)
-def test_each_package_has_a_command_in_each_distribution(distro: str) -> None:
+def test_each_package_has_a_clone_command_for_each_distribution(distro: str) -> None:
     command = re.compile(r"git clone --depth 1 --branch ([\w./-]+) (https://[\w./-]+); then use --path ([\w.-]+) ")
     for package in PACKAGES:
         found = command.search(download_note(package, distro))
@@ -53,11 +53,11 @@ def test_each_package_has_a_command_in_each_distribution(distro: str) -> None:
         ("plansys2_msgs", "humble", "branch jazzy-devel (of jazzy; it has none for humble):"),
     ],
 )
-def test_the_branch_is_that_of_the_distribution_or_the_next_older_one(package: str, distro: str, text: str) -> None:
+def test_download_note_has_branch_of_the_distribution_or_the_nearest_one(package: str, distro: str, text: str) -> None:
     assert text in download_note(package, distro)
 
 
-def test_an_unknown_package_or_a_missing_table_has_no_text(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_download_note_is_empty_for_unknown_package_or_missing_table(monkeypatch: pytest.MonkeyPatch) -> None:
     assert download_note("my_robot_msgs", "jazzy") == download_note("std_msgs", "jazzy") == ""
     monkeypatch.setattr(message_packages, "TABLE_FILE", Path("/nowhere"))
     message_packages.package_rows.cache_clear()

@@ -18,7 +18,7 @@ from rosidl_py_gen.errors import DefinitionError
 TABLE = "[tool.rosidl-py]\n"
 
 
-def test_the_nearest_table_upwards_sets_folders_relative_to_its_file(
+def test_nearest_pyproject_table_sets_folders_relative_to_its_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     files = {
@@ -57,7 +57,7 @@ def test_the_nearest_table_upwards_sets_folders_relative_to_its_file(
         ("x = " + "[" * 9000, "is not valid TOML: "),
     ],
 )
-def test_wrong_settings_are_errors(
+def test_invalid_project_settings_are_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], text: str, problem: str
 ) -> None:
     monkeypatch.chdir(write(tmp_path, {"pyproject.toml": TABLE + text, "src/x": ""}))
@@ -70,13 +70,13 @@ def test_wrong_settings_are_errors(
         assert (end.value.code, "Traceback" in capsys.readouterr().err) == (1, False)
 
 
-def test_a_table_of_another_kind_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_project_settings_that_are_not_a_table_are_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(write(tmp_path, {"pyproject.toml": "[tool]\nrosidl-py = 1\n"}))
     with pytest.raises(DefinitionError, match=r"tool\.rosidl-py: expected a table, got 1"):
         with_project_path([])
 
 
-def test_both_command_lines_use_the_folders_of_the_project(
+def test_both_command_lines_search_the_folders_of_the_project(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     definition = {"src/project_msgs/msg/A.msg": "uint8 x", "pyproject.toml": f'{TABLE}path = ["src"]\n', "deep/x": ""}

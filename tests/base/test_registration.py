@@ -5,26 +5,26 @@ from __future__ import annotations
 from rosidl_py_gen.base.callbacks import RegistrationSet
 
 
-def test_what_is_added_stays_in_order_until_it_is_closed() -> None:
-    kept: RegistrationSet[str] = RegistrationSet()
-    first, _ = kept.add("a"), kept.add("b")
-    with kept.add("c"):
-        assert list(kept) == ["a", "b", "c"] and len(kept) == 3
-    assert list(kept) == ["a", "b"]
+def test_registered_items_stay_in_order_until_they_are_closed() -> None:
+    registrations: RegistrationSet[str] = RegistrationSet()
+    first, _ = registrations.add("a"), registrations.add("b")
+    with registrations.add("c"):
+        assert list(registrations) == ["a", "b", "c"] and len(registrations) == 3
+    assert list(registrations) == ["a", "b"]
     first.close()
     first.close()
-    assert list(kept) == ["b"]
-    with kept.add("b"):  # an equal item is removed alone
-        assert list(kept) == ["b", "b"]
-    assert list(kept) == ["b"]
+    assert list(registrations) == ["b"]
+    with registrations.add("b"):  # an equal item is removed alone
+        assert list(registrations) == ["b", "b"]
+    assert list(registrations) == ["b"]
 
 
-def test_while_somebody_iterates_what_goes_is_left_out_and_what_comes_waits() -> None:
-    kept: RegistrationSet[str] = RegistrationSet()
-    _, second = kept.add("a"), kept.add("b")
+def test_iteration_skips_items_removed_or_added_during_it() -> None:
+    registrations: RegistrationSet[str] = RegistrationSet()
+    _, second = registrations.add("a"), registrations.add("b")
     seen = []
-    for item in kept:
+    for item in registrations:
         second.close()
-        kept.add("c")
+        registrations.add("c")
         seen.append(item)
-    assert seen == ["a"] and list(kept) == ["a", "c"]
+    assert seen == ["a"] and list(registrations) == ["a", "c"]

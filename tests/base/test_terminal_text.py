@@ -1,4 +1,4 @@
-"""Output of untrusted text: what it becomes, and that commands print by nothing else."""
+"""Output of untrusted text: conversion to printable text, and commands that print only converted text."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ PRINTERS = {
 }
 
 
-def test_text_keeps_lines_and_tabs_and_nothing_that_steers_a_terminal() -> None:
+def test_printable_text_keeps_lines_and_tabs_but_no_terminal_control_characters() -> None:
     assert printable_lines("a\r\nb\tc\nü 漢 🙂") == "a\nb\tc\nü 漢 🙂"
     shown = printable_lines(HOSTILE)
     assert len(shown) == len(HOSTILE) and shown.isprintable()
 
 
-def test_json_is_valid_and_printable_and_keeps_every_value() -> None:
+def test_json_text_is_valid_and_printable_and_preserves_every_value() -> None:
     data = {HOSTILE: [HOSTILE, ("ü 漢 🙂", 1, None, True)], "x": 1e300, "big": 2**70}
     for indent in (None, 2):
         text = json_text(data, indent=indent)
@@ -47,7 +47,7 @@ def _prints(node: ast.AST) -> bool:
     return text in ("print", "click.echo", "click.secho", "click.progressbar", "sys.stdout.write", "sys.stdout.flush")
 
 
-def test_commands_print_by_the_functions_that_make_text_printable() -> None:
+def test_commands_print_only_through_functions_that_make_text_printable() -> None:
     found = {
         str(path.relative_to(PACKAGE))
         for folder in ("generator_cli", "ros_cli")

@@ -1,4 +1,4 @@
-"""The YAML loader: what scalars become, and that no text takes more than time in proportion to its size."""
+"""The YAML loader: values of scalars, errors, and parsing time proportional to the size of a text."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
 PARTS = 300_000
 
 
-def test_scalars() -> None:
+def test_yaml_scalars_become_the_expected_python_values() -> None:
     expected = {
         "1:30": "1:30",
         "1:30.5": "1:30.5",
@@ -47,13 +47,13 @@ def test_scalars() -> None:
     assert {text: load_yaml(text) for text in expected} == expected
 
 
-def test_rclpy_programs_get_the_scalars_of_pyyaml() -> None:
+def test_scalars_loaded_for_rclpy_programs_match_pyyaml() -> None:
     texts = ["1:30", "1:30.5", "1e5", "1.5e+3", "010", "08", "0x1F", "0b11", "1_000", "-5", ".inf", "no", "~", "''"]
     assert [load_yaml(text, like_rclpy=True) for text in texts] == [yaml.safe_load(text) for text in texts]
 
 
 @pytest.mark.parametrize("like_rclpy", [False, True])
-def test_what_is_refused_is_one_kind_of_error(like_rclpy: bool) -> None:
+def test_refused_yaml_always_raises_yaml_error(like_rclpy: bool) -> None:
     expected = {
         "[1,": "2:1: did not find expected node content",
         "!!bool x": "a value does not match its tag: KeyError",
@@ -74,7 +74,7 @@ def test_what_is_refused_is_one_kind_of_error(like_rclpy: bool) -> None:
         assert reason in str(caught.value)
 
 
-def test_time_is_in_proportion_to_the_size() -> None:
+def test_parsing_time_is_proportional_to_the_text_size() -> None:
     ints = ",".join(f"{index * (2**61 - 1)}: 1" for index in range(20_000))  # all have one hash
     hostile = {
         "sexagesimal": "1:" * PARTS + "1",

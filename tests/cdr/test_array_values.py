@@ -22,7 +22,7 @@ MANY = "[200]"  # too large to be packed in a run
 
 
 def box(kind: str) -> type[Any]:
-    """Return a class with the field `v` between two others."""
+    """Return a class with the field `v` between two other fields."""
     return compile_definition(f"arrays/msg/Box{kind.encode().hex()}", f"uint8 before\n{kind} v\nuint16 behind\n")
 
 
@@ -41,7 +41,7 @@ def wire(code: str, items: list[Any], *, counted: bool) -> bytes:
 
 @each_case("arity", ARITIES)
 @each_case("kind", KINDS)
-def test_lists_tuples_buffers_and_arrays_of_any_make_are_written_alike(kind: str, arity: str) -> None:
+def test_lists_tuples_buffers_and_arrays_are_encoded_equally(kind: str, arity: str) -> None:
     code = KINDS[kind]
     items: list[Any] = [True, False, True] if code == "?" else [1.5, 2.0, -3.25] if code in "fd" else [1, 2, 100]
     own = np.array(items, {"?": "bool"}.get(code, "<" + code))
@@ -83,7 +83,7 @@ def _swapped_view(own: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 @each_case("kind", KINDS)
-def test_an_array_too_large_for_a_run_may_be_strided_or_a_list(kind: str) -> None:
+def test_large_fixed_array_may_be_set_to_a_strided_array_or_list(kind: str) -> None:
     code = KINDS[kind]
     items = [n % 2 == 0 if code == "?" else n for n in range(100)] * 2
     own = np.array(items, {"?": "bool"}.get(code, "<" + code))
@@ -99,7 +99,7 @@ def test_an_array_too_large_for_a_run_may_be_strided_or_a_list(kind: str) -> Non
 
 @each_case("kind", KINDS)
 @each_case("arity", [*ARITIES, MANY])
-def test_values_that_would_be_changed_are_refused_and_named(kind: str, arity: str) -> None:
+def test_array_values_that_do_not_fit_exactly_are_refused_with_path(kind: str, arity: str) -> None:
     code = KINDS[kind]
     cls = box(kind + arity)
     wrong: list[tuple[Any, str]] = [
@@ -160,7 +160,7 @@ def test_values_that_would_be_changed_are_refused_and_named(kind: str, arity: st
 
 
 @each_case("kind", KINDS)
-def test_lengths_are_kept(kind: str) -> None:
+def test_array_lengths_and_bounds_are_enforced(kind: str) -> None:
     one = KINDS[kind] == "?" or 1
     for arity, count, text in (
         ("[3]", 2, "expected exactly 3 elements, found 2"),
@@ -176,7 +176,7 @@ def test_lengths_are_kept(kind: str) -> None:
                 assert (caught.value.path, caught.value.reason) == (f"{cls._TYPE.name}.v", text)
 
 
-# --- who owns the memory ----------------------------------------------------------------------------------------------
+# --- ownership of memory ----------------------------------------------------------------------------------------------
 
 
 @each_case("kind", KINDS)
@@ -199,7 +199,7 @@ def test_without_copy_arrays_are_read_only_views_of_the_input(kind: str, arity: 
 @each_case("kind", KINDS)
 @each_case("arity", [*ARITIES, MANY])
 @each_case("big_endian", [False, True])
-def test_with_copy_arrays_are_writable_and_their_own(kind: str, arity: str, big_endian: bool) -> None:
+def test_with_copy_arrays_are_writable_and_independent_of_the_input(kind: str, arity: str, big_endian: bool) -> None:
     cls = box(kind + arity)
     count = 200 if arity == MANY else 3
     data = bytearray(encode(cls(7, [True if kind == "bool" else 1] * count, 2)))
@@ -217,7 +217,7 @@ def test_with_copy_arrays_are_writable_and_their_own(kind: str, arity: str, big_
         assert message.v[0] == 0
 
 
-def test_a_view_keeps_its_buffer_alive_and_sees_changes_of_a_mutable_one() -> None:
+def test_array_view_keeps_its_buffer_alive_and_reflects_changes_of_it() -> None:
     cls = box("uint8[]")
     data = bytearray(encode(cls(7, [1, 2, 3], 0)))
     message = decode(cls, data)
@@ -261,12 +261,12 @@ def test_a_buffer_that_is_not_contiguous_is_refused_never_misread() -> None:
 
 
 @pytest.mark.parametrize("data", [None, 5, "text", [0, 1, 0, 0], object()])
-def test_what_is_not_bytes_is_refused_by_name(data: Any) -> None:
+def test_decoding_an_object_that_is_not_bytes_is_refused(data: Any) -> None:
     with pytest.raises(DecodeError, match="expected contiguous bytes to decode, found"):
         decode(box("uint8[]"), data)
 
 
-def test_encoding_does_not_touch_the_message() -> None:
+def test_encoding_does_not_modify_the_message() -> None:
     cls = box("float64[]")
     given = [1, 2, 3]
     message = cls(7, given, 0)

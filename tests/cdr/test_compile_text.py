@@ -21,7 +21,7 @@ from rosidl_py_gen import (
 LINE = "=" * 80
 
 
-def test_the_first_definition_may_stand_alone_or_be_followed_by_what_it_uses() -> None:
+def test_definition_may_be_followed_by_the_definitions_it_uses() -> None:
     cls = compile_definition(
         "text/msg/Top",
         f"Middle middle\n{LINE}\nMSG: text/Middle\nother_text/Leaf[] leaves\n"
@@ -36,13 +36,13 @@ def test_the_first_definition_may_stand_alone_or_be_followed_by_what_it_uses() -
 @pytest.mark.parametrize("separator", ["=" * 8, "=" * 80, "=" * 80 + "  ", "=" * 200])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize("header", ["MSG: text2/Inner", "MSG:  text2/Inner ", "MSG: text2/msg/Inner"])
-def test_separators_and_line_ends_may_vary(separator: str, newline: str, header: str) -> None:
+def test_separators_and_line_endings_may_vary(separator: str, newline: str, header: str) -> None:
     text = newline.join(["uint8 a", "Inner inner", separator, header, "uint8 b", ""])
     cls = compile_definition("text2/msg/Outer", text)
     assert encode(cls()).hex() == "000100000000"
 
 
-def test_a_text_may_begin_with_the_header_of_its_first_definition() -> None:
+def test_definition_text_may_begin_with_the_header_of_its_first_definition() -> None:
     text = f"{LINE}\nMSG: text3/Top\nLeaf leaf\n{LINE}\nMSG: text3/Leaf\nuint16 x 7\n"
     assert encode(compile_definition("text3/msg/Top", text)()).hex() == "000100000700"
 
@@ -52,12 +52,12 @@ def test_equals_signs_inside_a_definition_do_not_separate() -> None:
     assert (cls.X, cls.S) == (1, "========")
 
 
-def test_types_the_text_lacks_come_from_the_search_path() -> None:
+def test_types_missing_from_the_text_are_found_on_the_search_path() -> None:
     cls = compile_definition("text5/msg/Top", "std_msgs/Header header\ngeometry_msgs/Point[] points\n")
     assert type(cls().header) is get_message("std_msgs/msg/Header")
 
 
-def test_definitions_in_the_text_hide_those_of_the_search_path() -> None:
+def test_definitions_in_the_text_override_the_search_path() -> None:
     cls = compile_definition("text6/msg/Top", f"std_msgs/Header header\n{LINE}\nMSG: std_msgs/Header\nuint32 seq\n")
     assert encode(cls()).hex() == "00010000" + "00000000"
     assert type(cls().header) is not get_message("std_msgs/msg/Header")
@@ -106,7 +106,7 @@ module text8 {
 LEAF = 'module text8 { module msg { struct Leaf { float x; @unit(value="m") uint16 y; }; }; };\n'
 
 
-def test_idl_text_gives_the_class_of_the_same_msg_text() -> None:
+def test_idl_text_compiles_to_the_class_of_the_equal_msg_text() -> None:
     idl = compile_definition("text8/msg/Top", f"{IDL}{LINE}\nIDL: text8/msg/Leaf\n{LEAF}")
     msg_text = (
         "uint8 LIMIT=5\nstring NAME=top\nLeaf leaf\nuint8 number 7\nstring<=5[<=3] words\nfloat64[3] triple\n"
@@ -138,13 +138,13 @@ def test_idl_text_gives_the_class_of_the_same_msg_text() -> None:
         ("module text10 { module msg { struct Top { uint8 a } }; };", "<text10/msg/Top>:1:"),
     ],
 )
-def test_problems_are_located_in_the_definition_they_are_in(text: str, where: str) -> None:
+def test_errors_state_the_location_in_the_invalid_definition(text: str, where: str) -> None:
     with pytest.raises(DefinitionError) as caught:
         compile_definition("text10/msg/Top", text)
     assert str(caught.value.diagnostics[0]).startswith(where), str(caught.value)
 
 
-def test_one_failed_text_leaves_nothing_behind() -> None:
+def test_failed_compilation_does_not_affect_later_compilations() -> None:
     with pytest.raises(DefinitionError):
         compile_definition("text11/msg/Top", f"Leaf x\nuint99 y\n{LINE}\nMSG: text11/Leaf\nuint8 a\n")
     assert (

@@ -58,7 +58,7 @@ def test_dicts_share_nothing_with_the_message() -> None:
     assert built.data.tolist() == [1, 2]
 
 
-def test_what_is_missing_keeps_its_default() -> None:
+def test_fields_missing_from_a_dict_keep_their_defaults() -> None:
     assert from_dict(Sample, {}) == Sample() == from_json(Sample, "{}")
     found = from_dict(Sample, {"inner": {"from": 2}, "list": [{}, {"x": 3}], "class": 1})
     assert (found.inner.x, found.inner.from_, found.class_, found.text) == (-1.0, 2.0, 1, "default")
@@ -90,7 +90,7 @@ def test_what_is_missing_keeps_its_default() -> None:
         ("text", NAME, "expected a mapping of fields, found 'text'"),
     ],
 )
-def test_wrong_input_is_named_with_its_path(values: Any, path: str, text: str) -> None:
+def test_wrong_dict_or_json_values_are_reported_with_path(values: Any, path: str, text: str) -> None:
     with pytest.raises(EncodeError) as caught:
         from_dict(Sample, values)
     assert caught.value.path == path
@@ -102,7 +102,7 @@ def test_wrong_input_is_named_with_its_path(values: Any, path: str, text: str) -
         assert (again.value.path, again.value.reason) == (path, caught.value.reason)
 
 
-def test_a_wrong_value_of_a_message_is_named_with_its_path() -> None:
+def test_converting_a_message_with_a_wrong_value_reports_its_path() -> None:
     for convert, values, reason in (
         (to_dict, {"inner": 5}, "inner: expected "),
         (to_json, {"text": b"x"}, "text: expected str"),
@@ -111,7 +111,7 @@ def test_a_wrong_value_of_a_message_is_named_with_its_path() -> None:
             convert(Sample(**values))
 
 
-def test_json_spells_the_numbers_it_lacks_as_text() -> None:
+def test_json_contains_nan_and_infinity_as_text() -> None:
     message = Sample(
         f64=math.nan, f32=math.inf, many=[1.0, -math.inf, math.nan], pair=[math.inf, 0.0], list=[Sample().inner]
     )
@@ -142,7 +142,7 @@ def test_integers_keep_every_digit_and_floats_their_sign() -> None:
     assert type(from_dict(Sample, {"f64": 1}).f64) is float
 
 
-def test_indentation_and_text_are_the_callers_choice() -> None:
+def test_json_is_indented_on_request_and_keeps_unicode_text() -> None:
     message = Sample(text="é😀\n\"'\\", wide="ü")
     assert "é😀" in to_json(message)
     assert to_json(message, indent=2).count("\n") > 10
@@ -152,13 +152,13 @@ def test_indentation_and_text_are_the_callers_choice() -> None:
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", "5", "null", '"x"', "{'a': 1}", b"\xff\xfe\xfd", "[" * 100_000, "9" * 10_000]
 )
-def test_what_is_not_a_json_object_is_refused(text: Any) -> None:
+def test_from_json_refuses_text_that_is_not_a_json_object(text: Any) -> None:
     with pytest.raises(EncodeError) as caught:
         from_json(Sample, text)
     assert caught.value.path == NAME
 
 
-def test_values_given_as_other_types_come_back_as_the_fields_type() -> None:
+def test_values_of_other_types_are_converted_to_the_field_type() -> None:
     message = from_dict(
         Sample, {"data": b"abc", "many": np.array([1, 2]), "words": ("x",), "flags": [1, 0], "pair": (1, 2)}
     )

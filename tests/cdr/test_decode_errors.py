@@ -24,7 +24,7 @@ def box(kind: str) -> type:
 
 
 HEAD = "00010000 01"
-# type of the field, bytes behind the first field, path behind `.v`, offset, text
+# type of the field, bytes after the first field, path after `.v`, offset, error text
 CASES = [
     ("uint8", "", "", 5, "expected 1 bytes of uint8, found 0"),
     ("float64", "00000000000000 000000000000f0", "", 12, "expected 8 bytes of float64, found 7"),
@@ -70,7 +70,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("kind", "tail", "where", "offset", "text"), CASES)
-def test_a_wrong_byte_is_named_with_field_and_offset(kind: str, tail: str, where: str, offset: int, text: str) -> None:
+def test_wrong_byte_is_reported_with_field_and_offset(kind: str, tail: str, where: str, offset: int, text: str) -> None:
     cls = box(kind)
     data = bytes.fromhex(HEAD + tail)
     for given in (data, bytearray(data), memoryview(data)):
@@ -96,7 +96,7 @@ def test_a_wrong_byte_is_named_with_field_and_offset(kind: str, tail: str, where
     ],
 )
 @pytest.mark.parametrize("text_of_type", ["uint8 x\n", "string x\n", "Heavy x\n" + MORE, ""])
-def test_another_encapsulation_is_refused(data: str, text: str, text_of_type: str) -> None:
+def test_unsupported_encapsulation_header_is_refused(data: str, text: str, text_of_type: str) -> None:
     cls = compile_definition(f"bytes/msg/Head{len(text_of_type)}", text_of_type)
     for given in (bytes.fromhex(data), bytearray.fromhex(data)):
         with pytest.raises(DecodeError) as caught:
@@ -107,7 +107,7 @@ def test_another_encapsulation_is_refused(data: str, text: str, text_of_type: st
 
 @pytest.mark.parametrize("options", ["0000", "0001", "0003", "ffff"])
 @pytest.mark.parametrize("behind", ["", "00", "000000", "ff" * 20])
-def test_options_and_bytes_behind_do_not_matter(options: str, behind: str) -> None:
+def test_encapsulation_options_and_trailing_bytes_are_ignored(options: str, behind: str) -> None:
     """Peers may put the number of pad bytes into the low bits of byte 3 (docs/internals/protocol.md 2.1)."""
     cls = compile_definition("bytes/msg/Options", "uint8 x\nstring text\n")
     little = bytes.fromhex("0001" + options + "07 000000 02000000 4100" + behind)
@@ -115,7 +115,7 @@ def test_options_and_bytes_behind_do_not_matter(options: str, behind: str) -> No
     assert decode(cls, little) == decode(cls, big) == cls(7, "A")
 
 
-def test_a_string_of_length_zero_is_empty() -> None:
+def test_string_of_length_zero_decodes_to_empty_text() -> None:
     """Readers accept it though no ROS writer writes it (docs/internals/protocol.md 2.2)."""
     for kind, tail, wanted in (
         ("string", "000000 00000000", ""),
@@ -135,7 +135,7 @@ def test_string_bounds_are_not_enforced_on_decode_but_on_encode() -> None:
     assert decode(box("string<=2[]"), encode(box("string[]")(1, ["abcdef"]))).v == ["abcdef"]
 
 
-def test_nul_inside_a_string_is_kept() -> None:
+def test_nul_inside_a_string_is_preserved() -> None:
     cls = box("string")
     assert decode(cls, encode(cls(1, "a\0b\0"))).v == "a\0b\0"
 
@@ -144,7 +144,7 @@ def test_nul_inside_a_string_is_kept() -> None:
     "kind", ["uint8[]", "float64[]", "string[]", "wstring[]", "Empty[]", "Fixed[]", "Part[]", "Heavy[]"]
 )
 @pytest.mark.parametrize("count", ["ffffffff", "ffffff7f", "00000040"])
-def test_a_huge_count_allocates_nothing(kind: str, count: str) -> None:
+def test_huge_element_count_is_refused_without_allocating_memory(kind: str, count: str) -> None:
     cls = box(kind)
     data = bytes.fromhex(HEAD + "000000" + count) + bytes(2000)
     with pytest.raises(DecodeError):

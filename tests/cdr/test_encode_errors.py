@@ -69,7 +69,7 @@ TOP = "wrong/msg/Everything"
 part: Any = Part
 fixed: Any = Fixed
 WRONG: list[tuple[str, Any, str, str]] = [
-    # field, value, path behind it, text
+    # field, value, path after the field, error text
     ("flag", 2, "", "expected bool, found 2"),
     ("flag", "yes", "", "expected bool, found 'yes'"),
     ("flag", [], "", "expected bool, found []"),
@@ -125,7 +125,7 @@ WRONG: list[tuple[str, Any, str, str]] = [
 
 
 @pytest.mark.parametrize(("field", "value", "where", "text"), WRONG)
-def test_a_wrong_value_is_named_with_its_path(field: str, value: Any, where: str, text: str) -> None:
+def test_wrong_value_is_reported_with_its_path(field: str, value: Any, where: str, text: str) -> None:
     message = Everything()
     assert encode(message)
     setattr(message, field, value)
@@ -141,7 +141,7 @@ def test_a_wrong_value_is_named_with_its_path(field: str, value: Any, where: str
     assert getattr(message, field) is value
 
 
-def test_a_class_of_the_same_shape_is_still_the_wrong_class() -> None:
+def test_message_of_another_class_with_equal_fields_is_refused() -> None:
     header = get_message("std_msgs/msg/Header")
     duration = get_message("builtin_interfaces/msg/Duration")
     for message in (
@@ -153,7 +153,7 @@ def test_a_class_of_the_same_shape_is_still_the_wrong_class() -> None:
                 check(message)
 
 
-def test_a_field_that_was_deleted_is_named() -> None:
+def test_deleted_field_is_reported_as_not_set() -> None:
     message = Everything()
     del message.part.inner.x
     for check in (encode, validate):
@@ -162,14 +162,14 @@ def test_a_field_that_was_deleted_is_named() -> None:
         assert (caught.value.path, caught.value.reason) == (f"{TOP}.part.inner.x", "the field is not set")
 
 
-def test_a_sequence_that_is_longer_than_its_length_can_be_written_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sequence_longer_than_its_count_can_express_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(field_walk, "MAX_COUNT", 3)  # of 2^32 - 1, which would need as many bytes
     message = get_message("std_msgs/msg/UInt8MultiArray")(data=[1] * 4)
     with pytest.raises(EncodeError, match=r"Array\.data: expected at most 3 elements, found 4"):
         validate(message)
 
 
-def test_values_whose_own_code_raises_are_named_too() -> None:
+def test_values_whose_methods_raise_are_reported_with_path() -> None:
     class Hostile:
         def __repr__(self) -> str:
             raise RuntimeError("no")
@@ -192,7 +192,7 @@ class Index:
 
 
 class LoudText(str):
-    """A caller's own kind of text."""
+    """Subclass of str, as a caller may define it."""
 
 
 ACCEPTED: list[tuple[str, Any, Any]] = [
@@ -214,14 +214,14 @@ ACCEPTED: list[tuple[str, Any, Any]] = [
 
 
 @pytest.mark.parametrize(("field", "value", "wanted"), ACCEPTED)
-def test_equivalent_values_are_written(field: str, value: Any, wanted: Any) -> None:
+def test_equivalent_values_of_other_types_are_encoded(field: str, value: Any, wanted: Any) -> None:
     message = Everything()
     setattr(message, field, value)
     validate(message)
     assert to_dict(decode(Everything, encode(message)))[field] == wanted
 
 
-def test_instances_of_subclasses_are_welcome_anywhere() -> None:
+def test_instances_of_subclasses_are_encoded_like_their_base_class() -> None:
     @dataclass(slots=True, eq=False, repr=False)
     class MyFixed(Fixed):  # type: ignore[misc, valid-type]
         note: str = "mine"
@@ -250,7 +250,7 @@ def test_validate_and_encode_refuse_the_same_messages_for_the_same_reason(world:
     reference = world.reference()
     message = reference.build(world.compile(), data.draw(values(reference, world.top)))
     target: Any = message
-    while True:  # walk to some message inside, and put something there that may be wrong
+    while True:  # descend to a nested message and set one of its fields to a value that may be wrong
         fields = target._TYPE.fields
         inside = [getattr(target, field.py_name) for field in fields if field.cls is not None]
         inside = [one for value in inside for one in (value if isinstance(value, list) else [value])]

@@ -52,7 +52,7 @@ def test_construction_is_positional_and_by_keyword() -> None:
         Sample(nome="x")
 
 
-def test_defaults_are_those_of_the_definition_and_never_shared() -> None:
+def test_default_values_match_the_definition_and_are_never_shared() -> None:
     first, second = Sample(), Sample()
     assert first.values.tolist() == [1.5, 2.5]
     assert (first.name, first.class_, first.words) == ("it's", 7, ["a", "b"])
@@ -75,13 +75,13 @@ def test_constants_are_class_attributes() -> None:
         Sample().LIMIT = 5
 
 
-def test_the_docstring_keeps_comment_and_unit() -> None:
+def test_class_docstring_contains_comment_and_unit() -> None:
     assert Sample.__doc__ is not None
     assert "How warm it is" in Sample.__doc__
     assert "degC" in Sample.__doc__
 
 
-def test_messages_are_equal_when_their_values_are() -> None:
+def test_messages_are_equal_if_their_values_are_equal() -> None:
     one = decode(Sample, encode(Sample()))
     assert one == Sample()
     assert (one != Sample()) is False
@@ -102,7 +102,7 @@ def test_messages_are_equal_when_their_values_are() -> None:
     assert Sample(values=[float("nan")]) != Sample(values=[float("nan")])
 
 
-def test_bytes_equal_the_array_they_stand_for() -> None:
+def test_bytes_in_a_uint8_sequence_equal_the_decoded_array() -> None:
     cls = compile_definition("plain/msg/Bytes", "uint8[] data\n")
     for value in (b"abc", bytearray(b"abc"), memoryview(b"abc"), [97, 98, 99], np.frombuffer(b"abc", np.uint8)):
         assert cls(value) == decode(cls, encode(cls(value))) == cls(b"abc")
@@ -115,7 +115,7 @@ def test_messages_are_not_hashable() -> None:
         hash(Sample())
 
 
-def test_shallow_and_deep_copies() -> None:
+def test_deep_copies_of_messages_are_independent_and_shallow_copies_are_not() -> None:
     first = Sample(many=[Inner(1)])
     shallow, deep = copy.copy(first), copy.deepcopy(first)
     assert first == shallow == deep
@@ -128,7 +128,7 @@ def test_shallow_and_deep_copies() -> None:
 
 
 @pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
-def test_pickle_keeps_class_and_values(protocol: int) -> None:
+def test_pickle_preserves_class_and_values(protocol: int) -> None:
     header = get_message("std_msgs/msg/Header")
     request = get_service("std_srvs/srv/SetBool").Request
     for message in (
@@ -143,14 +143,14 @@ def test_pickle_keeps_class_and_values(protocol: int) -> None:
         assert encode(again) == encode(message)
 
 
-def test_dataclass_helpers_see_plain_values() -> None:
+def test_asdict_and_match_patterns_work_with_messages() -> None:
     assert dataclasses.asdict(Inner(4))["x"] == 4
     match Inner(4, [0.0] * 4):
         case Inner(x, quad):  # type: ignore[misc]
             assert (x, quad) == (4, [0.0] * 4)
 
 
-def test_repr_names_every_field_and_elides_long_arrays() -> None:
+def test_repr_contains_every_field_and_abbreviates_long_arrays() -> None:
     assert repr(Inner(1, [0.0, 0.5, 1.0, 1.5])) == "Inner(x=1, quad=[0.0, 0.5, 1.0, 1.5])"
     assert repr(Sample()) == (
         'Sample(values=[1.5, 2.5], name="it\'s", class_=7, inner=Inner(x=-3, quad=[0.0, 0.0, 0.0, 0.0]), many=[], '
@@ -169,7 +169,7 @@ def test_repr_names_every_field_and_elides_long_arrays() -> None:
     assert "name=" in repr(unset)
 
 
-def test_methods_give_way_to_fields_of_their_name() -> None:
+def test_fields_named_like_methods_replace_the_methods() -> None:
     cls = compile_definition("plain/msg/GivesWay", "string encode 'e'\nuint8[] decode\n")
     message = cls(decode=[1, 2])
     assert (message.encode, message.decode) == ("e", [1, 2])
@@ -183,7 +183,7 @@ def test_methods_give_way_to_fields_of_their_name() -> None:
     assert outer.decode(around.encode()) == around
 
 
-def test_the_base_class_is_not_a_message_itself() -> None:
+def test_base_class_message_cannot_be_encoded_or_decoded() -> None:
     for attempt in (lambda: encode(Message()), lambda: decode(Message, b"\0\1\0\0\0"), Message().encode):
         with pytest.raises(TypeError, match="is not a generated message class"):
             attempt()

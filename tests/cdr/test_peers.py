@@ -22,7 +22,7 @@ from rosidl_py_gen.base.fieldtype import Arity, FieldType
 
 @settings(max_examples=examples(200))
 @given(worlds(nasty=False, wide=False), st.data())
-def test_rosbags_writes_the_same_bytes_and_reads_ours(world: World, data: st.DataObject) -> None:
+def test_rosbags_encodes_equal_bytes_and_decodes_bytes_of_this_package(world: World, data: st.DataObject) -> None:
     reference = world.reference()
     value = data.draw(values(reference, world.top))
     cls = world.compile()
@@ -61,7 +61,7 @@ _PYCDR2 = {"bool": bool, "byte": types.uint8, "char": types.uint8, "string": str
 
 @settings(max_examples=examples(200))
 @given(worlds(nasty=False, wide=False, exotic=False), st.data())
-def test_pycdr2_writes_the_same_bytes_and_reads_ours(world: World, data: st.DataObject) -> None:
+def test_pycdr2_encodes_equal_bytes_and_decodes_bytes_of_this_package(world: World, data: st.DataObject) -> None:
     reference = world.reference()
     value = data.draw(values(reference, world.top))
     structs: dict[str, type] = {}

@@ -41,7 +41,7 @@ def garbage(seed: int) -> Any:
 
 @settings(max_examples=examples(600))
 @given(worlds_and_values())
-def test_bytes_are_those_of_the_reference(case: tuple[World, Reference, dict[str, Any]]) -> None:
+def test_encoded_bytes_equal_the_reference_implementation(case: tuple[World, Reference, dict[str, Any]]) -> None:
     world, reference, value = case
     message = reference.build(world.compile(), value)
     validate(message)
@@ -50,7 +50,7 @@ def test_bytes_are_those_of_the_reference(case: tuple[World, Reference, dict[str
 
 @settings(max_examples=examples(600))
 @given(worlds_and_values(), st.integers(0, 2**32), st.binary(max_size=9))
-def test_every_byte_order_and_any_garbage_between_fields_decode_to_the_value(
+def test_every_byte_order_with_garbage_in_padding_decodes_to_the_value(
     case: tuple[World, Reference, dict[str, Any]], seed: int, behind: bytes
 ) -> None:
     world, reference, value = case
@@ -67,7 +67,7 @@ def test_every_byte_order_and_any_garbage_between_fields_decode_to_the_value(
 
 
 def _check_arrays(message: Message, reference: Reference, writeable: bool) -> None:
-    """Numeric arrays have the annotated dtype in native order, one dimension, and are as writable as asked for."""
+    """Check that numeric arrays have the annotated dtype in native order, one dimension, and `writeable`."""
     for item in reference.definition(type_name(message)).fields:
         held = getattr(message, py_name(item.name))
         if item.type.arity is Arity.SCALAR:
@@ -90,7 +90,7 @@ def _check_arrays(message: Message, reference: Reference, writeable: bool) -> No
 
 @settings(max_examples=examples(300))
 @given(worlds_and_values())
-def test_dicts_and_json_carry_every_value_both_ways(case: tuple[World, Reference, dict[str, Any]]) -> None:
+def test_dicts_and_json_round_trip_every_value(case: tuple[World, Reference, dict[str, Any]]) -> None:
     world, reference, value = case
     cls = world.compile()
     message = reference.build(cls, value)
@@ -104,7 +104,7 @@ def test_dicts_and_json_carry_every_value_both_ways(case: tuple[World, Reference
 
 @settings(max_examples=examples(300))
 @given(worlds())
-def test_a_new_message_holds_zeros_and_the_defaults_of_its_definition(world: World) -> None:
+def test_new_message_contains_zeros_and_the_defaults_of_its_definition(world: World) -> None:
     reference = world.reference()
     found = reference.plain(world.compile()())
     defaults = dict(world.defaults)
@@ -133,10 +133,10 @@ def _zero(kind: FieldType) -> Any:
 
 @settings(max_examples=examples(300))
 @given(worlds_and_values(), st.data())
-def test_damaged_bytes_are_read_as_the_reference_reads_them(
+def test_damaged_bytes_are_decoded_or_refused_like_the_reference(
     case: tuple[World, Reference, dict[str, Any]], data: st.DataObject
 ) -> None:
-    """Cut, overwrite and insert: both readers give the same value, or both refuse."""
+    """Bytes are cut, overwritten and inserted; both decoders return an equal value, or both refuse."""
     world, reference, value = case
     cls = world.compile()
     wire = bytearray(reference.encode(world.top, value))

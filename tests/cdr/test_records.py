@@ -58,7 +58,7 @@ def part(name: str) -> Any:
 
 
 def box(kind: str, before: str = "") -> Any:
-    """A message with the field `v` of a type, behind `before`."""
+    """Return a message class with the field `v` of a type, after the fields of `before`."""
     name = f"Box{kind.encode().hex()}{before.encode().hex()}"
     return compiled(name, f"{before}\n{kind} v")
 
@@ -77,22 +77,22 @@ def offsets(kind: np.dtype[Any]) -> dict[str, int]:
         ("Point", {"x": 0, "y": 8, "z": 16}, 24),
         ("Tail", {"x": 0, "y": 8}, 16),
         ("Head", {"a": 0, "b": 8}, 16),
-        ("Odd", {"a": 0, "b": 1, "c": 3}, 4),  # from the second on each begins at an odd offset
+        ("Odd", {"a": 0, "b": 1, "c": 3}, 4),  # every element after the first begins at an odd offset
         ("Flags", {"on": 0, "more": 1, "n": 3}, 4),
         ("Keyword", {"from": 0}, 4),
         ("Grid", {"row": 0, "corners": 16}, 64),
         ("Stamped", {"stamp": 0, "id": 8, "other": 12}, 20),
         ("Wide", {"w": 0, "flags": 32}, 40),
-        ("Nested", {"k": 0, "odds": 1, "one": 13}, 17),  # odds[0] lies otherwise than odds[1]: no such dtype
-        ("Ends", {"tails": 0, "z": 32}, 33),  # z lies in the padding of tails[1]
+        ("Nested", {"k": 0, "odds": 1, "one": 13}, 17),  # odds[0] and odds[1] have different layouts: no such dtype
+        ("Ends", {"tails": 0, "z": 32}, 33),  # z is stored in the padding of tails[1]
     ],
 )
-def test_a_dtype_has_the_offsets_of_cdr(name: str, places: dict[str, int], itemsize: int) -> None:
+def test_dtype_has_the_field_offsets_of_cdr(name: str, places: dict[str, int], itemsize: int) -> None:
     found = dtype(part(name))
     assert (offsets(found), found.itemsize) == (places, itemsize)
 
 
-def test_an_empty_message_is_one_byte_of_padding() -> None:
+def test_dtype_of_an_empty_message_is_one_byte_of_padding() -> None:
     assert (dtype(part("Empty")).names, dtype(part("Empty")).itemsize) == ((), 1)
     cls = box("Empty[]")
     data = encode(cls(v=[part("Empty")()] * 3))
@@ -101,14 +101,14 @@ def test_an_empty_message_is_one_byte_of_padding() -> None:
     assert encode(cls(v=np.frombuffer(b"\7\7\7", dtype(part("Empty"))))) == data
 
 
-def test_nested_messages_and_arrays_are_nested_dtypes_and_shapes() -> None:
+def test_nested_messages_and_arrays_become_nested_dtypes_and_shapes() -> None:
     found = dtype(part("Grid"))
     assert found["row"].shape == (3,) and found["corners"].shape == (2,)
     assert found["corners"].base == dtype(part("Point"))
     assert found["corners"].base["x"] == np.float64
 
 
-def test_a_message_that_varies_in_size_has_no_dtype_and_the_field_is_named() -> None:
+def test_message_of_variable_size_has_no_dtype_and_the_error_states_the_field() -> None:
     with pytest.raises(TypeError, match=r"PoseStamped is not of fixed size, because of its field header\.frame_id \(s"):
         dtype(PoseStamped)
     with pytest.raises(TypeError, match=r"field poses \(geometry_msgs/msg/Pose\[\]\)"):
@@ -117,7 +117,7 @@ def test_a_message_that_varies_in_size_has_no_dtype_and_the_field_is_named() -> 
         dtype(int)  # type: ignore[arg-type]
 
 
-def test_a_message_too_large_for_numpy_has_no_dtype_and_its_sequences_are_refused(
+def test_message_too_large_for_numpy_has_no_dtype_and_its_sequences_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(
@@ -139,7 +139,7 @@ def shares(array: np.ndarray[Any, Any], data: bytes) -> bool:
     return np.shares_memory(array.view(np.uint8), np.frombuffer(data, np.uint8))
 
 
-def test_records_are_read_only_views_that_numpy_users_know() -> None:
+def test_structured_arrays_are_read_only_views_with_usual_numpy_indexing() -> None:
     data = encode(PoseArray(poses=[Pose(position=Point(x=float(n))) for n in range(10)]))
     poses = decode(PoseArray, data, arrays=True).poses
     assert shares(poses, data) and not poses.flags.writeable
@@ -161,7 +161,7 @@ def test_records_are_read_only_views_that_numpy_users_know() -> None:
         ("Head[]", "", False),  # the first begins at 4 modulo 8
         ("Head[]", "float32 s", True),
         ("Odd[]", "", False),
-        ("Tail[]", "", False),  # nothing is there behind the last where its padding would be
+        ("Tail[]", "", False),  # the bytes end before the padding of the last element
         ("Nested[]", "", False),
         ("Stamped[]", "", True),
         ("Grid[2]", "float32 s", False),
@@ -169,7 +169,7 @@ def test_records_are_read_only_views_that_numpy_users_know() -> None:
         ("Heavy[]", "", True),
     ],
 )
-def test_arrays_are_views_where_the_wire_has_the_layout_of_the_dtype(kind: str, before: str, view: bool) -> None:
+def test_structured_arrays_are_views_if_wire_layout_equals_dtype_layout(kind: str, before: str, view: bool) -> None:
     cls = box(kind, before)
     inner = part(kind.split("[")[0])
     data = encode(cls(v=[inner() for _ in range(2)]))
@@ -184,7 +184,7 @@ def test_arrays_are_views_where_the_wire_has_the_layout_of_the_dtype(kind: str, 
         assert shares(decode(cls, behind, arrays=True).v, behind)
 
 
-def test_bools_that_are_neither_0_nor_1_are_true_as_in_lists() -> None:
+def test_bool_bytes_above_one_in_structured_arrays_are_true() -> None:
     cls = box("Flags[]")
     data = b"\0\1\0\0\2\0\0\0" + bytes([1, 0, 1, 9]) + bytes([2, 0xFF, 0, 7])
     for wire in (data, b"\0\0\0\0\0\0\0\2" + data[8:]):
@@ -216,7 +216,7 @@ COUNT = "00010000 ffffffff"
         ("Point[2]", "00010000" + "00" * 47, 4, "expected 48 bytes of 2 rows/msg/Point, found 47"),
     ],
 )
-def test_a_wrong_count_is_named_with_field_and_offset_before_anything_is_allocated(
+def test_wrong_count_is_reported_with_field_and_offset_without_allocating_memory(
     kind: str, wire: str, offset: int, text: str
 ) -> None:
     cls = box(kind)
@@ -237,7 +237,7 @@ def xyz(*rows: tuple[float, float, float]) -> np.ndarray[Any, Any]:
     return np.array(list(rows), dtype(part("Point")))
 
 
-def test_floats_are_rounded_to_the_field_as_those_of_lists_are() -> None:
+def test_floats_of_structured_arrays_are_rounded_to_the_field_as_in_lists() -> None:
     polygon: Any = get_message("geometry_msgs/msg/Polygon")
     point: Any = get_message("geometry_msgs/msg/Point32")
     rows = [(0.1, 1 / 3, 16_777_217.0), (1e-46, -0.0, float("inf"))]
@@ -248,7 +248,7 @@ def test_floats_are_rounded_to_the_field_as_those_of_lists_are() -> None:
         polygon(points=wide).encode()
 
 
-def test_fields_are_taken_by_name_not_by_place() -> None:
+def test_structured_array_fields_are_matched_by_name_not_by_order() -> None:
     cls = box("Point[]")
     values = np.array([(3, 1, 2)], [("z", "f4"), ("x", "i2"), ("y", ">f8")])
     message = cls(v=values)
@@ -287,7 +287,7 @@ def flags(*more: bool) -> np.ndarray[Any, Any]:
         ("string[]", np.zeros(1, [("x", "f8")]), "", "expected a list of string, found array"),
     ],
 )
-def test_a_wrong_array_is_an_encode_error_that_names_field_and_reason(
+def test_wrong_structured_array_is_an_encode_error_with_field_and_reason(
     kind: str, values: Any, where: str, text: str
 ) -> None:
     cls = box(kind)
@@ -306,7 +306,7 @@ def test_a_wrong_array_is_an_encode_error_that_names_field_and_reason(
     assert message != cls()
 
 
-def test_an_array_does_not_stand_for_messages_that_vary_in_size() -> None:
+def test_structured_array_cannot_replace_messages_of_variable_size() -> None:
     path = get_message("nav_msgs/msg/Path")
     message = path(poses=np.zeros(2, [("header", "i4")]))
     with pytest.raises(
@@ -319,7 +319,7 @@ def test_an_array_does_not_stand_for_messages_that_vary_in_size() -> None:
 # --- between the forms ----------------------------------------------------------------------------------------------
 
 
-def test_records_and_messages_are_each_others_inverse() -> None:
+def test_functions_records_and_messages_are_inverse() -> None:
     listed = [Point(float(n), 2.0, -0.0) for n in range(5)]
     array = records(listed)
     assert array.dtype == dtype(Point) and array["x"].tolist() == [0, 1, 2, 3, 4]
@@ -330,7 +330,7 @@ def test_records_and_messages_are_each_others_inverse() -> None:
     assert messages(Point, array[["z", "y", "x"]]) == listed
 
 
-def test_messages_from_records_have_arrays_of_their_own() -> None:
+def test_messages_from_records_have_copies_of_the_arrays() -> None:
     wide = part("Wide")
     array = records([wide(w=[1, 2, 3, 4])])
     one = messages(wide, array)[0]
@@ -338,14 +338,14 @@ def test_messages_from_records_have_arrays_of_their_own() -> None:
     assert array["w"].tolist() == [[1, 2, 3, 4]]
 
 
-def test_an_empty_list_needs_its_class() -> None:
+def test_records_of_an_empty_list_require_a_message_class() -> None:
     with pytest.raises(TypeError, match="class of an empty sequence is not known"):
         records([])
     assert records([], Point).dtype == dtype(Point) and len(records((), Point)) == 0
     assert messages(Point, records([], Point)) == []
 
 
-def test_a_wrong_element_is_named() -> None:
+def test_wrong_element_given_to_records_or_messages_is_reported() -> None:
     with pytest.raises(EncodeError, match=r"^geometry_msgs/msg/Point\[1\]\.x: expected float"):
         records([Point(), Point(x="1")])
     with pytest.raises(EncodeError, match=r"^geometry_msgs/msg/Point\[1\]: expected geometry_msgs/msg/Point, found 7"):
@@ -360,7 +360,7 @@ def test_a_wrong_element_is_named() -> None:
         records([1])  # type: ignore[list-item]
 
 
-def test_equality_is_by_value_whatever_the_form() -> None:
+def test_messages_with_lists_and_with_structured_arrays_compare_by_value() -> None:
     cls = box("Point[]")
     listed = cls(v=[part("Point")(1.0, 2.0, 3.0)])
     held = cls(v=xyz((1, 2, 3)))

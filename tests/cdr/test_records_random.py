@@ -38,7 +38,7 @@ KINDS = tuple(NUMBERS)
 
 @st.composite
 def fixed_bodies(draw: st.DrawFn, earlier: list[str]) -> list[str]:
-    """The fields of a message of fixed size; now and then too many to be printed in line, or none."""
+    """Draw the fields of a fixed-size message; sometimes none, or too many for inline code."""
     lines = []
     for index in range(draw(st.sampled_from((0, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 50)))):
         nested = earlier and draw(st.integers(0, 2)) == 2
@@ -50,7 +50,7 @@ def fixed_bodies(draw: st.DrawFn, earlier: list[str]) -> list[str]:
 
 @st.composite
 def record_worlds(draw: st.DrawFn) -> World:
-    """Messages of fixed size, one that holds them behind strings of odd length, and one that holds these."""
+    """Draw fixed-size messages, a message with them after strings of odd length, and a message that contains it."""
     fixed: list[str] = []
     bodies: list[tuple[str, list[str]]] = []
     for number in range(draw(st.integers(1, 3))):
@@ -80,7 +80,7 @@ Case = tuple[World, Reference, dict[str, Any]]
 
 
 def arrays_in(message: Message) -> list[tuple[type[Message], np.ndarray[Any, Any]]]:
-    """Every sequence and array of messages that is an array, with the class of its elements; lists are looked into."""
+    """Return every structured array with the class of its elements, also inside lists of messages."""
     found = []
     for field in message._TYPE.fields:
         held = getattr(message, field.py_name)
@@ -95,7 +95,7 @@ def arrays_in(message: Message) -> list[tuple[type[Message], np.ndarray[Any, Any
 
 
 def lists_in(message: Message) -> list[str]:
-    """Names of fields that are lists of fixed-size messages, at any depth."""
+    """Return the names of fields at any depth that are lists of fixed-size messages."""
     found = []
     for field in message._TYPE.fields:
         held = getattr(message, field.py_name)
@@ -110,7 +110,7 @@ def lists_in(message: Message) -> list[str]:
 
 
 def with_arrays(message: Message, change: Any = lambda array: array) -> Message:
-    """A copy that holds arrays wherever it can."""
+    """Return a copy with structured arrays instead of all lists of fixed-size messages."""
     clone = copy.copy(message)
     for field in message._TYPE.fields:
         held = getattr(message, field.py_name)
@@ -127,7 +127,7 @@ def with_arrays(message: Message, change: Any = lambda array: array) -> Message:
 
 @settings(max_examples=examples(150))
 @given(cases(), st.integers(0, 2**32), st.binary(max_size=9))
-def test_arrays_hold_what_the_reference_wrote(case: Case, seed: int, behind: bytes) -> None:
+def test_structured_arrays_decode_to_the_values_of_the_reference(case: Case, seed: int, behind: bytes) -> None:
     world, reference, value = case
     cls = world.compile()
     plain = reference.encode(world.top, value)
@@ -148,7 +148,7 @@ def test_arrays_hold_what_the_reference_wrote(case: Case, seed: int, behind: byt
 
 @settings(max_examples=examples(40))
 @given(cases())
-def test_writing_into_own_arrays_changes_nothing_else(case: Case) -> None:
+def test_writing_into_a_copied_structured_array_changes_no_other_array(case: Case) -> None:
     world, reference, value = case
     message = decode(world.compile(), reference.encode(world.top, value), arrays=True, copy=True)
     arrays = [array for _, array in arrays_in(message) if len(array)]
@@ -160,7 +160,7 @@ def test_writing_into_own_arrays_changes_nothing_else(case: Case) -> None:
 
 @settings(max_examples=examples(30))
 @given(cases())
-def test_every_cut_is_refused_exactly_where_lists_are(case: Case) -> None:
+def test_bytes_cut_at_any_length_are_refused_for_structured_arrays(case: Case) -> None:
     world, reference, value = case
     cls = world.compile()
     for big_endian in (False, True):
@@ -174,7 +174,7 @@ def test_every_cut_is_refused_exactly_where_lists_are(case: Case) -> None:
 
 
 def changes(array: np.ndarray[Any, Any]) -> list[np.ndarray[Any, Any]]:
-    """The same records in other layouts: strided, big-endian, without padding, fields in the other order."""
+    """Return equal arrays in other layouts: strided, big-endian, without padding, fields in reverse order."""
     spread = np.zeros(2 * len(array), array.dtype)
     spread[::2] = array
     backwards = np.zeros(len(array), reordered(array.dtype))
@@ -200,7 +200,7 @@ def assign(target: np.ndarray[Any, Any], source: np.ndarray[Any, Any]) -> None:
 
 @settings(max_examples=examples(60))
 @given(cases())
-def test_arrays_of_any_layout_are_written_as_lists_are(case: Case) -> None:
+def test_structured_arrays_of_any_memory_layout_are_encoded_like_lists(case: Case) -> None:
     world, reference, value = case
     message = reference.build(world.compile(), value)
     wire = reference.encode(world.top, value)
@@ -213,7 +213,7 @@ def test_arrays_of_any_layout_are_written_as_lists_are(case: Case) -> None:
 
 @settings(max_examples=examples(40))
 @given(cases())
-def test_garbage_in_the_padding_of_memory_is_not_written(case: Case) -> None:
+def test_garbage_in_the_padding_of_a_dtype_is_not_encoded(case: Case) -> None:
     def soiled(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         dirty = np.frombuffer(bytearray(b"\xaa" * array.nbytes), array.dtype)
         assign(dirty, array)
@@ -226,7 +226,7 @@ def test_garbage_in_the_padding_of_memory_is_not_written(case: Case) -> None:
 
 @settings(max_examples=examples(60))
 @given(cases())
-def test_both_forms_are_the_same_to_every_function(case: Case) -> None:
+def test_messages_with_lists_and_structured_arrays_behave_equally(case: Case) -> None:
     world, reference, value = case
     cls = world.compile()
     listed = decode(cls, reference.encode(world.top, value))
@@ -245,7 +245,7 @@ def test_both_forms_are_the_same_to_every_function(case: Case) -> None:
 
 @settings(max_examples=examples(40))
 @given(cases())
-def test_dicts_may_hold_arrays(case: Case) -> None:
+def test_from_dict_accepts_structured_arrays(case: Case) -> None:
     world, reference, value = case
     cls = world.compile()
     held = decode(cls, reference.encode(world.top, value), arrays=True)

@@ -20,7 +20,7 @@ from rosidl_py_gen import (
 LINE = "=" * 80
 
 
-def test_a_broken_definition_fails_every_time(tmp_path: Path) -> None:
+def test_invalid_definition_is_an_error_at_every_lookup(tmp_path: Path) -> None:
     folder = write(tmp_path, {"br_msgs/msg/Inner.msg": "int32 a\nuint99 b\n", "br_msgs/msg/Outer.msg": "Inner i\n"})
     for _ in range(2):
         for name in ("br_msgs/msg/Outer", "br_msgs/msg/Inner"):
@@ -38,7 +38,7 @@ def test_definitions_that_differ_in_constants_or_defaults_only_are_different_cla
     assert compile_definition("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state\n") is first
 
 
-def test_a_nested_difference_counts_too() -> None:
+def test_different_defaults_of_a_nested_type_make_different_classes() -> None:
     def outer(default: int) -> Any:
         return compile_definition("leak_msgs/msg/Outer", f"In i\n{LINE}\nMSG: leak_msgs/In\nuint8 x {default}\n")
 
@@ -59,26 +59,26 @@ def test_a_nested_difference_counts_too() -> None:
         ),
     ],
 )
-def test_derived_types_compile_from_either_text(name: str, text: str) -> None:
+def test_derived_types_compile_from_interface_text_and_from_own_text(name: str, text: str) -> None:
     cls = compile_definition(name, text)
     assert ros.type_name(cls) == name
     assert cls.decode(cls().encode()) == cls()
 
 
 @pytest.mark.parametrize("leaf_first", [True, False])
-def test_deep_nesting_is_an_error_in_any_order(leaf_first: bool) -> None:
+def test_deep_nesting_is_an_error_in_any_order_of_definitions(leaf_first: bool) -> None:
     levels = [f"{LINE}\nMSG: deep_msgs/M{i:03d}\n" + (f"M{i - 1:03d} m\n" if i else "int32 x\n") for i in range(300)]
     text = "".join(levels if leaf_first else reversed(levels))
     with pytest.raises(DefinitionError, match="deeper than"):
         compile_definition("deep_msgs/msg/Top", "M299 m\n" + text)
 
 
-def test_a_type_the_text_lacks_is_named() -> None:
+def test_type_missing_from_the_text_is_reported() -> None:
     with pytest.raises(DefinitionError, match=r'unknown type "my_msgs/Bar" \(searched: the text'):
         compile_definition("my_msgs/msg/Foo", "Bar b\n")
 
 
-def test_one_folder_may_be_given_as_it_is(tmp_path: Path) -> None:
+def test_search_path_may_be_a_single_folder(tmp_path: Path) -> None:
     folder = write(tmp_path, {"one_msgs/msg/A.msg": "int8 x 3\n"})
     assert get_message("one_msgs/A", path=str(folder))().x == 3
     assert get_message("one_msgs/A", path=folder) is get_message("one_msgs/A", path=[folder])
@@ -97,17 +97,17 @@ def test_one_folder_may_be_given_as_it_is(tmp_path: Path) -> None:
         lambda: ros.type_hash(7),
     ],
 )
-def test_what_is_no_message_is_refused_in_words(call: Any) -> None:
+def test_functions_refuse_arguments_that_are_not_messages(call: Any) -> None:
     with pytest.raises(TypeNotFoundError, match="expected a generated message"):
         call()
 
 
-def test_a_name_that_is_no_text_is_refused_in_words() -> None:
+def test_interface_name_that_is_not_a_string_is_refused() -> None:
     with pytest.raises(InvalidNameError, match="expected the name of an interface, found NoneType"):
         get_message(None)  # type: ignore[arg-type]
 
 
-def test_a_class_of_an_installed_package_needs_neither_lark_nor_what_follows_cmake() -> None:
+def test_class_of_an_installed_package_needs_neither_lark_nor_cmake_modules() -> None:
     found = python(
         "import sys; from rosidl_py_gen import get_service\n"
         "get_service('example_interfaces/srv/AddTwoInts')\n"

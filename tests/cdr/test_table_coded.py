@@ -1,4 +1,4 @@
-"""Messages with very many fields, whose classes are made of a table."""
+"""Messages with very many fields, whose classes are made from a table."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ TEXT = (
 
 
 @pytest.fixture(autouse=True)
-def no_more_classes() -> Iterator[None]:
-    """Classes that are made here are not found by later tests."""
+def forget_new_classes() -> Iterator[None]:
+    """Forget the classes of a test, so that later tests do not find them."""
     loaded = {name: list(found) for name, found in class_lookup._loaded.items()}
     yield
     class_lookup._loaded.clear()
@@ -77,7 +77,7 @@ def parts_of(cls: Any) -> list[Any]:
 
 
 @each_case("name", sorted(BY_TYPE))
-def test_table_coded_classes_read_and_write_recorded_values(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_coded_classes_decode_and_encode_recorded_values(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(layout_planner, "MAX_CODEC_LEAVES", 0)
     monkeypatch.setattr(template_model, "MAX_EMITTED", 0)
     monkeypatch.setattr(class_lookup, "find_class", lambda *_, **__: None)
@@ -96,7 +96,7 @@ def test_table_coded_classes_read_and_write_recorded_values(name: str, monkeypat
             decode(cls, BY_TYPE[name][0].cdr[:size])
 
 
-def test_a_wide_class_is_like_any_other() -> None:
+def test_table_coded_class_behaves_like_a_generated_class() -> None:
     cls = compile_definition("wide_msgs/msg/Wide", TEXT)
     narrow = compile_definition("wide_msgs/msg/Narrow", "\n".join(line.format(1) for line in FIELDS) + "\n" + NESTED)
     assert issubclass(cls, TableCodedMessage) and not issubclass(narrow, TableCodedMessage)
@@ -118,7 +118,7 @@ def test_a_wide_class_is_like_any_other() -> None:
         cls(nothing=1)
 
 
-def test_what_does_not_fit_a_table_coded_message_is_named() -> None:
+def test_invalid_values_of_a_table_coded_message_are_reported_with_field() -> None:
     cls = compile_definition("wide_msgs/msg/Wide", TEXT)
     point, named, _ = parts_of(cls)
     for name, value, reason in (
@@ -141,7 +141,7 @@ def test_what_does_not_fit_a_table_coded_message_is_named() -> None:
             cls.decode(data[:size])
 
 
-def test_a_table_coded_message_stands_inside_a_generated_one() -> None:
+def test_table_coded_message_nested_in_a_generated_message_round_trips() -> None:
     text = f"uint8 before\nWide one\nWide[] many\nuint8[] after\n{LINE}\nMSG: wide_msgs/Wide\n{TEXT}"
     outer: Any = compile_definition("wide_msgs/msg/Outer", text)
     assert not issubclass(outer, TableCodedMessage)
@@ -154,7 +154,7 @@ def test_a_table_coded_message_stands_inside_a_generated_one() -> None:
         outer.decode(message.encode()[:-20])
 
 
-def test_table_coded_messages_of_rclpys_flavour_hold_what_rclpys_do(tmp_path: Path) -> None:
+def test_table_coded_messages_with_rclpy_api_have_value_types_of_rclpy(tmp_path: Path) -> None:
     for name, body in {"Wide": TEXT.split(LINE)[0], **PARTS}.items():
         path = tmp_path / "wide_msgs" / "msg" / f"{name}.msg"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -218,7 +218,7 @@ def text_of(case: str, name: str) -> str:
 
 
 @pytest.mark.parametrize("case", [*TEXTS, *OTHERS])
-def test_memory_is_in_proportion_to_the_text(case: str) -> None:
+def test_compiling_uses_memory_in_proportion_to_the_definition_size(case: str) -> None:
     """At most 50 MB and 100 times the size of a text; measured without what imports take, so with 10 MB.
 
     Two definitions are measured: CPython doubles its table of interned strings from time to time, which takes 7.7 MB at
@@ -239,7 +239,7 @@ def test_memory_is_in_proportion_to_the_text(case: str) -> None:
     assert min(peaks) < 10e6 + 100 * len(text), f"{peaks} bytes for {len(text) >> 10} KiB"
 
 
-def test_definitions_end_where_they_would_take_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_definitions_beyond_the_parser_limits_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(idl_parser, "MAX_TOKENS", 30_000)
     frame = "module q_msgs {{ module msg {{ struct Q {{ {} a; }}; }}; }};"
     for text, reason in (

@@ -39,7 +39,7 @@ def cloud(cls: Any, number: int) -> Any:
 
 
 @pytest.mark.parametrize("attempt", range(5))
-def test_first_use_of_a_class_in_eight_threads_gives_the_same_bytes_and_arrays(attempt: int) -> None:
+def test_first_use_of_a_class_in_eight_threads_yields_equal_bytes_and_arrays(attempt: int) -> None:
     # Another constant for each attempt, so that the classes and all their caches are new.
     definition = f"uint8 ATTEMPT={attempt}\n{_CLOUD}"
 
@@ -103,7 +103,7 @@ def test_numpy_is_imported_by_eight_threads_of_a_new_process_at_once() -> None:
         assert done.stdout == "True\n"
 
 
-def test_names_of_the_package_are_the_same_objects_in_eight_threads() -> None:
+def test_public_names_are_the_same_objects_in_eight_threads() -> None:
     def work(_: int) -> list[object]:
         return [getattr(rosidl_py_gen, name) for name in rosidl_py_gen.__all__ if name != "bags"]
 

@@ -40,7 +40,7 @@ GROUPS = ("_SendGoal", "_GetResult")
 
 
 def subject(name: str) -> Any:
-    """The class of any type in the list of hashes."""
+    """Return the class of any type in the list of hashes."""
     kind = name.split("/")[1]
     if kind == "msg" or name.endswith(DERIVED):
         return get_message(name, path=[INTERFACES])
@@ -51,7 +51,7 @@ def subject(name: str) -> Any:
 
 
 def independent_hash(description: dict[str, Any]) -> str:
-    """RIHS01 as docs/internals/protocol.md 3.1 writes it, over a description without default values."""
+    """Return RIHS01 of a description without default values (docs/internals/protocol.md 3.1)."""
     plain = json.loads(json.dumps(description))
     for one in [plain["type_description"], *plain["referenced_type_descriptions"]]:
         for field in one["fields"]:
@@ -60,7 +60,7 @@ def independent_hash(description: dict[str, Any]) -> str:
 
 
 @each_case("name", sorted(HASHES))
-def test_hash_name_and_description_of_a_type(name: str) -> None:
+def test_hash_name_and_description_of_every_type_match_the_recorded_ones(name: str) -> None:
     cls = subject(name)
     assert type_name(cls) == name
     assert type_hash(cls) == HASHES[name]
@@ -74,7 +74,7 @@ def test_hash_name_and_description_of_a_type(name: str) -> None:
         assert type_description(cls()) == description
 
 
-def test_descriptions_travel_as_messages() -> None:
+def test_type_descriptions_round_trip_as_messages() -> None:
     """A description is a type_description_interfaces/msg/TypeDescription in dict form."""
     cls = get_message("type_description_interfaces/msg/TypeDescription")
     for name in ("sensor_msgs/msg/PointCloud2", "example_interfaces/action/Fibonacci", "std_srvs/srv/Trigger"):
@@ -82,7 +82,7 @@ def test_descriptions_travel_as_messages() -> None:
         assert to_dict(decode(cls, encode(from_dict(cls, description)))) == description
 
 
-def test_the_one_wrong_description_of_the_reference_is_matched() -> None:
+def test_known_wrong_type_description_of_rosidl_is_reproduced() -> None:
     cls = compile_definition("spelled/msg/Wide", "wstring<=5[] a\nstring<=5[] b\nstring<=3[<=4] c\nwstring<=3[2] d\n")
     found = [tuple(field["type"].values()) for field in type_description(cls)["type_description"]["fields"]]
     assert found == [(118, 5, 5, ""), (165, 0, 5, ""), (117, 4, 3, ""), (70, 2, 3, "")]
@@ -90,23 +90,23 @@ def test_the_one_wrong_description_of_the_reference_is_matched() -> None:
 
 @settings(max_examples=examples(100))
 @given(worlds())
-def test_the_description_of_a_random_type_gives_its_hash(world: World) -> None:
+def test_hash_of_a_random_type_matches_its_description(world: World) -> None:
     cls = world.compile()
     assert independent_hash(type_description(cls)) == type_hash(cls)
     assert type_name(cls) == world.top
 
 
 @pytest.mark.parametrize("thing", [None, 5, "std_msgs/msg/String", int, object()])
-def test_what_is_no_generated_type_is_refused(thing: object) -> None:
-    for ask in (type_name, type_hash, type_description):
+def test_type_queries_refuse_objects_that_are_not_generated_types(thing: object) -> None:
+    for query in (type_name, type_hash, type_description):
         with pytest.raises(TypeNotFoundError, match="expected a generated message, service or action"):
-            ask(thing)
+            query(thing)
 
 
 # --- one class per type -----------------------------------------------------------------------------------------------
 
 
-def test_every_way_to_a_type_leads_to_the_same_class() -> None:
+def test_every_lookup_of_a_type_returns_the_same_class() -> None:
     time = get_message("builtin_interfaces/msg/Time")
     assert importlib.import_module("rosidl_py_gen.msgs.builtin_interfaces.msg").Time is time
     assert get_message("builtin_interfaces/Time") is time
@@ -129,7 +129,7 @@ def test_every_way_to_a_type_leads_to_the_same_class() -> None:
     assert type(outer().header) is header
 
 
-def test_another_definition_of_a_name_is_another_class() -> None:
+def test_different_definitions_of_a_type_name_are_different_classes() -> None:
     header = get_message("std_msgs/msg/Header")
     ros1 = compile_definition("std_msgs/msg/Header", "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n")
     assert ros1 is not header
@@ -141,7 +141,7 @@ def test_another_definition_of_a_name_is_another_class() -> None:
     )
 
 
-def test_services_and_actions_hand_out_the_classes_of_their_parts() -> None:
+def test_messages_of_services_and_actions_are_attributes_of_their_classes() -> None:
     service = get_service("example_interfaces/srv/AddTwoInts")
     assert get_message("example_interfaces/srv/AddTwoInts_Request") is service.Request
     assert get_message("example_interfaces/srv/AddTwoInts_Response") is service.Response
@@ -160,7 +160,7 @@ def test_services_and_actions_hand_out_the_classes_of_their_parts() -> None:
         encode(service.Event(request=[service.Request()] * 2))
 
 
-def test_threads_that_ask_at_once_get_one_class() -> None:
+def test_concurrent_compilation_in_threads_returns_one_class() -> None:
     text = "uint8 a\nstd_msgs/Header header\nThreaded2 inner\n" + "=" * 80 + "\nMSG: one_class/Threaded2\nuint8 b\n"
     found: list[object] = []
     threads = [
@@ -175,7 +175,7 @@ def test_threads_that_ask_at_once_get_one_class() -> None:
     assert len(set(map(id, found))) == 1
 
 
-def test_asking_for_the_wrong_kind_or_name_is_said_clearly() -> None:
+def test_lookup_of_a_wrong_kind_or_name_is_a_clear_error() -> None:
     with pytest.raises(
         TypeNotFoundError, match=r"no interface std_msgs/msg/Strin.*did you mean \"std_msgs/msg/String\""
     ):
@@ -188,9 +188,9 @@ def test_asking_for_the_wrong_kind_or_name_is_said_clearly() -> None:
         get_service("std_msgs/msg/String")
     paths = ("../msg/X", "std_msgs/msg/../X", "Std/msg/X", "std_msgs/msg/x", "a\0/msg/B")
     for name in ("", "x", "std_msgs", "a/b/c/d", *paths):
-        for ask in (get_message, get_service, get_action):
+        for query in (get_message, get_service, get_action):
             with pytest.raises(InvalidNameError):
-                ask(name)
+                query(name)
         with pytest.raises(InvalidNameError):
             compile_definition(name, "uint8 x\n")
 
@@ -207,8 +207,8 @@ def test_a_foreign_package_of_the_same_name_is_not_imported(tmp_path: Any) -> No
     assert done.stdout.strip() == "00010000020000007800", done.stderr
 
 
-def test_a_field_whose_type_is_called_class_var_is_no_constant() -> None:
-    """It made a second class of the type, and values of the one were no values of the other."""
+def test_field_whose_type_is_named_class_var_is_not_a_constant() -> None:
+    """If the field were a constant, a second class of the type would be made, and the first would refuse its values."""
     cls = compile_definition(
         "b_msgs/msg/Outer",
         f"Inner inner\n{'=' * 80}\nMSG: b_msgs/Inner\nClassVar a\nint8 N=1\n{'=' * 80}\nMSG: b_msgs/ClassVar\n",

@@ -16,7 +16,7 @@ BY_TYPE = vectors_by_type()
 TYPES = each_case("name", sorted(BY_TYPE))
 
 
-def test_all_recorded_vectors_are_here() -> None:
+def test_all_recorded_vectors_are_present() -> None:
     assert len(vectors()) == 1109
     assert len(BY_TYPE) == 278
 
@@ -42,14 +42,14 @@ def test_recorded_bytes_decode_to_the_recorded_value(name: str) -> None:
 
 
 def _same_as_recorded(vector: Vector, decoded: dict[str, object]) -> None:
-    """The record is JSON: there a float may look like an int, but writing it again gives the same bytes."""
+    """Compare with JSON, where a float may look like an int; encoding it must yield the same bytes."""
     assert reference().encode(vector.type, decoded) == vector.cdr
     assert decoded == vector.value
 
 
 @TYPES
 def test_every_truncation_of_recorded_bytes_is_refused(name: str) -> None:
-    """The recorded bytes have no padding behind them, so every single byte is needed."""
+    """Recorded bytes have no trailing padding, so every byte is needed."""
     oracle, cls = reference(), message(name)
     for vector in BY_TYPE[name]:
         for size in _cuts(vector.cdr):
@@ -66,7 +66,7 @@ def test_every_truncation_of_recorded_bytes_is_refused(name: str) -> None:
 
 
 def _cuts(data: bytes) -> list[int]:
-    """Every length below 128 bytes and near the end; of those between 64, the same ones in every run."""
+    """Return all lengths below 128 bytes and near the end, and 64 others, the same in every run."""
     near, far = min(len(data), 128), max(0, len(data) - 16)
     between = range(near, far)
     drawn = Random(data).sample(between, min(examples(64), len(between)))

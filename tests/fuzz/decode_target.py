@@ -18,11 +18,11 @@ from rosidl_py_gen import DecodeError, EncodeError, Message, decode, encode, fro
 
 
 def try_decode(cls: type[Message], data: bytes, *, copy: bool = False, arrays: bool = False) -> Message | None:
-    """Decode; None when the bytes are refused. Anything but a value or a DecodeError is a bug and is let through."""
+    """Return the decoded message, or None if the bytes are refused; other exceptions are bugs and propagate."""
     try:
         return decode(cls, data, copy=copy, arrays=arrays)
     except DecodeError as error:
-        # This text is for a fast path that fails where the slow one does not: also a bug.
+        # This text means that the fast path failed and the slow path did not, which is also a bug.
         assert "cannot be decoded" not in error.reason, error
         assert error.path.startswith(cls._TYPE.name), error
         assert 0 <= error.offset_bytes <= len(data) + 8, error

@@ -1,7 +1,7 @@
-"""Random and damaged definitions, wherever they come from: a class or our error, in bounded time and memory.
+"""Random and damaged definitions of every origin yield a class or our error, in bounded time and memory.
 
-A step of the state machine gives one text to one of the ways definitions come in; what one of them left behind, such as
-classes that are used again, is there for the next. Hypothesis prints how to repeat what it found.
+A step of the state machine passes one definition to one entry point. Later steps see the state that it leaves, such as
+cached classes. Hypothesis prints how to repeat a failure.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ sources = st.dictionaries(
 )
 
 
-def tried(make: Any) -> Any:
+def run_bounded(make: Any) -> Any:
     """Return the result of a call, None for a RosidlError; time and memory must be bounded."""
     start = time.process_time()
     tracemalloc.start()
@@ -163,11 +163,11 @@ def used(cls: Any) -> None:
         again = compile_definition(cls._TYPE.name, definition_text(cls))
         assert again._TYPE.hash == cls._TYPE.hash
 
-    tried(use)
+    run_bounded(use)
 
 
 class Definitions(RuleBasedStateMachine):
-    """Definitions come in on every way there is."""
+    """Definitions from texts, bags, bytes and descriptions of nodes."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -181,32 +181,34 @@ class Definitions(RuleBasedStateMachine):
 
     @rule(name=full_names, text=st.one_of(msg_texts, idl_texts))
     def compile(self, name: str, text: str) -> None:
-        self._keep(tried(lambda: compile_definition(name, text)))
+        self._keep(run_bounded(lambda: compile_definition(name, text)))
 
     @rule(name=full_names, text=st.one_of(msg_texts, idl_texts), encoding=st.sampled_from(["ros2msg", "ros2idl", "x"]))
     def read_a_bag(self, name: str, text: str, encoding: str) -> None:
         schema: Any = SimpleNamespace(name=name, data=text.encode("utf-8", "surrogatepass"), encoding=encoding)
-        found = tried(lambda: self.decoders.decoder_for("cdr", schema))
+        found = run_bounded(lambda: self.decoders.decoder_for("cdr", schema))
         if found is not None:
-            tried(lambda: found(b"\0\1\0\0" + bytes(64)))
+            run_bounded(lambda: found(b"\0\1\0\0" + bytes(64)))
 
     @rule(name=full_names, data=st.binary(max_size=60))
     def read_bytes(self, name: str, data: bytes) -> None:
-        tried(lambda: self.decoders.decoder_for("cdr", SimpleNamespace(name=name, data=data, encoding="ros2msg")))  # type: ignore[arg-type]
+        run_bounded(lambda: self.decoders.decoder_for("cdr", SimpleNamespace(name=name, data=data, encoding="ros2msg")))  # type: ignore[arg-type]
 
-    @rule(name=full_names, told=individuals, texts=sources, is_service=st.booleans())
-    def hear_a_node(self, name: str, told: Any, texts: Any, is_service: bool) -> None:
-        self._keep(tried(lambda: compile_described(name, told, texts, is_service=is_service)))
+    @rule(name=full_names, announced=individuals, texts=sources, is_service=st.booleans())
+    def compile_announced_type(self, name: str, announced: Any, texts: Any, is_service: bool) -> None:
+        self._keep(run_bounded(lambda: compile_described(name, announced, texts, is_service=is_service)))
 
     @precondition(lambda self: self.made)
     @rule(data=st.data(), change=st.tuples(st.integers(0, 200), st.text(max_size=3)))
-    def hear_of_it_again_damaged(self, data: st.DataObject, change: tuple[int, str]) -> None:
+    def compile_damaged_text_again(self, data: st.DataObject, change: tuple[int, str]) -> None:
         cls = data.draw(st.sampled_from(self.made))
-        text = tried(lambda: definition_text(cls))
+        text = run_bounded(lambda: definition_text(cls))
         if text is not None:
             place = change[0] % (len(text) + 1)
-            self._keep(tried(lambda: compile_definition(cls._TYPE.name, text[:place] + change[1] + text[place + 1 :])))
-        tried(lambda: compile_described(cls._TYPE.name, individual_descriptions(type_description(cls)), {}))
+            self._keep(
+                run_bounded(lambda: compile_definition(cls._TYPE.name, text[:place] + change[1] + text[place + 1 :]))
+            )
+        run_bounded(lambda: compile_described(cls._TYPE.name, individual_descriptions(type_description(cls)), {}))
 
 
 TestDefinitions = Definitions.TestCase
@@ -219,14 +221,14 @@ TestDefinitions.settings = settings(
 
 
 @pytest.mark.parametrize(("name", "text"), [("fuzz/srv/S", "int8 a\n---\n"), ("fuzz/action/C", "---\n---\nint8 a\n")])
-def test_a_schema_of_a_service_or_action_is_no_schema_of_messages(name: str, text: str) -> None:
+def test_decoder_factory_refuses_the_schema_of_a_service_or_action(name: str, text: str) -> None:
     schema: Any = SimpleNamespace(name=name, data=text.encode(), encoding="ros2msg")
     with pytest.raises(DefinitionError, match="the schema is that of a service or action, expected that of a message"):
         DecoderFactory().decoder_for("cdr", schema)
 
 
 @pytest.mark.parametrize("arrays", [False, True])
-def test_a_message_with_a_field_called_decode_is_decoded(arrays: bool) -> None:
+def test_message_with_a_field_named_decode_is_decoded(arrays: bool) -> None:
     schema: Any = SimpleNamespace(name="fuzz/msg/Taken", data=b"int8 decode\nint8 encode\n", encoding="ros2msg")
     decoder = DecoderFactory(arrays=arrays).decoder_for("cdr", schema)
     assert decoder is not None

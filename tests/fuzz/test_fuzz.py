@@ -1,6 +1,6 @@
-"""Random and mutated input over every type in the checkout: a value or the right error, in memory bounded by the input.
+"""Random and mutated input for every type of the checkout: a value or the right error, in bounded memory.
 
-``--fuzz-rounds N`` runs longer. The seed of a run is printed when something is found; ROSIDL_TEST_FUZZ_SEED repeats it.
+``--fuzz-rounds N`` runs longer. The seed of a failed run is printed; ROSIDL_TEST_FUZZ_SEED repeats it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from support.bundled_interfaces import message, message_names, reference, vector
 
 from rosidl_py_gen import EncodeError, Message, encode, from_dict, from_json, to_dict, validate
 
-# Bytes of Python objects one byte of input may become: an array of one element is an object of about 120 bytes, and a
-# message of one-byte arrays is nothing but those.
+# Bytes of Python objects for one byte of input: an array of one element is an object of about 120 bytes, and a message
+# may consist of such arrays.
 BYTES_PER_BYTE = 400
 FIXED_BYTES = 200_000
 
@@ -96,7 +96,7 @@ def seed() -> int:
 
 
 @pytest.mark.timeout(0)
-def test_any_bytes_give_a_value_or_a_decode_error(rounds: int, seed: int) -> None:
+def test_any_bytes_are_decoded_or_raise_decode_error(rounds: int, seed: int) -> None:
     inputs = Inputs(seed)
     values = 0
     for number in range(rounds):
@@ -107,7 +107,7 @@ def test_any_bytes_give_a_value_or_a_decode_error(rounds: int, seed: int) -> Non
 
 
 @pytest.mark.timeout(0)
-def test_any_bytes_mean_to_us_what_they_mean_to_the_reference(rounds: int, seed: int) -> None:
+def test_any_bytes_are_decoded_or_refused_like_the_reference(rounds: int, seed: int) -> None:
     inputs = Inputs(seed)
     oracle = reference()
     for _ in range(rounds // 10):
@@ -115,14 +115,14 @@ def test_any_bytes_mean_to_us_what_they_mean_to_the_reference(rounds: int, seed:
 
 
 @pytest.mark.timeout(0)
-def test_memory_is_bounded_by_the_size_of_the_input(rounds: int, seed: int) -> None:
+def test_memory_of_decoding_is_bounded_by_the_input_size(rounds: int, seed: int) -> None:
     inputs = Inputs(seed)
     for _ in range(rounds // 50):
         check_memory(*inputs.next())
 
 
 @pytest.mark.parametrize("fill", [b"\1\0\0\0", b"\0\0\0\0", b"\xff\xff\xff\xff", b"\0\1\0\0", b"\0\0\1\0", b"\1"])
-def test_memory_is_bounded_when_every_count_is_as_large_as_it_may_be(fill: bytes) -> None:
+def test_memory_is_bounded_if_every_count_is_as_large_as_possible(fill: bytes) -> None:
     for name in message_names():
         for size in (100, 20_000):
             data = b"\0\1\0\0" + (fill * size)[:size]
@@ -132,7 +132,7 @@ def test_memory_is_bounded_when_every_count_is_as_large_as_it_may_be(fill: bytes
 
 def check_memory(cls: type[Message], data: bytes) -> None:
     for arrays in (False, True):
-        try_decode(cls, data, arrays=arrays)  # what is made once, such as field tables, does not count
+        try_decode(cls, data, arrays=arrays)  # caches made once, such as field tables, do not count
         tracemalloc.start()
         try:
             kept = try_decode(cls, data, arrays=arrays)
@@ -181,7 +181,7 @@ def damage(rng: random.Random, value: Any, depth: int = 4) -> Any:
 
 
 @pytest.mark.timeout(0)
-def test_any_dict_or_json_gives_a_message_or_an_encode_error(rounds: int, seed: int) -> None:
+def test_any_dict_or_json_becomes_a_message_or_raises_encode_error(rounds: int, seed: int) -> None:
     rng = random.Random(seed)
     names = message_names()
     samples = {name: [to_dict(message(name)()), *(v.value for v in vectors_by_type().get(name, []))] for name in names}
@@ -209,7 +209,7 @@ def test_any_dict_or_json_gives_a_message_or_an_encode_error(rounds: int, seed: 
 
 
 @pytest.mark.timeout(0)
-def test_any_text_given_as_json_gives_a_message_or_an_encode_error(rounds: int, seed: int) -> None:
+def test_any_json_text_becomes_a_message_or_raises_encode_error(rounds: int, seed: int) -> None:
     rng = random.Random(seed)
     names = message_names()
     for _ in range(rounds // 10):
@@ -224,6 +224,6 @@ def test_any_text_given_as_json_gives_a_message_or_an_encode_error(rounds: int, 
         assert encode(found)
 
 
-def test_the_atheris_target_takes_any_bytes_without_atheris() -> None:
+def test_atheris_target_accepts_any_bytes_without_atheris() -> None:
     for data in (b"", b"\0", b"\0\0", b"\5\0\0\1\0\0", bytes(100), b"\xff" * 100):
         decode_target.one_input(data)

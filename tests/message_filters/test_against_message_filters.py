@@ -56,7 +56,7 @@ def sets(inputs: int, queue_size: int, slop_s: float | None, messages: list[tupl
 
 @st.composite
 def streams(draw: st.DrawFn) -> tuple[int, int, list[tuple[int, int]]]:
-    """Inputs, queue size, and messages that come early, late, twice and not at all."""
+    """Draw the number of inputs, the queue size, and messages that are early, late, repeated or missing."""
     inputs = draw(st.integers(1, 4))
     step = draw(st.sampled_from([1, 7 * MS, 100 * MS]))
     ticks = draw(st.lists(st.tuples(st.integers(0, inputs - 1), st.integers(0, 12)), max_size=40))
@@ -68,13 +68,15 @@ def streams(draw: st.DrawFn) -> tuple[int, int, list[tuple[int, int]]]:
 
 
 @given(streams())
-def test_exact_sets_are_those_of_message_filters(message_filters: Any, stream: Any) -> None:
+def test_time_synchronizer_passes_the_sets_of_message_filters(message_filters: Any, stream: Any) -> None:
     inputs, size, messages = stream
     assert sets(inputs, size, None, messages) == message_filters.ask(["sets", inputs, size, None, messages])
 
 
 @given(streams(), st.sampled_from([0.0, 1e-9, 2e-9, 5e-9, 0.007, 0.014, 0.03, 0.1, 0.5, 10.0]))
-def test_approximate_sets_are_those_of_message_filters(message_filters: Any, stream: Any, slop_s: float) -> None:
+def test_approximate_synchronizer_passes_the_sets_of_message_filters(
+    message_filters: Any, stream: Any, slop_s: float
+) -> None:
     inputs, size, messages = stream
     assert sets(inputs, size, slop_s, messages) == message_filters.ask(["sets", inputs, size, slop_s, messages])
 
@@ -84,7 +86,7 @@ def test_approximate_sets_are_those_of_message_filters(message_filters: Any, str
     st.lists(st.integers(0, 30), max_size=20).map(sorted),
     st.lists(st.tuples(st.integers(0, 31), st.integers(0, 31)).map(sorted), max_size=10),
 )
-def test_a_cache_answers_as_that_of_message_filters(
+def test_cache_returns_the_messages_that_message_filters_returns(
     message_filters: Any, size: int, stamps: list[int], questions: list[list[int]]
 ) -> None:
     source = MessageFilter()
@@ -97,17 +99,17 @@ def test_a_cache_answers_as_that_of_message_filters(
         answers.append([names(cache.interval(start, end)), *(one and names([one])[0] for one in around)])
     wanted, last = message_filters.ask(["cached", size, stamps, questions])
     assert answers == wanted
-    # Of several with the highest stamp, message_filters gives the first that it has, and this the last.
+    # If several messages have the highest stamp, message_filters returns the first, this package the last.
     latest = cache.latest()
     assert (latest is None) == (last is None)
     assert latest is None or stamps[names([latest])[0]] == stamps[last]
 
 
 @given(st.integers(1, 6), st.lists(st.integers(0, 20), max_size=20), st.integers(0, 21), st.integers(0, 5))
-def test_what_comes_late_is_in_the_cache_where_its_stamp_belongs(
+def test_late_messages_are_sorted_into_the_cache_by_stamp(
     size: int, stamps: list[int], start: int, length: int
 ) -> None:
-    """message_filters in C++ sorts, its Python says so in a comment: this is the slow reference."""
+    """Compare with a slow reference that sorts as message_filters in C++, and as its Python comments state."""
     source, kept = MessageFilter(), []
     cache = Cache(source, size)
     for name, stamp in enumerate(stamps):
@@ -118,7 +120,7 @@ def test_what_comes_late_is_in_the_cache_where_its_stamp_belongs(
     assert (cache.oldest_stamp, cache.latest_stamp) == ((kept[0][0], kept[-1][0]) if kept else (None, None))
 
 
-def test_a_queue_full_of_what_nearly_fits_is_looked_through_in_time() -> None:
+def test_full_queue_of_almost_matching_messages_is_searched_quickly() -> None:
     """message_filters tries 200 ** 5 combinations here."""
     inputs, waiting = 6, 200
     messages = [

@@ -44,7 +44,7 @@ def ros_time(seconds: int) -> Time:
     return Time(seconds=seconds, clock_type=ClockType.ROS_TIME)
 
 
-async def test_a_wait_that_ends_says_which_topic_has_no_publisher(memory: World) -> None:
+async def test_timeout_error_states_which_topic_has_no_publisher(memory: World) -> None:
     camera, viewer = memory.pair()
     camera.create_publisher(PointStamped, "left"), camera.create_publisher(PointStamped, "front/right")
     pairs = TimeSynchronizer([Subscriber(viewer, PointStamped, topic) for topic in ("left", "right")])
@@ -54,7 +54,7 @@ async def test_a_wait_that_ends_says_which_topic_has_no_publisher(memory: World)
 
 
 @pytest.mark.every_transport
-async def test_messages_of_two_topics_come_in_pairs(world: World) -> None:
+async def test_synchronizer_passes_messages_of_equal_stamps_in_pairs(world: World) -> None:
     camera, viewer = world.pair()
     left, right = Subscriber(viewer, PointStamped, "left"), Subscriber(viewer, PointStamped, "right")
     pairs = TimeSynchronizer([left, right])
@@ -71,19 +71,19 @@ async def test_messages_of_two_topics_come_in_pairs(world: World) -> None:
         await pairs.receive(0.01)
 
 
-async def test_async_callbacks_are_awaited_set_by_set_and_their_failures_told(
+async def test_async_callback_handles_one_set_at_a_time_and_its_failure_is_logged(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = memory.node("viewer")
     topics = ["a", "b"]
     seen: list[float] = []
-    under_way = [0]
+    running_callbacks = [0]
 
     async def show(a: Any, b: Any) -> None:
-        under_way[0] += 1
-        assert under_way[0] == 1
+        running_callbacks[0] += 1
+        assert running_callbacks[0] == 1
         await asyncio.sleep(0.1)
-        under_way[0] -= 1
+        running_callbacks[0] -= 1
         seen.append(a.point.x)
         if a.point.x == 1:
             raise RuntimeError("no")
@@ -99,7 +99,7 @@ async def test_async_callbacks_are_awaited_set_by_set_and_their_failures_told(
     assert "RuntimeError: no" in caplog.text
 
 
-async def test_a_slow_async_callback_loses_the_oldest_sets_and_counts_them(memory: World) -> None:
+async def test_slow_async_callback_drops_and_counts_the_oldest_sets(memory: World) -> None:
     source, seen = MessageFilter(queue_size=2), []
     gate = asyncio.Event()
 
@@ -111,14 +111,14 @@ async def test_a_slow_async_callback_loses_the_oldest_sets_and_counts_them(memor
     tasks = [
         asyncio.ensure_future(answer) for x in range(6) if (answer := source.signal_message(stamped(1, x))) is not None
     ]
-    assert len(tasks) == 3  # no more than there can be sets to call it with
+    assert len(tasks) == 3  # at most as many as sets that can be passed
     await asyncio.sleep(0)
     gate.set()
     await asyncio.gather(*tasks)
     assert seen == [4, 5] and source.dropped == 4
 
 
-def test_plain_callbacks_are_called_at_once_in_their_order_though_one_fails() -> None:
+def test_plain_callbacks_run_immediately_and_in_order_even_if_one_fails() -> None:
     source, calls = MessageFilter(), []
 
     def wrong(message: Any) -> None:
@@ -136,7 +136,7 @@ def test_plain_callbacks_are_called_at_once_in_their_order_though_one_fails() ->
     assert calls[2:] == [("first", "y")]
 
 
-async def test_a_failure_beside_an_async_callback_is_not_lost() -> None:
+async def test_failure_of_a_plain_callback_is_raised_after_async_callbacks_ran() -> None:
     source, calls = MessageFilter(), []
 
     async def right(message: Any) -> None:
@@ -154,7 +154,7 @@ async def test_a_failure_beside_an_async_callback_is_not_lost() -> None:
     assert calls == ["x"]
 
 
-async def test_what_nobody_receives_waits_as_long_as_there_is_room(memory: World) -> None:
+async def test_sets_without_receiver_are_queued_up_to_the_queue_size(memory: World) -> None:
     node = memory.node()
     subscriber = Subscriber(node, PointStamped, "points")
     cache = Cache(subscriber, 3)
@@ -167,7 +167,7 @@ async def test_what_nobody_receives_waits_as_long_as_there_is_room(memory: World
     assert pairs.dropped == 3
 
 
-async def test_iterating_ends_when_the_node_or_the_filter_closes(memory: World) -> None:
+async def test_iteration_ends_when_the_node_or_the_filter_closes(memory: World) -> None:
     node, other = memory.pair()
     inputs = [Subscriber(node, PointStamped, "a"), Subscriber(other, PointStamped, "b")]
     by_node, by_hand = (ApproximateTimeSynchronizer(inputs, slop_s=1) for _ in range(2))
@@ -190,7 +190,7 @@ async def test_iterating_ends_when_the_node_or_the_filter_closes(memory: World) 
         pairs.close()
 
 
-async def test_time_that_jumps_back_begins_anew(memory: World) -> None:
+async def test_backward_time_jump_clears_cache_and_synchronizer(memory: World) -> None:
     clock, node = memory.node("clock"), memory.node("viewer", args="--ros-args -p use_sim_time:=true")
     time = clock.create_sim_time_publisher()
     left, right = (Subscriber(node, PointStamped, one) for one in ("left", "right"))
@@ -209,7 +209,7 @@ async def test_time_that_jumps_back_begins_anew(memory: World) -> None:
     assert len(await pairs.receive(5)) == 2
 
 
-async def test_messages_without_a_stamp_are_refused_or_count_as_of_now(memory: World) -> None:
+async def test_messages_without_a_stamp_are_refused_or_use_the_current_time(memory: World) -> None:
     node = memory.node()
     bare, raw = Subscriber(node, String, "text"), Subscriber(node, PointStamped, "raw", raw=True)
     points = Subscriber(node, "geometry_msgs/msg/PointStamped", "points")
@@ -234,7 +234,7 @@ async def test_messages_without_a_stamp_are_refused_or_count_as_of_now(memory: W
     assert cache.latest().data == "seven" and abs(cache.latest_stamp - now) < S
 
 
-def test_a_cache_gives_what_is_around_a_time() -> None:
+def test_cache_returns_messages_within_and_around_an_interval() -> None:
     source = MessageFilter()
     cache = Cache(source, 10)
     assert cache.latest() is cache.oldest_stamp is cache.at_or_before(1) is cache.at_or_after(1) is None
@@ -249,9 +249,9 @@ def test_a_cache_gives_what_is_around_a_time() -> None:
     assert xs(cache.surrounding(2 * S, 4 * S)) == [2, 3, 4]
     assert xs(cache.surrounding(0, 9 * S)) == [1, 2, 3, 4, 5]
     assert xs(cache.interval(stamped(2).header.stamp, int(3.5 * S))) == [2, 3]
-    for ask in (cache.interval, cache.surrounding):
+    for query in (cache.interval, cache.surrounding):
         with pytest.raises(ValueError, match="is before the start"):
-            ask(2, 1)
+            query(2, 1)
     with pytest.raises(TypeError, match="expected a Time, a Time message or nanoseconds, got 'now'"):
         cache.at_or_after("now")
 
@@ -272,12 +272,12 @@ def test_a_cache_gives_what_is_around_a_time() -> None:
         (lambda: Cache(MessageFilter(), 0), ValueError, "cache_size must be 1 or more"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make: Any, error: type[Exception], text: str) -> None:
+def test_invalid_arguments_are_refused(make: Any, error: type[Exception], text: str) -> None:
     with pytest.raises(error, match=text):
         make()
 
 
-async def test_who_comes_behind_a_callback_receives_nothing_of_before_it(memory: World) -> None:
+async def test_receive_after_a_closed_callback_skips_earlier_messages(memory: World) -> None:
     source = MessageFilter()
     source.signal_message(stamped(1))
     source.register_callback(lambda message: None).close()
@@ -285,7 +285,7 @@ async def test_who_comes_behind_a_callback_receives_nothing_of_before_it(memory:
     assert (await source.receive(1)).header.stamp.sec == 2
 
 
-async def test_who_has_a_callback_is_not_received_from(memory: World) -> None:
+async def test_filter_with_a_callback_refuses_receive_and_iteration(memory: World) -> None:
     source = MessageFilter(lambda message: None)
     with pytest.raises(CallbackInUseError, match="<MessageFilter> has a callback"):
         await source.receive()

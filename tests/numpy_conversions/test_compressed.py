@@ -28,7 +28,7 @@ CompressedImage: Any = get_message("sensor_msgs/msg/CompressedImage")
 
 
 def smooth(channels: int = 3, dtype: str = "u1") -> Any:
-    """A picture that JPEG does not change much: colours run from side to side and from top to bottom."""
+    """Return a picture of smooth colour gradients, which JPEG changes little."""
     row, column = np.mgrid[0:48, 0:64]
     planes = (row * 5, column * 3, 255 - row * 2, 255 - column)[:channels]
     array = np.stack(planes, -1).astype(dtype)
@@ -55,7 +55,7 @@ def message(picture: Any, kind: str = "PNG", text: str = "png", **options: Any) 
         ("16UC1", 1, ">u2", "16UC1; png compressed"),
     ],
 )
-def test_png_keeps_every_value(encoding: str, channels: int, dtype: str, text: str) -> None:
+def test_png_preserves_every_value(encoding: str, channels: int, dtype: str, text: str) -> None:
     array = smooth(channels, dtype)
     made = array_to_compressedimage(array, encoding, format="png", cls=CompressedImage)
     assert made.format == text
@@ -65,7 +65,7 @@ def test_png_keeps_every_value(encoding: str, channels: int, dtype: str, text: s
 
 
 @pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "bgra8", "mono8"])
-def test_jpeg_keeps_the_picture(encoding: str) -> None:
+def test_jpeg_preserves_the_picture_approximately(encoding: str) -> None:
     array = smooth({"mono8": 1, "bgra8": 4}.get(encoding, 3))
     made = array_to_compressedimage(array, encoding)
     assert made.format == f"{encoding}; jpeg compressed {'' if encoding == 'mono8' else 'bgr8'}".rstrip()
@@ -73,7 +73,7 @@ def test_jpeg_keeps_the_picture(encoding: str) -> None:
     assert np.abs(again.astype(int) - array)[..., : 3 if array.ndim == 3 else None].mean() < 3
     worse = array_to_compressedimage(array, encoding, quality=10)
     assert len(worse.data) < len(made.data)
-    with Pillow.open(BytesIO(bytes(made.data))) as picture:  # what everybody else sees
+    with Pillow.open(BytesIO(bytes(made.data))) as picture:  # as other programs decode it
         assert picture.format == "JPEG"
         rgb = np.asarray(picture.convert("RGB")).astype(int)
     wanted = image_to_array(array_to_image(array, encoding), to="rgb8")
@@ -89,7 +89,7 @@ def test_other_encodings_are_converted_before_they_are_compressed() -> None:
     assert (compressedimage_to_array(made) == image_to_array(array_to_image(bayer, "bayer_rggb8"), to="rgb8")).all()
 
 
-def test_pictures_that_were_stored_with_red_and_blue_exchanged_are_put_right() -> None:
+def test_swapped_red_and_blue_of_stored_pictures_are_corrected() -> None:
     array = smooth()
     swapped = message(Pillow.fromarray(np.ascontiguousarray(array[..., ::-1])), text="rgb8; png compressed rgb8")
     assert (compressedimage_to_array(swapped) == array).all()
@@ -107,7 +107,7 @@ def test_pictures_that_were_stored_with_red_and_blue_exchanged_are_put_right() -
         ("I;16", (48, 64), "u2"),
     ],
 )
-def test_every_kind_of_png_has_the_shape_of_its_colours(mode: str, shape: tuple[int, ...], dtype: str) -> None:
+def test_every_png_mode_is_decoded_to_the_shape_of_its_colours(mode: str, shape: tuple[int, ...], dtype: str) -> None:
     picture = Pillow.fromarray(smooth(1, "u2")) if mode == "I;16" else Pillow.fromarray(smooth()).convert(mode)
     array = compressedimage_to_array(message(picture))
     assert (array.shape, array.dtype) == (shape, np.dtype(dtype)) and array.flags.writeable
@@ -128,7 +128,7 @@ def depth_message(array: Any, text: str, scale: float = 0, offset: float = 0) ->
     return made
 
 
-def test_depth_images_come_as_depths() -> None:
+def test_compressed_depth_images_are_decoded_to_depths() -> None:
     raw = smooth(1, "u2") * 100
     whole = compressedimage_to_array(depth_message(raw, "16UC1; compressedDepth png"))
     assert whole.dtype == np.uint16 and (whole == raw).all()
@@ -154,7 +154,7 @@ def chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def png(width: int, height: int, bits: int = 8, colors: int = 2, data: bytes = b"") -> Any:
-    """A picture made by hand."""
+    """Return a PNG picture assembled from chunks."""
     head = struct.pack(">IIBBBBB", width, height, bits, colors, 0, 0, 0)
     found = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
     return CompressedImage(format="png", data=np.frombuffer(found, np.uint8))
@@ -181,12 +181,12 @@ def tiff(value: int) -> Any:
         (tiff(-1), "from -1 to -1; expected"),
     ],
 )
-def test_what_is_no_picture_or_too_large_is_refused(image: Any, text: str) -> None:
+def test_invalid_or_too_large_pictures_are_refused(image: Any, text: str) -> None:
     with pytest.raises(ConversionError, match=text):
         compressedimage_to_array(image)
 
 
-def test_limits_are_those_of_the_format_the_caller_and_pillow() -> None:
+def test_pictures_are_limited_by_format_max_pixels_and_pillow() -> None:
     assert compressedimage_to_array(tiff(65_535)).max() == 65_535
     image = array_to_compressedimage(smooth(), format="png")
     assert compressedimage_to_array(image, max_pixels=48 * 64).shape == (48, 64, 3)
@@ -197,7 +197,7 @@ def test_limits_are_those_of_the_format_the_caller_and_pillow() -> None:
 
 
 @given(st.data())
-def test_damaged_pictures_give_our_error_or_a_picture(data: st.DataObject) -> None:
+def test_damaged_pictures_are_decoded_or_raise_conversion_error(data: st.DataObject) -> None:
     kind = data.draw(st.sampled_from(["PNG", "JPEG", "TIFF", "WEBP"]))
     image = message(Pillow.fromarray(smooth()), kind)
     raw = bytearray(image.data)
@@ -225,12 +225,14 @@ def test_damaged_pictures_give_our_error_or_a_picture(data: st.DataObject) -> No
         (5, {}, "expected rows, columns"),
     ],
 )
-def test_what_cannot_be_compressed_is_told(array: Any, options: dict[str, Any], text: str) -> None:
+def test_arrays_that_cannot_be_compressed_are_refused_with_reason(
+    array: Any, options: dict[str, Any], text: str
+) -> None:
     with pytest.raises(ConversionError, match=text):
         array_to_compressedimage(array, **options)
 
 
-def test_without_pillow_the_error_has_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_without_pillow_contains_the_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     image = array_to_compressedimage(smooth())
     monkeypatch.setitem(sys.modules, "PIL", None)
     for attempt in (lambda: compressedimage_to_array(image), lambda: array_to_compressedimage(smooth())):

@@ -19,7 +19,7 @@ Image: Any = get_message("sensor_msgs/msg/Image")
 
 KINDS = tuple(enumerate(("US", "US", "SF", "F")))
 CHANNELS = (1, 2, 3, 4, 7)
-# encoding -> bits of a value, channels: as numChannels and bitDepth of sensor_msgs/image_encodings.hpp give them
+# encoding -> bits of a value, channels: numChannels and bitDepth of sensor_msgs/image_encodings.hpp
 ENCODINGS = {
     **dict.fromkeys(("rgb8", "bgr8"), (8, 3)),
     **dict.fromkeys(("rgba8", "bgra8"), (8, 4)),
@@ -60,7 +60,7 @@ def test_every_encoding_is_read_pixel_by_pixel(encoding: str, is_bigendian: int,
     assert again.step == width * channels * size
 
 
-def test_planes_come_as_rows_of_bytes() -> None:
+def test_planar_encodings_are_read_as_rows_of_bytes() -> None:
     data = np.arange(4 * 6 * 3, dtype=np.uint8)
     nv21 = image_to_array(Image(height=4, width=6, encoding="nv21", step=6, data=data[:36]))
     assert nv21.shape == (6, 6) and nv21.tobytes() == data[:36].tobytes()
@@ -71,7 +71,7 @@ def test_planes_come_as_rows_of_bytes() -> None:
         image_to_array(Image(height=3, width=6, encoding="nv21", step=6, data=data))
 
 
-def test_nothing_is_copied_when_nothing_has_to_be() -> None:
+def test_image_data_is_not_copied_unless_requested() -> None:
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
     image = array_to_image(pixels)
     assert image.encoding == "rgb8"
@@ -82,7 +82,7 @@ def test_nothing_is_copied_when_nothing_has_to_be() -> None:
     assert np.shares_memory(image_to_array(received), received.data)
 
 
-def test_the_encoding_is_found_by_type_and_shape() -> None:
+def test_encoding_is_derived_from_dtype_and_shape() -> None:
     for kind, shape, encoding in (
         (np.uint8, (2, 3), "mono8"),
         (np.uint16, (2, 3), "mono16"),
@@ -98,7 +98,7 @@ def test_the_encoding_is_found_by_type_and_shape() -> None:
 
 
 @pytest.mark.parametrize("kind", [np.int64, np.complex64, bool, object])
-def test_what_no_encoding_has_is_refused(kind: type) -> None:
+def test_dtypes_without_an_encoding_are_refused(kind: type) -> None:
     with pytest.raises(ConversionError, match="no encoding"):
         array_to_image(np.ones((2, 3), kind))
 
@@ -115,7 +115,7 @@ def test_what_no_encoding_has_is_refused(kind: type) -> None:
         ({"height": 2**70, "width": 0}, "height: expected a number from 0 to 4294967295"),
     ],
 )
-def test_what_does_not_fit_is_named(changes: dict[str, object], text: str) -> None:
+def test_inconsistent_image_fields_are_reported(changes: dict[str, object], text: str) -> None:
     values = {"height": 2, "width": 2, "encoding": "rgb8", "step": 6, "data": bytes(12), **changes}
     with pytest.raises(ConversionError, match=text):
         image_to_array(Image(**values))
@@ -128,7 +128,7 @@ def test_an_array_that_does_not_fit_its_encoding_is_refused() -> None:
         array_to_image(np.ones(3, np.uint8))
 
 
-def test_a_row_may_lack_its_padding_at_the_end() -> None:
+def test_last_row_of_an_image_may_lack_its_padding() -> None:
     assert image_to_array(Image(height=2, width=2, encoding="mono8", step=4, data=bytes(6))).shape == (2, 2)
 
 
@@ -148,7 +148,7 @@ def test_an_empty_image_is_an_empty_array() -> None:
         data=st.binary(max_size=200),
     )
 )
-def test_no_image_raises_anything_else_or_reads_beyond_its_data(image: object) -> None:
+def test_any_image_is_read_within_its_data_or_raises_our_error(image: object) -> None:
     try:
         array = image_to_array(image)
     except RosidlError:
@@ -162,7 +162,7 @@ TARGETS = [*COLORS, "mono8", "mono16"]
 
 
 def noise(encoding: str, height: int = 6, width: int = 8, seed: int = 1) -> Any:
-    """An image of random values."""
+    """Return an image of random values."""
     bits = 16 if encoding.endswith("16") else 8
     order = encoding.removesuffix(str(bits))
     shape = (height, width, len(order)) if order in ORDERS else (height, width)
@@ -172,7 +172,7 @@ def noise(encoding: str, height: int = 6, width: int = 8, seed: int = 1) -> Any:
 
 @each_case("source", COLORS)
 @each_case("target", COLORS)
-def test_every_colour_lands_where_its_letter_stands(source: str, target: str) -> None:
+def test_converted_channels_are_ordered_like_the_letters_of_the_encoding(source: str, target: str) -> None:
     image = noise(source)
     before, after = image_to_array(image), image_to_array(image, to=target)
     letters, bits = target.rstrip("0123456789"), int(target.lstrip("rgba"))
@@ -187,7 +187,7 @@ def test_every_colour_lands_where_its_letter_stands(source: str, target: str) ->
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_brightness_is_that_of_pillow(order: str) -> None:
+def test_conversion_to_mono_equals_that_in_pillow(order: str) -> None:
     image = noise(f"{order}8", 50, 40)
     pixels = image_to_array(image, to="rgb8")
     gray = np.asarray(Pillow.fromarray(pixels).convert("L"))
@@ -199,7 +199,7 @@ def test_brightness_is_that_of_pillow(order: str) -> None:
     assert np.abs(deep - wide @ (0.299, 0.587, 0.114)).max() <= 1
 
 
-def test_what_is_asked_for_already_is_not_copied() -> None:
+def test_conversion_to_the_same_encoding_does_not_copy() -> None:
     image = noise("rgb8")
     assert np.shares_memory(image_to_array(image, to="rgb8"), image.data)
     assert not np.shares_memory(image_to_array(image, to="rgb8", copy=True), image.data)
@@ -217,7 +217,7 @@ def yuv_to_rgb(y: float, u: float, v: float) -> list[float]:
 
 
 @pytest.mark.parametrize("encoding", ["yuv422", "uyvy", "yuv422_yuy2", "yuyv", "nv21", "nv24"])
-def test_yuv_becomes_the_colours_of_its_formula(encoding: str) -> None:
+def test_yuv_is_converted_by_the_formula_of_bt601(encoding: str) -> None:
     height, width = 4, 6
     rng = np.random.default_rng(2)
     y = rng.integers(16, 236, (height, width))
@@ -241,7 +241,7 @@ def test_yuv_becomes_the_colours_of_its_formula(encoding: str) -> None:
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
 @pytest.mark.parametrize("shape", [(2, 2), (6, 8), (5, 7)])
-def test_bayer_patterns_keep_what_they_saw_and_take_the_mean_of_neighbours(
+def test_bayer_conversion_keeps_measured_colours_and_averages_neighbours(
     bits: int, pattern: str, shape: tuple[int, int]
 ) -> None:
     values = np.random.default_rng(4).integers(0, 1 << bits, shape, f"u{bits // 8}")
@@ -262,7 +262,7 @@ def test_bayer_patterns_keep_what_they_saw_and_take_the_mean_of_neighbours(
 
 
 @given(st.sampled_from([*COLORS, "mono8", "mono16", "bayer_gbrg8", "uyvy", "nv21"]), st.sampled_from(TARGETS))
-def test_every_pair_gives_the_shape_and_type_that_its_name_says(source: str, target: str) -> None:
+def test_every_conversion_has_shape_and_dtype_of_the_target_encoding(source: str, target: str) -> None:
     if source == "uyvy":
         image = array_to_image(np.zeros((4, 6, 2), np.uint8), source)
     elif source == "nv21":
@@ -287,7 +287,7 @@ def test_every_pair_gives_the_shape_and_type_that_its_name_says(source: str, tar
         ("tiny", "rgb8", "a Bayer pattern has 2 x 2 pixels at least, got 1 x 5"),
     ],
 )
-def test_what_cannot_be_converted_is_told(source: str, target: Any, text: str) -> None:
+def test_impossible_conversions_are_refused_with_reason(source: str, target: Any, text: str) -> None:
     made = {
         "32FC1": lambda: array_to_image(np.zeros((2, 2), np.float32)),
         "16UC1": lambda: array_to_image(np.full((2, 2), 1000, np.uint16), "16UC1"),
@@ -301,7 +301,7 @@ def test_what_cannot_be_converted_is_told(source: str, target: Any, text: str) -
 
 
 @pytest.mark.parametrize("source", [*COLORS, "mono8", "bayer_rggb16"])
-def test_arrays_alone_are_converted_as_images_are(source: str) -> None:
+def test_convert_pixels_converts_arrays_like_images(source: str) -> None:
     image = noise(source)
     for target in TARGETS:
         expected = image_to_array(image, to=target)

@@ -1,4 +1,4 @@
-"""Views of notebooks: pictures are decoded again, and texts of messages stay texts."""
+"""Views of notebooks: pictures are decoded again, and texts of messages are escaped."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ EVIL = "<script>alert(1)</script>\x1b[31m\"'&"
 
 
 class _Checker(HTMLParser):
-    """Raises for tags that are not closed in order, and for others than those of the views."""
+    """Parser that raises for tags that are not closed in order, and for tags that views do not use."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ def fallback(message: Any) -> str:
     return found[1]
 
 
-def test_images_have_their_colours() -> None:
+def test_pictures_of_images_have_their_colours() -> None:
     picture = np.zeros((40, 60, 3), np.uint8)
     picture[:20, :, 0], picture[20:, :30] = 255, (0, 128, 255)
     for encoding, order in (("rgb8", slice(None)), ("bgr8", slice(None, None, -1))):
@@ -126,7 +126,7 @@ def test_depths_are_scaled_and_unknown_ones_are_black() -> None:
     )
 
 
-def test_compressed_images_are_decoded_and_thinned_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compressed_images_are_decoded_and_downscaled(monkeypatch: pytest.MonkeyPatch) -> None:
     picture = np.zeros((1000, 1500, 3), np.uint8)
     picture[..., 1] = 90
     small = pixels(array_to_compressedimage(picture, format="png"))
@@ -144,7 +144,7 @@ def test_compressed_images_are_decoded_and_thinned_out(monkeypatch: pytest.Monke
     assert "pip install" in reason
 
 
-def test_maps_have_their_first_row_below_and_walls_stay_visible() -> None:
+def test_pictures_of_maps_have_the_first_row_at_the_bottom_and_visible_walls() -> None:
     cells = np.zeros((30, 50), np.int8)
     cells[0], cells[10:, :10] = 100, -1
     gray = pixels(array_to_occupancygrid(cells, 0.05))
@@ -165,7 +165,7 @@ def points(x: Any, y: Any, z: Any) -> Any:
     return array_to_pointcloud(rows)
 
 
-def test_clouds_are_seen_from_above() -> None:
+def test_clouds_are_displayed_from_above() -> None:
     side = np.linspace(0, 4, 300)
     low, high = np.zeros(300), np.full(300, 2.0)
     cloud = points(np.append(side, low), np.append(low, side / 2), np.append(low, high))
@@ -186,7 +186,7 @@ def test_clouds_are_seen_from_above() -> None:
     assert pixels(points([3e38, -3e38], [0, 0], [0, 0])).shape == (40, 480, 3)
 
 
-def test_scans_and_paths_are_seen_from_above() -> None:
+def test_scans_and_paths_are_displayed_from_above() -> None:
     scan = LaserScan(angle_min=0.0, angle_increment=np.pi / 180, range_min=0.1, range_max=10.0)
     scan.ranges = np.array([2.0] * 180 + [np.inf] * 180, np.float32)
     picture = pixels(scan)
@@ -220,11 +220,11 @@ def test_scans_and_paths_are_seen_from_above() -> None:
         ({"encoding": "mono8"}, "0 x 0, mono8: no pixels"),
     ],
 )
-def test_wrong_images_become_their_tree_and_a_reason(fields: dict[str, Any], reason: str) -> None:
+def test_invalid_images_are_displayed_as_tree_with_a_reason(fields: dict[str, Any], reason: str) -> None:
     assert reason in fallback(Image(**fields))
 
 
-def test_messages_are_trees_of_which_long_parts_are_cut() -> None:
+def test_messages_are_displayed_as_trees_with_truncated_values() -> None:
     imu = Imu()
     imu.header.frame_id, imu.header.stamp.sec, imu.header.stamp.nanosec = EVIL, 7, 5
     html = message_html(imu)
@@ -270,7 +270,7 @@ def test_any_bytes_are_displayed_without_warnings(seed: int) -> None:
     text_of(message_html(path))
 
 
-def test_messages_that_were_filled_wrongly_are_displayed() -> None:
+def test_messages_with_wrong_values_are_displayed() -> None:
     imu = Imu()
     imu.header, imu.orientation, imu.orientation_covariance = None, 5, [object()] * 3
     assert "orientation 5" in text_of(message_html(imu))
@@ -282,7 +282,7 @@ def test_messages_that_were_filled_wrongly_are_displayed() -> None:
     assert "No picture" in text_of(message_html(path))
 
 
-def test_bags_and_nodes_are_tables() -> None:
+def test_bags_and_nodes_are_displayed_as_tables() -> None:
     topics = [SimpleNamespace(name=f"/{EVIL}", type_name="std_msgs/msg/String", count=None)]
     bag = SimpleNamespace(path="drive", start_ns=0, end_ns=2_500_000_000, topics={"a": 1}, channels=topics)
     text = text_of(bag_html(bag))
@@ -293,7 +293,7 @@ def test_bags_and_nodes_are_tables() -> None:
     assert "kind" in text_of(node_html(node))
 
 
-def test_a_process_without_ipython_imports_nothing_for_views() -> None:
+def test_process_without_ipython_loads_no_modules_for_views() -> None:
     program = (
         "import sys; import rosidl_py_gen.numpy\n"
         "print([name for name in ('IPython', 'PIL', 'rosidl_py_gen.runtime', 'rosidl_py_gen.numpy.pictures') "

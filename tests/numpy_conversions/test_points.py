@@ -36,7 +36,7 @@ def cloud(**changes: Any) -> Any:
     return PointCloud2(**values)
 
 
-def test_columns_view_the_data_where_the_fields_say() -> None:
+def test_cloud_columns_are_views_at_the_offsets_of_the_fields() -> None:
     message = cloud()
     points = pointcloud_to_array(message)
     assert points.shape == (6,)
@@ -66,7 +66,7 @@ KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8,
     st.booleans(),
     st.sampled_from([(0,), (1,), (5,), (2, 3)]),
 )
-def test_structured_arrays_come_back_as_they_were(
+def test_structured_arrays_round_trip_through_clouds(
     kinds: list[tuple[str, str, int]], aligned: bool, shape: tuple[int, ...]
 ) -> None:
     dtype = np.dtype(
@@ -87,7 +87,7 @@ def little(column: np.ndarray[Any, Any]) -> bytes:
     return column.astype(column.dtype.newbyteorder("<")).tobytes()
 
 
-def test_what_lies_between_fields_in_memory_is_not_sent() -> None:
+def test_padding_between_fields_in_memory_is_not_sent() -> None:
     memory = np.full(5 * 16, 0xEE, np.uint8)
     dtype = np.dtype({"names": ["x", "y"], "formats": ["<f4", "<f4"], "offsets": [0, 8], "itemsize": 16})
     points = np.ndarray(5, dtype, memory)
@@ -95,7 +95,7 @@ def test_what_lies_between_fields_in_memory_is_not_sent() -> None:
     assert not array_to_pointcloud(points).data.any()
 
 
-def test_plain_columns_become_x_y_z() -> None:
+def test_plain_arrays_become_clouds_with_x_y_z() -> None:
     numbers = np.arange(12, dtype=np.float32).reshape(4, 3)
     message = array_to_pointcloud(numbers)
     assert [field.name for field in message.fields] == ["x", "y", "z"] and message.is_dense
@@ -106,7 +106,7 @@ def test_plain_columns_become_x_y_z() -> None:
         array_to_pointcloud(numbers[:, :2])
 
 
-def test_types_of_pcl_and_lyrical_are_read_and_written() -> None:
+def test_point_field_types_of_pcl_and_lyrical_round_trip() -> None:
     made = np.array([(1.5, 2**63 + 1, -5, True), (2.5, 7, 2**62, False)], "f4,u8,i8,?")
     message = array_to_pointcloud(made)
     assert [field.datatype for field in message.fields] == [7, 10, 9, 11]
@@ -117,7 +117,7 @@ def test_types_of_pcl_and_lyrical_are_read_and_written() -> None:
         pointcloud_to_array(message)
 
 
-def test_plain_integers_of_64_bits_are_a_choice() -> None:
+def test_plain_64_bit_integers_require_an_explicit_dtype() -> None:
     numbers = np.array([[1, 2, 3]])
     with pytest.raises(ConversionError, match='pass dtype="f4", or dtype="int64" to use it'):
         array_to_pointcloud(numbers)
@@ -143,17 +143,17 @@ def test_plain_integers_of_64_bits_are_a_choice() -> None:
         ),
     ],
 )
-def test_clouds_that_do_not_fit_themselves_are_refused(changes: dict[str, Any], text: str) -> None:
+def test_inconsistent_clouds_are_refused(changes: dict[str, Any], text: str) -> None:
     with pytest.raises(ConversionError, match=text):
         pointcloud_to_array(cloud(**changes))
 
 
-def test_a_field_that_is_not_there_is_named() -> None:
+def test_missing_field_is_reported() -> None:
     with pytest.raises(ConversionError, match='no field "intensity" in x, y, z, i'):
         pointcloud_to_array(cloud(), ["intensity"])
 
 
-def test_a_count_of_zero_means_one_and_no_name_gets_one() -> None:
+def test_field_count_zero_means_one_and_unnamed_field_is_named() -> None:
     dtype = pointcloud_dtype(cloud(fields=[PointField(offset=4, datatype=7, count=0)]))
     assert dtype.names == ("unnamed_field_0",)
 
@@ -181,7 +181,7 @@ SIZES = st.integers(0, 40) | st.integers(0, 2**32 - 1) | st.sampled_from(EDGES)
         data=st.binary(max_size=200),
     )
 )
-def test_no_cloud_raises_anything_else_or_reads_beyond_its_data(message: Any) -> None:
+def test_any_cloud_is_read_within_its_data_or_raises_our_error(message: Any) -> None:
     try:
         points = pointcloud_to_array(message)
     except RosidlError:
@@ -191,7 +191,7 @@ def test_no_cloud_raises_anything_else_or_reads_beyond_its_data(message: Any) ->
     points.tobytes()
 
 
-def test_points_that_are_not_numbers_are_left_out_on_request() -> None:
+def test_points_with_nan_are_skipped_on_request() -> None:
     made = np.zeros((2, 3), [("x", "f4"), ("n", "f8", (2,)), ("i", "u1")])
     made["i"] = np.arange(6).reshape(2, 3)
     made["x"][0, 1] = made["n"][1, 2, 1] = np.nan
@@ -202,7 +202,7 @@ def test_points_that_are_not_numbers_are_left_out_on_request() -> None:
     assert pointcloud_to_array(message).shape == (2, 3)
 
 
-def test_plain_columns_get_the_type_that_is_asked_for() -> None:
+def test_plain_arrays_are_converted_to_the_given_dtype() -> None:
     numbers = np.random.default_rng(1).random((4, 3))
     assert {field.datatype for field in array_to_pointcloud(numbers).fields} == {8}
     message = array_to_pointcloud(numbers, dtype="f4", cls=PointCloud2)
@@ -218,7 +218,7 @@ def test_plain_columns_get_the_type_that_is_asked_for() -> None:
         array_to_pointcloud(np.zeros(1, [("x", "f8")]), dtype="f4")
 
 
-def test_cells_of_another_type_are_never_other_numbers() -> None:
+def test_map_cells_of_another_dtype_are_never_misread() -> None:
     grid = array_to_occupancygrid(np.array([[-1, 0, 100]]), 0.05, cls=OccupancyGrid)
     grid.data = [-1, 0, 100]
     assert occupancygrid_to_array(grid).tolist() == [[-1, 0, 100]]
@@ -228,7 +228,7 @@ def test_cells_of_another_type_are_never_other_numbers() -> None:
             occupancygrid_to_array(grid)
 
 
-def test_maps_come_as_rows_of_cells() -> None:
+def test_occupancy_grids_are_read_as_rows_of_cells() -> None:
     cells = np.array([[-1, 0, 100], [50, 1, 2]], np.int8)
     grid = array_to_occupancygrid(cells, 0.05, cls=OccupancyGrid)
     assert (grid.info.height, grid.info.width) == (2, 3) and grid.info.resolution == pytest.approx(0.05)
@@ -247,7 +247,7 @@ def scan(ranges: Any, **values: Any) -> Any:
     return LaserScan(**{**limits, "ranges": np.array(ranges, np.float32), **values})
 
 
-def test_what_was_not_seen_is_left_out_or_nan() -> None:
+def test_invalid_ranges_of_a_scan_are_skipped_or_nan() -> None:
     made = scan([0.4, math.nan, math.inf, 10.5, 2, -math.inf, 10, 0.5], intensities=np.arange(8, dtype=np.float32))
     points = laserscan_to_points(made)
     assert points["intensity"].tolist() == [4, 6, 7] and not np.isnan(points_to_xyz(points)).any()
@@ -257,7 +257,7 @@ def test_what_was_not_seen_is_left_out_or_nan() -> None:
     assert len(points_to_xyz(every, skip_nans=True)) == 3
 
 
-def test_endless_ranges_are_no_points_where_the_range_is_endless() -> None:
+def test_infinite_ranges_are_not_points_even_with_infinite_range_max() -> None:
     assert len(laserscan_to_points(scan([math.inf, 1], range_max=math.inf))) == 1
 
 
@@ -266,7 +266,7 @@ def test_endless_ranges_are_no_points_where_the_range_is_endless() -> None:
     st.floats(-7, 7, width=32),
     st.floats(-0.5, 0.5, width=32),
 )
-def test_every_point_is_where_its_beam_points(ranges: list[float], first: float, step: float) -> None:
+def test_scan_points_lie_in_the_direction_of_their_beams(ranges: list[float], first: float, step: float) -> None:
     made = scan(ranges, angle_min=first, angle_increment=step, range_min=0.0, range_max=200.0)
     points = laserscan_to_points(decode(LaserScan, encode(made)))
     assert len(points) == len(ranges)
@@ -287,7 +287,7 @@ def test_every_point_is_where_its_beam_points(ranges: list[float], first: float,
         ({"range_max": "far"}, "range_max: expected a number, got 'far'"),
     ],
 )
-def test_scans_that_make_no_sense_are_refused(values: dict[str, Any], text: str) -> None:
+def test_inconsistent_scans_are_refused(values: dict[str, Any], text: str) -> None:
     wrong = scan([1, 2])
     for name, value in values.items():
         setattr(wrong, name, value)
@@ -295,7 +295,7 @@ def test_scans_that_make_no_sense_are_refused(values: dict[str, Any], text: str)
         laserscan_to_points(wrong)
 
 
-def test_columns_have_the_type_that_holds_all_three() -> None:
+def test_points_to_xyz_uses_a_dtype_that_fits_all_columns() -> None:
     points = np.zeros((2, 3), [("x", ">f4"), ("ring", "u1"), ("y", "f8"), ("z", "i2")])
     points["x"], points["y"], points["z"] = 1, 2, 3
     assert points_to_xyz(points).shape == (2, 3, 3) and points_to_xyz(points).dtype == np.float64

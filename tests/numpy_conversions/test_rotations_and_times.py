@@ -34,7 +34,7 @@ ANGLES = st.floats(-4, 4) | st.sampled_from([0.0, math.pi / 2, -math.pi / 2, mat
 
 
 def about(axis: int, angle: float) -> np.ndarray[Any, Any]:
-    """A rotation about one axis, written down by hand."""
+    """Return a rotation matrix about one axis, from the textbook formula."""
     c, s = math.cos(angle), math.sin(angle)
     one, two = ((1, 2), (2, 0), (0, 1))[axis]
     matrix = np.eye(3)
@@ -44,7 +44,7 @@ def about(axis: int, angle: float) -> np.ndarray[Any, Any]:
 
 
 @given(ANGLES, ANGLES, ANGLES)
-def test_angles_quaternions_and_matrices_say_the_same(roll: float, pitch: float, yaw: float) -> None:
+def test_euler_angles_quaternions_and_matrices_agree(roll: float, pitch: float, yaw: float) -> None:
     matrix = about(2, yaw) @ about(1, pitch) @ about(0, roll)
     quaternion = euler_to_quaternion(roll, pitch, yaw)
     assert np.allclose(quaternion_to_matrix(quaternion), matrix, atol=1e-9)
@@ -54,7 +54,7 @@ def test_angles_quaternions_and_matrices_say_the_same(roll: float, pitch: float,
     assert np.allclose(about(2, y) @ about(1, p) @ about(0, r), matrix, atol=1e-5)
 
 
-def test_many_are_converted_at_once() -> None:
+def test_arrays_of_rotations_are_converted_at_once() -> None:
     angles = np.linspace(-3, 3, 60).reshape(2, 10, 3)
     quaternions = euler_to_quaternion(angles[..., 0], angles[..., 1], angles[..., 2])
     matrices = quaternion_to_matrix(quaternions)
@@ -64,18 +64,18 @@ def test_many_are_converted_at_once() -> None:
 
 
 @pytest.mark.parametrize("value", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (math.inf, 0, 0, 1), (0, 0, 1), 3.0])
-def test_what_is_no_quaternion_is_refused(value: object) -> None:
+def test_invalid_quaternions_are_refused(value: object) -> None:
     with pytest.raises(ConversionError):
         quaternion_to_matrix(value)
 
 
 @pytest.mark.parametrize("value", [np.zeros((3, 3)), -np.eye(3), np.eye(3) * 2, np.eye(4), np.full((3, 3), np.nan)])
-def test_what_is_no_rotation_is_refused(value: Any) -> None:
+def test_matrices_that_are_not_rotations_are_refused(value: Any) -> None:
     with pytest.raises(ConversionError):
         matrix_to_quaternion(value)
 
 
-def test_transforms_and_poses_are_4_by_4() -> None:
+def test_transforms_and_poses_are_converted_to_4_by_4_matrices() -> None:
     stamped = PoseStamped()
     stamped.pose.position.x = 2.0
     stamped.pose.orientation = Quaternion(z=math.sin(math.pi / 4), w=math.cos(math.pi / 4))
@@ -92,18 +92,18 @@ def test_transforms_and_poses_are_4_by_4() -> None:
 
 
 @given(st.datetimes(datetime(1902, 1, 1), datetime(2038, 1, 1), timezones=st.just(timezone.utc)))
-def test_moments_come_back(moment: datetime) -> None:
+def test_datetimes_round_trip_through_time_messages(moment: datetime) -> None:
     stamp = datetime_to_time(moment, cls=Time)
     assert 0 <= stamp.nanosec < 10**9
     assert time_to_datetime(stamp) == moment
 
 
 @given(st.timedeltas(timedelta(days=-24000), timedelta(days=24000)))
-def test_lengths_come_back(length: timedelta) -> None:
+def test_timedeltas_round_trip_through_duration_messages(length: timedelta) -> None:
     assert duration_to_timedelta(timedelta_to_duration(length, cls=Duration)) == length
 
 
-def test_moments_are_utc_and_lose_nanoseconds_downwards() -> None:
+def test_datetimes_are_utc_and_nanoseconds_are_rounded_down() -> None:
     assert time_to_datetime(Time(sec=1, nanosec=999_999_999)) == datetime(1970, 1, 1, 0, 0, 1, 999_999, timezone.utc)
     east = timezone(timedelta(hours=2))
     assert datetime_to_time(datetime(1970, 1, 1, 2, tzinfo=east)) == Time()

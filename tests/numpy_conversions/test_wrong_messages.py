@@ -33,19 +33,19 @@ from rosidl_py_gen.numpy import ConversionError
         ("duration_to_timedelta", "sec and nanosec"),
     ],
 )
-def test_another_message_is_named_with_what_was_expected(function: str, expected: str) -> None:
+def test_object_of_another_type_is_reported_with_the_expected_type(function: str, expected: str) -> None:
     for wrong in (Imu(), object()):
         with pytest.raises(ConversionError, match=f"expected {expected}, got <?{type(wrong).__name__}"):
             getattr(conversions, function)(wrong)
 
 
 @pytest.mark.parametrize("function", ["image_to_array", "pointcloud_to_array", "laserscan_to_points"])
-def test_dicts_of_subscriptions_without_a_class_are_named(function: str) -> None:
+def test_dicts_of_subscriptions_without_class_are_refused_with_advice(function: str) -> None:
     with pytest.raises(ConversionError, match="got dict: subscribe with the class instead of the name"):
         getattr(conversions, function)(to_dict(Image()))
 
 
-def test_a_field_that_is_not_there_is_named() -> None:
+def test_missing_field_is_reported() -> None:
     image = Image(encoding="mono8", height=1, width=1, step=1, data=b"\7")
     assert conversions.image_to_array(image=image).tolist() == [[7]]
     half = SimpleNamespace(encoding="mono8", is_bigendian=0, height=1, width=1)

@@ -31,7 +31,7 @@ def outcome(program: str) -> str:
 
 
 def parts(value: object) -> object:
-    """An object of `SLOT_TYPES`, whose own repr tells nothing."""
+    """Describe an object of `SLOT_TYPES`, whose own repr has no contents."""
     bases = [one.__name__ for one in type(value).__mro__[:-1]]
     names = [name for one in type(value).__mro__ for name in _names(one)]
     found = {name: getattr(value, name) for name in sorted(names)}

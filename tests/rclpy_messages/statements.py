@@ -1,4 +1,4 @@
-"""Programs that use messages, by row of the table of differences between rclpy's messages and ours."""
+"""Programs that use messages, by row of the table of differences from messages of rclpy."""
 
 from __future__ import annotations
 

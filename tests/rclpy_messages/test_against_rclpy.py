@@ -1,4 +1,4 @@
-"""Statements run with the messages of a ROS installation and with ours of rclpy's kind."""
+"""Statements run with messages of a ROS installation, and with this package's messages of rclpy's API."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def real() -> Path:
     return rclpy_python()
 
 
-def ask(python: Path | str, what: str, given: object, *arguments: str, checked: bool = False) -> Any:
+def run_description(python: Path | str, mode: str, given: object, *arguments: str, checked: bool = False) -> Any:
     settings = {**os.environ, "ROS_PYTHON_CHECK_FIELDS": "1" if checked else ""}
     for name in ("AMENT_PREFIX_PATH", "PYTHONPATH"):
         settings.pop(name, None)
-    command = [str(python), str(PROGRAM), what, *arguments]
+    command = [str(python), str(PROGRAM), mode, *arguments]
     done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, env=settings, timeout=120)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -42,13 +42,13 @@ def ask(python: Path | str, what: str, given: object, *arguments: str, checked: 
 
 @lru_cache(maxsize=4)
 def outcomes(python: Path, checked: bool) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-    """By row, under the real messages and under ours, which are made of the same definitions."""
+    """Return outcomes by row with the real messages and with ours, made from the same definitions."""
     every = [one for programs in PROGRAMS.values() for one in programs]
     share = str(python.parent.parent / "share")
     both = []
     for answers in (
-        iter(ask(python, "statements", every, checked=checked)),
-        iter(ask(sys.executable, "statements", every, share, checked=checked)),
+        iter(run_description(python, "statements", every, checked=checked)),
+        iter(run_description(sys.executable, "statements", every, share, checked=checked)),
     ):
         both.append({row: [next(answers) for _ in programs] for row, programs in PROGRAMS.items()})
     return both[0], both[1]
@@ -56,14 +56,14 @@ def outcomes(python: Path, checked: bool) -> tuple[dict[str, list[str]], dict[st
 
 @pytest.mark.parametrize("checked", [False, True], ids=["unchecked", "checked"])
 @pytest.mark.parametrize("row", PROGRAMS)
-def test_statements_do_what_they_do_under_rclpy(row: str, checked: bool, real: Path) -> None:
+def test_statements_have_equal_outcomes_with_messages_of_rclpy(row: str, checked: bool, real: Path) -> None:
     wanted, found = outcomes(real, checked)
     pairs = zip(PROGRAMS[row], wanted[row], found[row], strict=True)
     different = [(program.split("copy\n")[1], one, other) for program, one, other in pairs if one != other]
     assert different == []
 
 
-def test_statements_tell_right_from_wrong(real: Path) -> None:
+def test_statements_cover_valid_and_invalid_values(real: Path) -> None:
     wanted, _ = outcomes(real, False)
     errors = [text for row in wanted.values() for text in row if "Error" in text.split(" ")[0]]
     assert 20 < len(errors) < sum(map(len, wanted.values())) / 3
@@ -71,8 +71,8 @@ def test_statements_tell_right_from_wrong(real: Path) -> None:
     assert len(checked) > 35
 
 
-def test_every_type_of_an_installation_looks_alike(real: Path) -> None:
-    wanted = ask(real, "types", PACKAGES)
-    found = ask(sys.executable, "types", PACKAGES, str(real.parent.parent / "share"))
+def test_every_type_of_an_installation_has_an_equal_description(real: Path) -> None:
+    wanted = run_description(real, "types", PACKAGES)
+    found = run_description(sys.executable, "types", PACKAGES, str(real.parent.parent / "share"))
     assert len(wanted) > 250
     assert {name: (one, found.get(name)) for name, one in wanted.items() if one != found.get(name)} == {}

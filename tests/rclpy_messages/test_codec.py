@@ -44,7 +44,7 @@ pytestmark = [
 
 
 @each_case("name", sorted(BY_TYPE))
-def test_recorded_bytes_are_read_and_written(name: str) -> None:
+def test_recorded_bytes_round_trip_and_equal_native_messages(name: str) -> None:
     cls, own = rclpy_class(name), message(name)
     for vector in BY_TYPE[name]:
         for data in (vector.cdr, bytearray(vector.cdr), memoryview(vector.cdr), vector.cdr + b"\0\0\0"):
@@ -56,14 +56,14 @@ def test_recorded_bytes_are_read_and_written(name: str) -> None:
         assert encode(again) == vector.cdr
 
 
-def test_bytes_that_break_off_are_refused_as_by_ours() -> None:
+def test_truncated_bytes_are_refused_as_by_native_messages() -> None:
     data = rclpy_class("std_msgs/msg/ByteMultiArray")(data=[b"a", b"b"]).encode()[:-1]
     for cls in (message("std_msgs/msg/ByteMultiArray"), rclpy_class("std_msgs/msg/ByteMultiArray")):
         with pytest.raises(DecodeError, match=r"ByteMultiArray\.data: at byte 16: expected 2 bytes"):
             decode(cls, data)
 
 
-def test_changed_bytes_mean_the_same_to_both() -> None:
+def test_damaged_bytes_have_equal_outcomes_with_both_message_apis() -> None:
     random = Random(5)
     for _ in range(examples(300)):
         vector = random.choice(vectors())
@@ -71,10 +71,10 @@ def test_changed_bytes_mean_the_same_to_both() -> None:
         for _ in range(random.choice((1, 2, 4))):
             at = random.randrange(4, len(data) + 1)
             data[at : at + 1] = bytes([random.choice((0, 1, 127, 255))])
-        assert _told(rclpy_class(vector.type), data) == _told(message(vector.type), data)
+        assert _decode_outcome(rclpy_class(vector.type), data) == _decode_outcome(message(vector.type), data)
 
 
-def _told(cls: Any, data: bytearray) -> Any:
+def _decode_outcome(cls: Any, data: bytearray) -> Any:
     try:
         found = decode(cls, bytes(data))
     except DecodeError as error:
@@ -82,7 +82,7 @@ def _told(cls: Any, data: bytearray) -> Any:
     return to_json(found), encode(found)
 
 
-def test_big_endian_bytes_are_read() -> None:
+def test_big_endian_bytes_are_decoded() -> None:
     for vector in vectors()[::10]:
         big = reference().encode(vector.type, vector.value, big_endian=True)
         assert encode(decode(rclpy_class(vector.type), big)) == vector.cdr
@@ -91,7 +91,7 @@ def test_big_endian_bytes_are_read() -> None:
 # --- values -----------------------------------------------------------------------------------------------------------
 
 
-def test_received_values_can_be_written_to() -> None:
+def test_received_values_can_be_modified() -> None:
     cls = rclpy_class("test_msgs/msg/Arrays")
     found = decode(cls, cls().encode())
     found.float64_values[1] = 5
@@ -124,14 +124,14 @@ def test_received_values_can_be_written_to() -> None:
         ("test_msgs/msg/BoundedSequences", {"int8_values": [1] * 4}, ".int8_values: expected at most 3 elements"),
     ],
 )
-def test_a_wrong_value_is_named_when_it_is_encoded(name: str, values: dict[str, Any], path: str) -> None:
+def test_wrong_value_is_reported_with_path_on_encode(name: str, values: dict[str, Any], path: str) -> None:
     wrong = rclpy_class(name)(**values)
     with pytest.raises(EncodeError) as caught:
         encode(wrong)
     assert str(caught.value).startswith(name + path)
 
 
-def test_collections_are_written_as_lists() -> None:
+def test_other_collections_are_encoded_as_lists() -> None:
     cls, basic = rclpy_class("test_msgs/msg/UnboundedSequences"), rclpy_class("test_msgs/msg/BasicTypes")
     names, parts = {"b": 1, "a": 2}, deque([basic(int8_value=1), basic(int8_value=2)])
     made = cls(string_values=names.keys(), basic_types_values=parts, byte_values=deque([b"x"]))
@@ -141,7 +141,7 @@ def test_collections_are_written_as_lists() -> None:
     assert decode(cls, cls(string_values=np.array(["q", "r"])).encode()).string_values == ["q", "r"]
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numpy_numbers_are_encoded_as_numbers() -> None:
     cls = rclpy_class("test_msgs/msg/BasicTypes")
     made = cls(float32_value=np.float64(1.5), int8_value=np.int64(5), bool_value=np.True_)
     found = decode(cls, made.encode())
@@ -151,7 +151,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 # --- both APIs --------------------------------------------------------------------------------------------------------
 
 
-def test_a_message_of_the_other_flavour_may_be_inside() -> None:
+def test_message_of_the_other_api_may_be_nested() -> None:
     for outer, inner in ((rclpy_class, get_message), (get_message, rclpy_class)):
         scan, header = outer("sensor_msgs/msg/LaserScan"), inner("std_msgs/msg/Header")
         made = scan(header=header(frame_id="map"))
@@ -171,7 +171,7 @@ def test_a_message_of_the_other_flavour_may_be_inside() -> None:
             encode(scan(header=inner("std_msgs/msg/String")()))
 
 
-def test_conversions_of_numpy_take_and_give_them() -> None:
+def test_numpy_conversions_accept_and_return_rclpy_style_messages() -> None:
     pixels = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
     image = array_to_image(pixels, "rgb8", cls=rclpy_class("sensor_msgs/msg/Image"))
     assert type(image.data) is array.array
@@ -183,7 +183,7 @@ def test_conversions_of_numpy_take_and_give_them() -> None:
     assert occupancygrid_to_array(decode(type(grid), encode(grid))).tolist() == [[1] * 3] * 2
 
 
-def test_structured_arrays_stand_for_messages_here_too() -> None:
+def test_structured_arrays_may_replace_rclpy_style_messages() -> None:
     point, polygon = rclpy_class("geometry_msgs/msg/Point32"), rclpy_class("geometry_msgs/msg/Polygon")
     points = records([point(x=1.5), get_message("geometry_msgs/msg/Point32")(x=2.5)])
     assert points["x"].tolist() == [1.5, 2.5]

@@ -25,7 +25,7 @@ YAML = {"nan": ".nan", "inf": ".inf"}
 
 
 def robot(*joints: tuple[str, str, str]) -> str:
-    """URDF of a chain of joints, each with name, type and what is in it."""
+    """Return the URDF of a chain of joints, each with name, type and inner elements."""
     links = "".join(f'<link name="l{number}"/>' for number in range(len(joints) + 1))
     made = (
         f'<joint name="{name}" type="{kind}"><parent link="l{n}"/><child link="l{n + 1}"/>{inside}</joint>'
@@ -63,7 +63,7 @@ class Rig:
         self.node = JointStatePublisher(context=context).node
 
     async def state(self) -> dict[str, tuple[float, ...]]:
-        """Position, velocity and effort by joint of the next message."""
+        """Return position, velocity and effort by joint of the next message."""
         count = len(self.seen)
         await until(lambda: len(self.seen) > count)
         message = self.seen[-1]
@@ -71,7 +71,7 @@ class Rig:
         return dict(zip(message.name, zip(*rows, strict=True), strict=bool(rows)))
 
 
-async def test_all_movable_joints_have_positions_in_the_order_of_the_text(memory: World) -> None:
+async def test_all_movable_joints_have_positions_in_the_order_of_the_description(memory: World) -> None:
     rig = Rig(memory, robot_description=CHAIN)
     state = await rig.state()
     assert [*state.items()] == [
@@ -85,7 +85,7 @@ async def test_all_movable_joints_have_positions_in_the_order_of_the_text(memory
     assert abs(rig.node.clock.now().nanoseconds - Time.from_msg(stamp).nanoseconds) < 1e9
 
 
-async def test_the_description_comes_from_a_file_or_topic_and_may_change(
+async def test_description_is_read_from_file_or_topic_and_may_change(
     memory: World, tmp_path: Path, caplog: Any
 ) -> None:
     (tmp_path / "a.urdf").write_text(robot(("a", "continuous", "")))
@@ -104,7 +104,7 @@ async def test_the_description_comes_from_a_file_or_topic_and_may_change(
         Rig(memory, str(tmp_path / "b.urdf"))
 
 
-async def test_it_waits_for_a_description(memory: World, caplog: Any) -> None:
+async def test_publisher_waits_for_a_robot_description(memory: World, caplog: Any) -> None:
     rig = Rig(memory)
     assert "waiting for a robot description on /robot_description" in caplog.text
     rig.descriptions.publish(String(data=robot(("weld", "fixed", ""))))
@@ -138,7 +138,9 @@ async def test_it_waits_for_a_description(memory: World, caplog: Any) -> None:
         ({"dependent_joints.first.parent": "bend", "use_mimic_tags": False}, {"first": (1.25,), "second": (0,)}),
     ],
 )
-async def test_parameters_set_positions(memory: World, parameters: dict[str, Any], expected: dict[str, Any]) -> None:
+async def test_parameters_set_joint_positions(
+    memory: World, parameters: dict[str, Any], expected: dict[str, Any]
+) -> None:
     rig = Rig(memory, robot_description=CHAIN, **parameters)
     state = await rig.state()
     assert {name: state[name] for name in expected} == expected
@@ -146,7 +148,7 @@ async def test_parameters_set_positions(memory: World, parameters: dict[str, Any
         assert state == {} and rig.seen[-1].name == ["turn", "lift", "bend", "second", "first"]
 
 
-async def test_sources_set_the_values_of_joints(memory: World, caplog: Any) -> None:
+async def test_source_topics_set_the_values_of_joints(memory: World, caplog: Any) -> None:
     rig = Rig(memory, robot_description=CHAIN, source_list=["arm", "/base"])
     arm, base = (rig.peer.create_publisher(JointState, topic, 10) for topic in ("arm", "base"))
     assert await arm.wait_for_subscribers(timeout_s=5) and await base.wait_for_subscribers(timeout_s=5)
@@ -161,7 +163,7 @@ async def test_sources_set_the_values_of_joints(memory: World, caplog: Any) -> N
     assert "message of a source: position ignored, which has 1 values for 2 names" in caplog.text
 
 
-async def test_joints_move_between_their_limits_or_around(memory: World) -> None:
+async def test_joints_move_between_their_limits_or_rotate_continuously(memory: World) -> None:
     chain = robot(("bend", "revolute", limit(0, 0.5)), ("turn", "continuous", ""))
     rig = Rig(memory, robot_description=chain, delta=0.2, **{"zeros.turn": 3.0})
     states = [await rig.state() for _ in range(7)]
@@ -170,7 +172,7 @@ async def test_joints_move_between_their_limits_or_around(memory: World) -> None
 
 
 @pytest.mark.parametrize("rate", [50, 12.5])
-async def test_messages_have_the_rate(memory: World, rate: float) -> None:
+async def test_joint_states_are_published_at_the_configured_rate(memory: World, rate: float) -> None:
     rig = Rig(memory, robot_description=CHAIN, rate=rate)
     await rig.peer.clock.sleep_for(4)
     assert abs(len(rig.seen) - 4 * rate) <= 1
@@ -193,14 +195,16 @@ async def test_messages_have_the_rate(memory: World, rate: float) -> None:
         ({"dependent_joints.turn.parent": "turn"}, "joints mimic themselves: turn -> turn"),
     ],
 )
-async def test_wrong_parameters_are_refused(memory: World, parameters: dict[str, Any], error: str) -> None:
+async def test_wrong_parameters_of_joint_state_publisher_are_refused(
+    memory: World, parameters: dict[str, Any], error: str
+) -> None:
     with pytest.raises((ProgramError, ParameterError)) as caught:
         Rig(memory, robot_description=CHAIN, **parameters)
     assert error in str(caught.value)
 
 
-async def test_a_robot_moves_by_two_processes(dds: World, tmp_path: Path) -> None:
-    """Both programs as a user starts them: the rate of transforms, and the end."""
+async def test_robot_moves_by_two_publisher_processes(dds: World, tmp_path: Path) -> None:
+    """Start both programs as a user does; check the rate of transforms and the exit."""
     (tmp_path / "chain.urdf").write_text(CHAIN)
     peer = dds.node("peer")
     seen: list[Any] = []

@@ -44,7 +44,7 @@ TWO = """<robot name="two"><link name="base"/><link name="lamp"/>
 
 
 class Rig:
-    """A publisher of robot states, a node that feeds it, and all that it sends."""
+    """Robot state publisher, a node that feeds it, and the messages that it sends."""
 
     def __init__(self, world: World, urdf: str | None = ARM, **parameters: Any) -> None:
         if urdf is not None:
@@ -78,7 +78,7 @@ class Rig:
         self.states.publish(message)
 
     async def moved(self, count: int) -> list[str]:
-        """The child frames of the last of `count` messages, after which none came."""
+        """Wait for exactly `count` messages; return the child frames of the last message."""
         await until(lambda: len(self.sent) >= count)
         await asyncio.sleep(0.2)
         assert len(self.sent) == count
@@ -86,7 +86,7 @@ class Rig:
 
 
 def with_parameters(world: World, parameters: dict[str, Any]) -> Context:
-    """A context with a command line that sets parameters."""
+    """Return a context with a command line that sets parameters."""
     words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
     context = Context(transport=world.transport, args=["test", "--ros-args", *words])
     world.contexts.append(context)
@@ -94,7 +94,7 @@ def with_parameters(world: World, parameters: dict[str, Any]) -> Context:
 
 
 @given(robots())
-def test_transforms_are_those_of_an_independent_computation(case: tuple[str, dict[str, float]]) -> None:
+def test_transforms_match_an_independent_computation(case: tuple[str, dict[str, float]]) -> None:
     urdf, positions = case
     loop = VirtualTimeLoop(limit_s=90)
     world = World("memory", loop.clocks)
@@ -140,7 +140,7 @@ async def test_topics_have_the_names_types_and_qos_of_ros(world: World) -> None:
     await late.wait_for_transform("base", "cart", timeout_s=10)
 
 
-async def test_fixed_and_planar_joints_are_static_floating_joints_are_left_out(memory: World) -> None:
+async def test_fixed_and_planar_joints_are_static_and_floating_joints_are_skipped(memory: World) -> None:
     rig = await Rig(memory).ready()
     (message,) = rig.fixed
     assert [one.child_frame_id for one in message.transforms] == ["hand", "cart"]
@@ -152,7 +152,7 @@ async def test_fixed_and_planar_joints_are_static_floating_joints_are_left_out(m
     assert rig.buffer.lookup_transform("hand", "thumb").translation.tolist() == [0, -0.25, 0]
 
 
-async def test_joints_are_published_at_most_at_the_frequency_by_their_stamps(memory: World) -> None:
+async def test_joints_are_published_at_most_at_the_frequency_of_their_stamps(memory: World) -> None:
     rig = await Rig(memory, publish_frequency=30.0).ready()  # every 33 ms: whole milliseconds, rounded down
     for stamp, sent in ((1.0, 1), (1.032, 1), (1.033, 2), (1.05, 2), (1.066, 3)):
         rig.move(stamp, shoulder=0.1)
@@ -202,7 +202,7 @@ async def test_joint_states_that_cannot_be_used_are_ignored(memory: World, caplo
     assert rig.sent[-1].transforms[0].transform.rotation.w == 1  # the first
 
 
-async def test_the_frequency_is_checked_and_may_change(memory: World) -> None:
+async def test_publish_frequency_is_validated_and_may_change(memory: World) -> None:
     rig = await Rig(memory, publish_frequency=0.0).ready()
     for number in range(3):
         rig.move(1, shoulder=number)
@@ -216,7 +216,7 @@ async def test_the_frequency_is_checked_and_may_change(memory: World) -> None:
     await rig.moved(4)
 
 
-async def test_frames_have_the_prefix(memory: World) -> None:
+async def test_frames_have_the_prefix_of_parameter_frame_prefix(memory: World) -> None:
     rig = await Rig(memory, frame_prefix="left/").ready()
     rig.move(shoulder=0.1)
     assert await rig.moved(1) == ["left/upper"]
@@ -248,7 +248,7 @@ async def test_a_new_description_replaces_the_robot(memory: World) -> None:
     await rig.moved(0)
 
 
-async def test_without_description_it_fails(memory: World) -> None:
+async def test_publisher_without_a_valid_description_or_frequency_fails(memory: World) -> None:
     with pytest.raises(ProgramError, match="robot_description: not set; expected the text of a URDF"):
         RobotStatePublisher(context=with_parameters(memory, {}))
     for parameters, error in (
@@ -260,7 +260,7 @@ async def test_without_description_it_fails(memory: World) -> None:
             RobotStatePublisher(context=with_parameters(memory, parameters))
 
 
-async def test_the_file_of_an_urdf_may_be_an_argument(memory: World, tmp_path: Path, caplog: Any) -> None:
+async def test_urdf_file_may_be_given_as_argument_with_a_warning(memory: World, tmp_path: Path, caplog: Any) -> None:
     file = tmp_path / "two.urdf"
     file.write_text(TWO)
     program = RobotStatePublisher(context=memory.context(str(file), "--ros-args -p use_sim_time:=true"))

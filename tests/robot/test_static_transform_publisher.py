@@ -38,7 +38,7 @@ def parsed(words: str) -> Any:
         (f"--x 1 --x 2 {FRAMES}", (2, 0, 0), (0, 0, 0, 1)),
     ],
 )
-def test_options_give_translation_and_rotation(words: str, translation: Any, rotation: Any, caplog: Any) -> None:
+def test_options_set_translation_and_rotation(words: str, translation: Any, rotation: Any, caplog: Any) -> None:
     found = parsed(words)
     assert [*found.values()] == [pytest.approx(value) for value in (*translation, *rotation)] + ["map", "odom"]
     assert [*found] == NAMES and not caplog.records
@@ -82,13 +82,13 @@ def test_wrong_arguments_are_refused(words: str, error: str) -> None:
     assert error in str(caught.value)
 
 
-def test_a_quaternion_of_another_length_is_warned_about(caplog: Any) -> None:
+def test_quaternion_that_is_not_normalized_is_warned_about(caplog: Any) -> None:
     parsed(f"{FRAMES} --qw 0.7071 --qz 0.7071")
     parsed(f"{FRAMES} --qw 0.7 --qz 0.7")
     assert caplog.messages == ["the quaternion has length 0.99; expected 1; tf2 ignores such transforms"]
 
 
-async def test_the_node_publishes_once_and_has_read_only_parameters(memory: World) -> None:
+async def test_node_publishes_once_and_has_read_only_parameters(memory: World) -> None:
     words = f"--x 1 --qz 1 --qw 0 {FRAMES} --ros-args -r __ns:=/robot -p frame_id:=x"
     program = StaticTransformPublisher(context=memory.context(words))
     assert program.node.name.startswith("static_transform_publisher_") and len(program.node.name) == 43
@@ -104,7 +104,7 @@ async def test_the_node_publishes_once_and_has_read_only_parameters(memory: Worl
     assert message.header.stamp.sec > 0 and message.transform.rotation.z == 1
 
 
-async def test_a_process_ends_with_its_code(dds: World) -> None:
+async def test_process_of_the_publisher_exits_with_the_expected_code(dds: World) -> None:
     peer = dds.node("peer")
     seen: list[Any] = []
     latched = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)

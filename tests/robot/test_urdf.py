@@ -34,7 +34,7 @@ def only(text: str) -> Joint:
     return found
 
 
-def test_a_joint_has_all_its_values() -> None:
+def test_all_values_of_a_joint_are_read() -> None:
     found = only(
         joint(
             '<origin xyz="1 -2.5 .5" rpy="0 0 1.5707963267948966"/><axis xyz="0 3 4"/>'
@@ -50,7 +50,7 @@ def test_a_joint_has_all_its_values() -> None:
     assert found.mimic == Mimic("other", -2, 1)
 
 
-def test_what_a_joint_does_not_state_has_defaults() -> None:
+def test_values_that_a_joint_does_not_state_have_defaults() -> None:
     found = only(joint())
     assert (found.translation, found.rotation, found.axis) == ((0, 0, 0), (0, 0, 0, 1), (1, 0, 0))
     assert (found.limits, found.soft_limits, found.mimic) == (None, (-math.inf, math.inf), None)
@@ -58,7 +58,7 @@ def test_what_a_joint_does_not_state_has_defaults() -> None:
     assert only(joint('<axis xyz="0 0 0"/>', "fixed")).type == "fixed"  # as exported by CAD programs
 
 
-def test_other_elements_are_ignored() -> None:
+def test_other_elements_of_a_urdf_are_ignored() -> None:
     text = joint('<dynamics damping="1"/><calibration rising="0"/>').replace(
         "</robot>",
         '<gazebo reference="arm"><joint name="elbow"/></gazebo>'
@@ -118,14 +118,14 @@ def test_other_elements_are_ignored() -> None:
         ("<robot name='\0'/>", "not XML"),
     ],
 )
-def test_errors_name_what_was_found_and_expected(text: str, error: str | None) -> None:
+def test_errors_state_the_value_found_and_the_expected_value(text: str, error: str | None) -> None:
     with pytest.raises(DefinitionError) as caught:
         parse_urdf(text, "<urdf>")
     if error is not None:
         assert error.replace('\\"', '"') in str(caught.value)
 
 
-def test_what_urdfdom_accepts_is_read_with_a_warning(caplog: Any) -> None:
+def test_irregular_urdf_accepted_by_urdfdom_is_read_with_a_warning(caplog: Any) -> None:
     text = robot('<xacro:arg name="a"/>' + joint('<axis xyz="0 0 0"/>').split("\n")[2])
     found = only(f"<?xml version='1.0'?>\n<xacro:property name='a'/>\n{text}<robot name='second'/>")
     assert found.axis == (0, 0, 0) == only(joint('<axis xyz="1.7e308 1.7e308 0"/>')).axis
@@ -150,7 +150,7 @@ def test_descriptions_are_limited_in_size_depth_and_number_of_elements() -> None
         assert time.process_time() - started < 5
 
 
-def test_very_long_and_very_wide_robots_are_read_soon() -> None:
+def test_very_long_and_very_wide_robots_are_read_in_bounded_time() -> None:
     links = "".join(f'<link name="l{n}"/>' for n in range(10_001))
     for parent in (lambda n: n, lambda n: 0):
         joints = "".join(
@@ -177,7 +177,7 @@ def test_any_text_is_read_or_refused_with_our_error(text: str) -> None:
             assert str(error)
 
 
-def test_files_are_read_or_refused(tmp_path: Path) -> None:
+def test_urdf_files_are_read_or_refused_with_reason(tmp_path: Path) -> None:
     file = tmp_path / "robot.urdf"
     file.write_text("\ufeff" + joint(), encoding="utf-8")
     assert only(read_description(str(file))).name == "elbow"

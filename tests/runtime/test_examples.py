@@ -54,13 +54,13 @@ _started: list[Example] = []
 
 
 @pytest.fixture(autouse=True)
-def no_kept_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def empty_type_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Use an empty cache of type descriptions."""
     monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path / "types"))
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
-def test_an_example_is_short_says_how_to_run_it_and_is_on_the_page(path: Path) -> None:
+def test_example_is_short_documented_and_listed_on_its_page(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     head = text.split('"""')[1]
     assert len(text.splitlines()) <= 80
@@ -95,17 +95,17 @@ def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT)
 @pytest.mark.parametrize(
     ("talker", "listener"), [("talker.py", "listener_callbacks.py"), ("talker_callbacks.py", "listener.py")]
 )
-def test_talker_and_listener(talker: str, listener: str) -> None:
-    hearing, talking = start(listener), start(talker)
-    heard = [hearing.line() for _ in range(2)]
+def test_talker_and_listener_examples_exchange_messages(talker: str, listener: str) -> None:
+    listening_process, talking_process = start(listener), start(talker)
+    heard = [listening_process.line() for _ in range(2)]
     assert all(line.startswith("I heard: Hello World: ") for line in heard)
-    stop(hearing)
-    stop(talking, signal.SIGTERM)
+    stop(listening_process)
+    stop(talking_process, signal.SIGTERM)
 
 
 @pytest.mark.usefixtures("network")
 @pytest.mark.parametrize("service", ["service.py", "service_callbacks.py"])
-def test_service_and_client(service: str) -> None:
+def test_service_and_client_examples_add_numbers(service: str) -> None:
     serving = start(service)
     output, errors = start("client.py", "40").communicate(timeout=20)
     assert (output.splitlines(), errors) == (["40 + 1 = 41", "40 + 2 = 42", "40 + 3 = 43"], "")
@@ -114,7 +114,7 @@ def test_service_and_client(service: str) -> None:
 
 
 @pytest.mark.usefixtures("network")
-def test_fibonacci_with_a_cancel() -> None:
+def test_fibonacci_example_reports_feedback_result_and_cancel() -> None:
     serving = start("fibonacci_server.py")
     output, errors = start("fibonacci_client.py", "4").communicate(timeout=20)
     lines = output.splitlines()
@@ -130,7 +130,7 @@ def test_fibonacci_with_a_cancel() -> None:
 
 
 @pytest.mark.usefixtures("network")
-def test_parameters_from_a_file_and_set_from_outside() -> None:
+def test_parameters_example_reads_file_and_follows_remote_sets() -> None:
     driving = start("parameters.py", "--ros-args", "--params-file", str(EXAMPLES / "parameters.yaml"))
     assert driving.line() == "manual, 1.2 m/s, left 120, tags ['indoor', 'slow']\n"
 
@@ -148,7 +148,7 @@ def test_parameters_from_a_file_and_set_from_outside() -> None:
     stop(driving)
 
 
-def test_points_are_turned_and_filtered() -> None:
+def test_points_example_rotates_and_filters_points() -> None:
     turning = start("points.py")
 
     async def ask() -> Marker:
@@ -168,7 +168,7 @@ def test_points_are_turned_and_filtered() -> None:
 
 
 @pytest.mark.usefixtures("network")
-def test_a_camera_shows_the_same_disc_on_pictures_and_depths() -> None:
+def test_camera_example_publishes_matching_images_and_depths() -> None:
     camera = start("camera.py")
 
     async def ask() -> tuple[Image, Image]:
@@ -197,7 +197,7 @@ def test_a_camera_shows_the_same_disc_on_pictures_and_depths() -> None:
     stop(camera)
 
 
-def test_a_cloud_is_filtered_with_all_its_fields() -> None:
+def test_cloud_filter_example_keeps_all_fields() -> None:
     filtering = start("cloud_filter.py")
     points = np.zeros(5, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("ring", "u2")])
     points["x"], points["z"], points["ring"] = [1, 9, 2, np.nan, 3], [1, 1, 0, 1, 2], range(5)
@@ -224,7 +224,7 @@ def test_a_cloud_is_filtered_with_all_its_fields() -> None:
     stop(alone)
 
 
-def test_fields_of_a_bag_are_plotted(tmp_path: Path) -> None:
+def test_bag_plot_example_plots_fields_of_a_bag(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "drive") as bag:
         for number in range(300):
             sample = Imu()
@@ -233,8 +233,10 @@ def test_fields_of_a_bag_are_plotted(tmp_path: Path) -> None:
     fields = "linear_acceleration.x", "orientation_covariance[0:3]", "angular_velocity_covariance[8]"
     picture, drawing = tmp_path / "imu.png", tmp_path / "imu.svg"
     for output in (picture, drawing):
-        said = start("bag_plot.py", str(tmp_path / "drive"), "/imu", *fields, "-o", str(output)).communicate(timeout=60)
-        assert said == (f"300 messages of /imu, 2.990 s, in {output}\n", "")
+        output_text = start("bag_plot.py", str(tmp_path / "drive"), "/imu", *fields, "-o", str(output)).communicate(
+            timeout=60
+        )
+        assert output_text == (f"300 messages of /imu, 2.990 s, in {output}\n", "")
     for text in ("/imu", "seconds", *fields):
         assert f"<!-- {text} -->" in drawing.read_text()
     pixels = imread(picture)
@@ -246,25 +248,25 @@ def test_fields_of_a_bag_are_plotted(tmp_path: Path) -> None:
     assert failed.returncode == 1 and errors.startswith("error: ") and 'no topic /im; did you mean "/imu"' in errors
 
 
-def test_what_the_lidar_of_a_robot_sees_is_found_in_the_map() -> None:
+def test_transform_lookup_example_transforms_lidar_points_to_the_map() -> None:
     looking = start("transform_lookup.py")
     for _ in range(3):
         line = looking.line()
         found = re.fullmatch(r"\(1\.0, 0\.0, 0\.0\) of lidar is \((\S+), (\S+), 0\.50\) in map\n", line)
         assert found and math.hypot(float(found[1]), float(found[2])) == pytest.approx(4.2, abs=0.02)
     other = start("transform_lookup.py", "lidar", "base_link")
-    told = (
+    transforms = (
         line for line in iter(other.line, "") if "after 2 s" not in line
-    )  # where it has not found the robot by then
-    assert next(told) == "(1.0, 0.0, 0.0) of base_link is (0.80, 0.00, -0.50) in lidar\n"
+    )  # printed while the robot is not discovered yet
+    assert next(transforms) == "(1.0, 0.0, 0.0) of base_link is (0.80, 0.00, -0.50) in lidar\n"
     stop(other)
     stop(looking)
 
 
-def test_simulated_time_runs_ten_times_as_fast_and_others_follow() -> None:
+def test_sim_time_example_runs_ten_times_as_fast_and_nodes_follow() -> None:
     simulating = start("sim_time.py")
     listening = start("listener.py")
-    talking = start("talker_callbacks.py", "--ros-args", "-p", "use_sim_time:=true")
+    talking_process = start("talker_callbacks.py", "--ros-args", "-p", "use_sim_time:=true")
     begin = time.monotonic()
     times = [float(simulating.line().split()[2]) for _ in range(20)]
     assert times == sorted(times) and times[-1] - times[0] > 15
@@ -274,11 +276,11 @@ def test_simulated_time_runs_ten_times_as_fast_and_others_follow() -> None:
     for _ in range(20):
         assert listening.line().startswith("I heard: ")
     assert time.monotonic() - begin < 10
-    for process in (simulating, listening, talking):
+    for process in (simulating, listening, talking_process):
         stop(process)
 
 
-def test_a_handler_calls_other_services_and_answers_when_one_is_gone() -> None:
+def test_service_chain_example_replies_although_one_service_is_gone() -> None:
     output, errors = start("service_chain.py").communicate(timeout=20)
     assert (output.splitlines(), errors) == (
         ["ready: battery: 87 %; camera: 30 frames/s", "not ready: battery: 87 %; camera: no answer within 2 s"],
@@ -286,7 +288,7 @@ def test_a_handler_calls_other_services_and_answers_when_one_is_gone() -> None:
     )
 
 
-def test_both_sides_agree_how_goals_that_are_cancelled_at_random_end() -> None:
+def test_random_cancel_example_reports_same_outcomes_on_both_sides() -> None:
     output, errors = start("random_cancel.py", "30").communicate(timeout=30)
     *goals, last = output.splitlines()
     assert (len(goals), errors) == (30, "")
@@ -298,9 +300,9 @@ def test_both_sides_agree_how_goals_that_are_cancelled_at_random_end() -> None:
     assert last == f"the server ended 30 goals: {canceled} CANCELED, {30 - canceled} SUCCEEDED"
 
 
-def test_the_tests_of_a_node_pass_as_a_user_runs_them_and_find_a_mistake(tmp_path: Path) -> None:
+def test_example_tests_pass_under_plain_pytest_and_detect_a_mistake(tmp_path: Path) -> None:
     def run_tests(folder: Path = tmp_path) -> str:
-        without = [f"-pno:{plugin}" for plugin in ("cacheprovider", "xdist", "timeout")]  # who has pytest alone
+        without = [f"-pno:{plugin}" for plugin in ("cacheprovider", "xdist", "timeout")]  # as with pytest alone
         command = [sys.executable, "-m", "pytest", "-q", *without, "test_speed_guard.py"]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
@@ -313,8 +315,8 @@ def test_the_tests_of_a_node_pass_as_a_user_runs_them_and_find_a_mistake(tmp_pat
     assert "1 failed, 4 passed" in run_tests()
 
 
-def test_a_page_shows_a_live_topic(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PORT", "0")  # any that is free
+def test_web_page_example_shows_a_live_topic(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PORT", "0")  # any free port
     showing = start("web_page.py")
     line = re.fullmatch(r"/wave data at (http://127\.0\.0\.1:\d+), stop with Ctrl-C\n", showing.line())
     assert line
@@ -333,7 +335,7 @@ def test_a_page_shows_a_live_topic(browser: Browser, monkeypatch: pytest.MonkeyP
     browser.wait_for("return state.textContent.includes('gone')")
 
 
-def test_a_type_that_only_its_publisher_has_is_copied_and_printed_by_others() -> None:
+def test_echo_any_example_copies_and_prints_unknown_types() -> None:
     robot, copying = start("strange_robot.py"), start("echo_any.py", "/battery", "/copy")
     assert copying.line() == "copying /battery, a strange_msgs/msg/Battery, to /copy\n"
     echoes = start("echo_any.py", "/battery"), start("echo_any.py", "/copy")
@@ -345,7 +347,7 @@ def test_a_type_that_only_its_publisher_has_is_copied_and_printed_by_others() ->
         stop(process)
 
 
-def test_a_script_stops_a_robot_whose_types_it_never_saw() -> None:
+def test_meet_robot_example_stops_a_robot_of_unknown_types() -> None:
     robot = start("strange_robot.py")
     output, errors = start("meet_robot.py").communicate(timeout=30)
     *watched, last = output.splitlines()

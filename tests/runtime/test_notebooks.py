@@ -57,7 +57,7 @@ class Notebook:
         self.views: dict[str, dict[str, Any]] = {}
         """Cell id -> what it displays, by media type."""
 
-    def _look(self, message: dict[str, Any]) -> None:
+    def _store_output(self, message: dict[str, Any]) -> None:
         if message["msg_type"] == "stream":
             cell = message["parent_header"]["msg_id"]
             self.prints[cell] = self.prints.get(cell, "") + message["content"]["text"]
@@ -86,24 +86,24 @@ class Notebook:
     async def printed(self, cell: str, text: str) -> None:
         """Wait until a cell's output is a text."""
         while self.prints.get(cell) != text:
-            self._look(await self._client.get_iopub_msg(timeout=KERNEL_S))
+            self._store_output(await self._client.get_iopub_msg(timeout=KERNEL_S))
 
     async def displayed(self, code: str) -> dict[str, Any]:
         """Run a cell; return what its last expression displays, by media type."""
         cell = await self.cell(code)
         while cell not in self.views:
-            self._look(await self._client.get_iopub_msg(timeout=KERNEL_S))
+            self._store_output(await self._client.get_iopub_msg(timeout=KERNEL_S))
         return self.views[cell]
 
 
 async def in_notebook(folder: Path, use: Callable[[Notebook], Awaitable[None]]) -> None:
-    """Start a kernel, use it, and end it."""
+    """Start a kernel, use it and shut it down."""
     own = {name: str(folder) for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR")}
     environment = {**os.environ, **own, "PYTHONPATH": f"{ROOT}{os.pathsep}{GENERATED.name}"}
     manager = AsyncKernelManager(
         ip="127.0.0.1",
         connection_file=str(folder / "kernel.json"),
-        kernel_spec_manager=KernelSpecManager(kernel_dirs=[]),  # this interpreter's, whatever others are installed
+        kernel_spec_manager=KernelSpecManager(kernel_dirs=[]),  # only the kernel of this interpreter
     )
     try:
         await manager.start_kernel(env=environment, cwd=str(folder))
@@ -119,12 +119,12 @@ async def in_notebook(folder: Path, use: Callable[[Notebook], Awaitable[None]]) 
 
 
 @pytest.mark.timeout(180)
-async def test_a_node_lives_in_a_notebook(tmp_path: Path) -> None:
+async def test_node_runs_callbacks_and_calls_between_notebook_cells(tmp_path: Path) -> None:
     async def use(notebook: Notebook) -> None:
         made = await notebook.cell(NODE.format(transport="None"))
         await notebook.cell("response = await client.call(SetBool.Request(data=True), 5)\nassert response.success")
         await notebook.cell("publisher.publish(Int32(data=1))")
-        await notebook.printed(made, "heard 1\n")  # between two cells, below the one that handed the function in
+        await notebook.printed(made, "heard 1\n")  # printed between two cells, below the cell that passed the function
         await notebook.cell("publisher.publish(Int32(data=2))")
         await notebook.cell("received = [(await subscription.receive(5)).data for _ in range(2)]")
         await notebook.cell("assert received == heard == [1, 2], (received, heard)")
@@ -165,7 +165,7 @@ tr:nth-child(even) { background: #f5f5f5 }
 
 
 @pytest.mark.timeout(180)
-def test_objects_are_displayed_in_a_notebook(tmp_path: Path, browser: Browser) -> None:
+def test_objects_are_displayed_as_html_in_a_notebook(tmp_path: Path, browser: Browser) -> None:
     views: dict[str, str] = {}
 
     async def use(notebook: Notebook) -> None:

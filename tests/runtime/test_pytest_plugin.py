@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["pytester"]
 
 
-def test_nodes_of_the_fixture_have_their_own_command_line(ros_node: Callable[..., Node]) -> None:
+def test_ros_node_fixture_accepts_its_own_arguments(ros_node: Callable[..., Node]) -> None:
     node = ros_node("relay", args=("--ros-args", "-r", "__ns:=/robot"))
     assert node.fully_qualified_name == "/robot/relay"
 
@@ -98,7 +98,7 @@ def test_next_one_is_not_blamed(ros_node):
 """
 
 
-def test_a_test_fails_whose_callbacks_fail_with_their_traceback(pytester: pytest.Pytester) -> None:
+def test_failing_callbacks_fail_the_test_with_their_traceback(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=FAILING)
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-rA")
     outcomes = {
@@ -191,7 +191,7 @@ def test_entities_that_were_closed_or_canceled_need_no_loop(ros_node):
 """
 
 
-def test_a_test_fails_whose_callbacks_never_ran_and_any_loop_runs_them(pytester: pytest.Pytester) -> None:
+def test_callbacks_that_never_ran_fail_the_test_on_any_loop_kind(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=SERVED)
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-rA")
     result.assert_outcomes(passed=9, failed=3)

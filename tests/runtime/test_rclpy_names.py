@@ -24,18 +24,18 @@ def node() -> Iterator[Any]:
 
 
 @pytest.mark.every_transport
-async def test_a_script_written_for_rclpy_goes_a_long_way(world: World) -> None:
+async def test_common_rclpy_method_names_work(world: World) -> None:
     node: Any = world.node("minimal")
-    heard: list[Any] = []
+    received: list[Any] = []
     publisher = node.create_publisher(String, "topic", 10)
-    subscription = node.create_subscription(String, "topic", heard.append, 10)
+    subscription = node.create_subscription(String, "topic", received.append, 10)
     node.declare_parameter("speed", 1.5)
     assert node.get_parameter("speed") == 1.5
     assert (node.get_name(), node.get_namespace(), node.get_fully_qualified_name()) == ("minimal", "/", "/minimal")
     assert node.get_logger() is node.logger and node.get_clock().now().nanoseconds > 0
     await until(lambda: publisher.get_subscription_count() == 1 and subscription.get_publisher_count() == 1)
     publisher.publish(String(data="x"))
-    await until(lambda: [message.data for message in heard] == ["x"])
+    await until(lambda: [message.data for message in received] == ["x"])
     assert publisher.topic_name == subscription.topic_name == "/topic"
     timer = node.create_timer(0.5, lambda: None)
     assert node.destroy_timer(timer) is True and node.destroy_publisher(publisher) is True
@@ -46,7 +46,7 @@ async def test_a_script_written_for_rclpy_goes_a_long_way(world: World) -> None:
     assert node.is_closed
 
 
-async def test_an_action_handler_of_rclpy_works_unchanged(world: World) -> None:
+async def test_action_handler_written_for_rclpy_works_unchanged(world: World) -> None:
     def execute(goal_handle: Any) -> Any:
         sequence = [0, 1]
         for _ in range(goal_handle.request.order - 1):
@@ -74,7 +74,7 @@ def test_unknown_names_raise_the_errors_of_python(node: Any) -> None:
         node.logger.info("x", nonsense=1)
 
 
-async def test_a_repr_says_name_type_quality_of_service_and_peers(world: World) -> None:
+async def test_repr_of_entities_contains_name_type_qos_and_peers(world: World) -> None:
     node = world.node("shown")
     publisher = node.create_publisher(String, "t", qos.SENSOR_DATA)
     subscription = node.create_subscription(String, "t", print, qos.SENSOR_DATA)

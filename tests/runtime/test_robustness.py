@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-async def test_waiting_on_something_closed_is_an_error_and_costs_nothing(world: World) -> None:
+async def test_waiting_on_closed_entities_raises_closed_error_without_cpu_use(world: World) -> None:
     context = world.context()
     node = world.node("gone", context=context)
     publisher, client = node.create_publisher(String, "t"), node.create_client(SetBool, "s")
@@ -38,7 +38,7 @@ async def test_waiting_on_something_closed_is_an_error_and_costs_nothing(world: 
     assert await rests(0.5, cpu_s=0.2)
 
 
-def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nested_fetch_of_a_reader_preserves_sample_order(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
 
     node = dds.node("n")
@@ -68,7 +68,7 @@ def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World, monkeypatch
         assert texts == [f"{topic} {number} {'x' * number}" for number in range(5)]
 
 
-async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_calls_to_a_stopped_server_time_out_in_parallel(dds: World, caplog: pytest.LogCaptureFixture) -> None:
     program = (
         "import asyncio\nfrom rosidl_py_gen.runtime import Node\n"
         "async def main():\n    async with Node('stalled') as node:\n"
@@ -88,7 +88,7 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
         started = time.monotonic()
         calls = [asyncio.ensure_future(client.call(request, timeout_s=1)) for _ in range(20)]
         outcomes = await asyncio.gather(*calls, return_exceptions=True)
-        assert time.monotonic() - started < 15  # one after the other they would take 20
+        assert time.monotonic() - started < 15  # sequential calls would take 20 s
         assert all(isinstance(outcome, CallTimeoutError) for outcome in outcomes)
         pending = [asyncio.ensure_future(client.call(request, timeout_s=60)) for _ in range(3)]
         await until(lambda: client.in_flight_count == 3)
@@ -104,7 +104,7 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
     ("timeout", "error"),
     [("1", TypeError), (float("nan"), ValueError), ([], TypeError), (True, TypeError), (-1, ValueError)],
 )
-async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any, error: type[Exception]) -> None:
+async def test_invalid_timeout_is_refused(memory: World, timeout: Any, error: type[Exception]) -> None:
     node = memory.node("n")
     client, subscription = node.create_client(SetBool, "s"), node.create_subscription(String, "t")
     publisher = node.create_publisher(String, "t")
@@ -121,7 +121,7 @@ async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any,
     assert client.in_flight_count == 0
 
 
-def test_what_is_no_function_is_refused_with_a_hint(memory: World) -> None:
+def test_arguments_of_wrong_type_are_refused_with_a_hint(memory: World) -> None:
     node = memory.node("n")
     with pytest.raises(TypeError, match=r"the callback of /t must be a function, got 10; QoS is given as qos="):
         node.create_subscription(String, "t", 10)  # type: ignore[call-overload]
@@ -134,7 +134,7 @@ def test_what_is_no_function_is_refused_with_a_hint(memory: World) -> None:
             publisher.publish_raw(wrong)  # type: ignore[arg-type]
 
 
-def test_a_type_name_that_crashes_the_library_is_refused(dds: World) -> None:
+def test_overlong_dds_type_name_is_refused(dds: World) -> None:
     node = dds.node("n")
     for length, fits in ((235, True), (236, False), (1000, False)):  # `my_pkg::msg::dds_::…_`
         message = compile_definition(f"my_pkg/msg/L{'o' * (length - 1)}", "int32 x")

@@ -1,4 +1,4 @@
-"""Start and end of programs: Ctrl-C once and twice, SIGTERM, loops that run already, nodes without loop."""
+"""Start and end of programs: Ctrl-C once and twice, SIGTERM, running loops, nodes without loop."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def wait_for_thread_warning(process: subprocess.Popen[str]) -> None:
             break
         lines.append(line)
     else:
-        raise AssertionError("it ended without a word about its thread")
+        raise AssertionError("the program ended without a warning about its thread")
     assert lines == []
 
 
@@ -90,20 +90,20 @@ def test_a_second_signal_ends_a_callback_that_never_returns(first: signal.Signal
         lines_until(process, "stuck")
         process.send_signal(first)
         lines_until(process, "asked")
-        with pytest.raises(subprocess.TimeoutExpired):  # the first one asks politely
+        with pytest.raises(subprocess.TimeoutExpired):  # the first signal only requests the end
             process.wait(0.5)
         process.send_signal(second)
         output, errors = process.communicate(timeout=20)
         assert (process.returncode, output) == (-second, "")  # the callback is not called again
         if second is signal.SIGTERM:
             assert errors == ""
-        else:  # says where it was stuck
+        else:  # the traceback shows the blocked callback
             assert "KeyboardInterrupt" in errors and "in tick" in errors
             assert "never" not in errors and "destroyed" not in errors
 
 
 @pytest.mark.parametrize(("number", "uses_dds"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
-def test_one_signal_ends_a_waiting_program_at_once_and_cleans_up(number: signal.Signals, uses_dds: bool) -> None:
+def test_one_signal_ends_a_waiting_program_with_cleanup(number: signal.Signals, uses_dds: bool) -> None:
     text = f"""
 from rosidl_py_gen.runtime.loop import loop_binding, shared_loop
 from rosidl_py_gen.runtime.transport.cyclone import domain
@@ -128,7 +128,7 @@ print(run(main))
         assert time.monotonic() - start < 40
 
 
-def test_ctrl_c_ends_asyncio_run_at_once_although_the_loop_waits_in_dds() -> None:
+def test_ctrl_c_ends_asyncio_run_while_the_loop_waits_in_dds() -> None:
     text = """
 async def main():
     async with Node("n"):
@@ -146,7 +146,9 @@ except KeyboardInterrupt:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_before_the_first_step_ends_the_program(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+def test_signal_before_the_first_step_ends_run_without_running_main(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
     set_event_loop = asyncio.set_event_loop
     steps: list[int] = []
 
@@ -168,7 +170,7 @@ GIVEN_TO_THE_THREAD = "signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 @pytest.mark.parametrize("first", ["pass", GIVEN_TO_THE_THREAD], ids=["as the kernel likes", "another thread gets it"])
-def test_ctrl_c_during_work_of_a_thread_waits_for_it(first: str) -> None:
+def test_ctrl_c_waits_for_running_thread_with_a_warning(first: str) -> None:
     text = f"""
 begin = threading.Event()
 def work():
@@ -195,7 +197,7 @@ print(signal.set_wakeup_fd(-1))
         assert process.returncode == 0
 
 
-def test_a_second_ctrl_c_during_work_of_a_thread_ends_without_traceback() -> None:
+def test_second_ctrl_c_during_thread_work_ends_without_traceback() -> None:
     text = """
 def work():
     print("working", flush=True)
@@ -208,7 +210,7 @@ run(main)
     with program(text) as process:
         lines_until(process, "working")
         process.send_signal(signal.SIGINT)
-        wait_for_thread_warning(process)  # by now the first one was noticed
+        wait_for_thread_warning(process)  # the first signal has been handled
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=20)
         assert (process.returncode, errors) == (-signal.SIGINT, "")
@@ -220,11 +222,11 @@ async def interrupted_twice() -> None:
     await asyncio.Event().wait()
 
 
-def test_a_second_ctrl_c_at_once_is_the_same_request() -> None:
+def test_immediate_second_ctrl_c_counts_as_one_request() -> None:
     assert run(interrupted_twice) is None
 
 
-def test_a_second_ctrl_c_of_a_command_interrupts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_ctrl_c_is_ignored_if_a_command_ignores_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     handler = CommandInterrupts()
     handler.ignores_first = True
     monkeypatch.setattr(runner, "REPEAT_S", -1.0)
@@ -235,7 +237,7 @@ def test_a_second_ctrl_c_of_a_command_interrupts_nothing(monkeypatch: pytest.Mon
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_signal_that_was_read_already_is_no_failure() -> None:
+def test_draining_an_empty_signal_socket_does_not_fail() -> None:
     reading, writing = socket.socketpair()
     with reading, writing:
         reading.setblocking(False)
@@ -244,7 +246,7 @@ def test_a_signal_that_was_read_already_is_no_failure() -> None:
         runner.drain(reading)
 
 
-def test_handlers_of_the_program_come_back() -> None:
+def test_run_restores_signal_handlers() -> None:
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     seen = []
 
@@ -256,7 +258,7 @@ def test_handlers_of_the_program_come_back() -> None:
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
-def test_tasks_that_fail_while_the_program_ends_are_told_and_do_not_hide_the_result(
+def test_task_failure_while_run_ends_is_logged_and_result_is_returned(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def fails() -> None:
@@ -274,7 +276,7 @@ def test_tasks_that_fail_while_the_program_ends_are_told_and_do_not_hide_the_res
     assert "a task failed while the program ended" in caplog.text and "while ending" in caplog.text
 
 
-def test_tasks_of_callbacks_that_are_called_while_it_waits_for_threads_are_ended(
+def test_callback_tasks_started_while_run_waits_for_threads_are_cancelled(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     began = threading.Event()
@@ -298,7 +300,7 @@ def test_tasks_of_callbacks_that_are_called_while_it_waits_for_threads_are_ended
     assert not caplog.records
 
 
-async def test_run_and_spin_in_a_running_loop_say_what_to_write_and_close_nothing(memory: World) -> None:
+async def test_run_and_spin_in_a_running_loop_raise_and_close_no_node(memory: World) -> None:
     with Node("shared") as shared:
         node = memory.node("n")
 
@@ -317,13 +319,13 @@ async def test_run_and_spin_in_a_running_loop_say_what_to_write_and_close_nothin
 
 
 @pytest.mark.parametrize("bad", [5, None, "main", lambda: 5])
-def test_run_takes_an_async_function_or_a_coroutine(bad: Any) -> None:
+def test_run_refuses_values_that_are_not_async_functions_or_coroutines(bad: Any) -> None:
     with pytest.raises(TypeError, match="run takes an async function without arguments, or a coroutine, got"):
         run(bad)
 
 
 @pytest.mark.parametrize("bad", [5, None, "n", Node])
-def test_spin_takes_nodes(bad: Any) -> None:
+def test_spin_refuses_values_that_are_not_nodes(bad: Any) -> None:
     with pytest.raises(TypeError, match="spin takes nodes, got"):
         spin(bad)
     with pytest.raises(TypeError, match="at least one node"):
@@ -331,7 +333,7 @@ def test_spin_takes_nodes(bad: Any) -> None:
 
 
 @pytest.mark.every_transport
-def test_nodes_made_before_their_loop_are_served_by_run_and_by_spin(world: World) -> None:
+def test_run_and_spin_serve_nodes_created_before_the_loop(world: World) -> None:
     alice, bob = world.pair()
     seen: list[int] = []
     ticks = 0
@@ -373,7 +375,7 @@ def test_nodes_made_before_their_loop_are_served_by_run_and_by_spin(world: World
     ],
     ids=["create", "graph", "count"],
 )
-def test_any_use_inside_a_running_loop_attaches_it(memory: World, use: Callable[[Node], object]) -> None:
+def test_using_a_node_inside_a_running_loop_attaches_the_loop(memory: World, use: Callable[[Node], object]) -> None:
     node = memory.node("n")
     ticked = []
     node.create_timer(0.01, lambda: ticked.append(1))
@@ -385,14 +387,14 @@ def test_any_use_inside_a_running_loop_attaches_it(memory: World, use: Callable[
     asyncio.run(main())
 
 
-def test_callbacks_that_never_ran_are_warned_about_once(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_node_whose_callbacks_never_ran_is_warned_about_once(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     node, quiet = memory.node("n"), memory.node("quiet")
     node.create_subscription(Int32, "t", print)
     node.create_timer(0.01, print)
     quiet.create_publisher(Int32, "t")
 
     async def main() -> None:
-        await asyncio.sleep(0.05)  # in which the timer would be called
+        await asyncio.sleep(0.05)  # the timer is due within this time
 
     with caplog.at_level(logging.WARNING):
         asyncio.run(main())
@@ -404,14 +406,14 @@ def test_callbacks_that_never_ran_are_warned_about_once(memory: World, caplog: p
     assert "spin(node)" in line and "run(main)" in line and "async with" in line
 
 
-def test_forgotten_callbacks_are_warned_about_at_exit() -> None:
+def test_callbacks_that_never_ran_are_warned_about_at_process_exit() -> None:
     with program('node = Node("n")\nnode.create_timer(0.1, print)\nasyncio.run(asyncio.sleep(0))\n') as process:
         output, errors = process.communicate(timeout=20)
         assert (output, process.returncode) == ("", 0)
         assert errors.count("the callbacks of /n never ran") == 1
 
 
-def test_nodes_of_the_fixture_are_served_when_one_of_them_is_used(ros_node: Callable[..., Node]) -> None:
+def test_using_one_fixture_node_serves_all_nodes_of_the_fixture(ros_node: Callable[..., Node]) -> None:
     silent, awaited = ros_node("silent"), ros_node("awaited")
     ticked = []
     silent.create_timer(0.01, lambda: ticked.append(1))
@@ -425,7 +427,7 @@ def test_nodes_of_the_fixture_are_served_when_one_of_them_is_used(ros_node: Call
     asyncio.run(main())
 
 
-def test_wrong_ros_arguments_end_a_program_with_one_line(tmp_path: Path) -> None:
+def test_invalid_ros_arguments_end_run_with_a_one_line_error(tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     file.write_text("/**: {ros__parameters: {a: [1, }")
     for arguments, reason in [

@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-_OF_ZENOH = re.compile(r"(acc|app|net|rx|tx)-\d+\n")
-"""Names of threads that Zenoh starts and ends as it likes, also those of the router of other tests."""
+_ZENOH_THREAD_NAME = re.compile(r"(acc|app|net|rx|tx)-\d+\n")
+"""Names of threads that Zenoh starts and stops at any time, including threads of the router of other tests."""
 
 
 def resources() -> tuple[int, int]:
     """Return the numbers of threads (without Zenoh's) and file descriptors of this process."""
     threads = 0
     for thread in Path("/proc/self/task").iterdir():
-        with contextlib.suppress(OSError):  # it ended meanwhile
-            threads += _OF_ZENOH.fullmatch((thread / "comm").read_text()) is None
+        with contextlib.suppress(OSError):  # the thread has ended
+            threads += _ZENOH_THREAD_NAME.fullmatch((thread / "comm").read_text()) is None
     return threads, len(os.listdir("/proc/self/fd"))
 
 
-def is_nothing_left(before: tuple[int, int]) -> bool:
+def are_resources_freed(before: tuple[int, int]) -> bool:
     """Return True if no more resources are used than before; the router of the tests may need some time."""
     return all(now <= then for now, then in zip(resources(), before, strict=True))
 
@@ -49,7 +49,7 @@ def rss_kb() -> int:
         return int(statm.read().split()[1]) * 4
 
 
-async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(dds: World, tmp_path: Path) -> None:
+async def test_stalled_reliable_reader_does_not_block_the_event_loop(dds: World, tmp_path: Path) -> None:
     # A process that subscribes reliably and is then stopped: it acknowledges nothing, but its lease has not run out.
     program = (
         "import asyncio\nfrom rosidl_py_gen.runtime import Node, QoSProfile\n"
@@ -66,16 +66,16 @@ async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(
         reader.send_signal(signal.SIGSTOP)
         publish_s, pause_s = list[float](), list[float]()
         last = time.monotonic()
-        for _ in range(100):  # 20 MB, far more than DDS takes without an answer
+        for _ in range(100):  # 20 MB, far more than DDS sends without acknowledgement
             start = time.monotonic()
             publisher.publish(UInt8MultiArray(data=bytes(200_000)))
             publish_s.append(time.monotonic() - start)
-            await asyncio.sleep(0.005)  # what the test is about: does the loop come back from it?
+            await asyncio.sleep(0.005)  # the loop under test must continue here
             pause_s.append(time.monotonic() - last)
             last = time.monotonic()
         with pytest.raises(WaitTimeoutError, match=r"were not acknowledged by all 1 subscription in 0.1 s"):
             await publisher.wait_for_acknowledged(timeout_s=0.1)
-        # The machine may hold us up now and then; a reader that is waited for holds up every message after the first.
+        # A busy machine delays a few messages; a blocking reader would delay every message after the first.
         assert sorted(publish_s)[-20] < 0.1 and sorted(pause_s)[-20] < 0.2
         reader.send_signal(signal.SIGCONT)
         assert await publisher.wait_for_acknowledged(timeout_s=20)
@@ -84,7 +84,7 @@ async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(
         assert sizes == ["1\n"] + ["200000\n"] * 100
 
 
-async def test_a_blocked_publish_in_a_thread_leaves_the_interpreter_running(dds: World) -> None:
+async def test_blocked_publish_in_a_thread_does_not_block_the_event_loop(dds: World) -> None:
     program = "import signal; from rosidl_py_gen.runtime import Node\nn=Node('r')\n"
     program += (
         "n.create_subscription('std_msgs/msg/UInt8MultiArray','big',qos=1)\nprint('up',flush=True); signal.pause()"
@@ -106,7 +106,7 @@ async def test_a_blocked_publish_in_a_thread_leaves_the_interpreter_running(dds:
         for _ in range(50):
             await asyncio.sleep(0.01)  # a tick, while the thread waits
             ticks += 1
-        assert thread.is_alive()  # it waits, and we ticked meanwhile
+        assert thread.is_alive()  # the thread waits while the loop ticks
         assert ticks == 50
         publisher.close()
         thread.join(10)
@@ -114,8 +114,8 @@ async def test_a_blocked_publish_in_a_thread_leaves_the_interpreter_running(dds:
 
 
 @pytest.mark.every_transport
-async def test_a_hundred_nodes_and_a_thousand_topics_leave_nothing_behind(world: World) -> None:
-    shares = 10 if world.kind == "zenoh" else 1  # it tells everybody of each endpoint, which takes its time
+async def test_closing_a_hundred_nodes_and_a_thousand_topics_frees_all_resources(world: World) -> None:
+    shares = 10 if world.kind == "zenoh" else 1  # Zenoh announces each endpoint to every peer, which is slow
     node_count, topic_count = 100 // shares, 1000 // shares
     with world.context() as warm_up:
         Node("warm", context=warm_up).close()
@@ -131,11 +131,11 @@ async def test_a_hundred_nodes_and_a_thousand_topics_leave_nothing_behind(world:
         for node in nodes:
             node.close()
         await until(lambda: context._core.discovery.graph.topics() == [])
-    await until(lambda: is_nothing_left(before))
+    await until(lambda: are_resources_freed(before))
 
 
 @pytest.mark.every_transport
-async def test_create_and_close_many_times(world: World) -> None:
+async def test_creating_and_closing_entities_repeatedly_leaks_no_resources(world: World) -> None:
     times = 100 if world.kind == "zenoh" else 300
     node = world.node("n")
     peer = world.node("peer")
@@ -169,24 +169,24 @@ async def test_create_and_close_many_times(world: World) -> None:
         await asyncio.sleep(0)
     await until(is_at_rest)
     gc.collect()
-    await until(lambda: is_nothing_left(before))
+    await until(lambda: are_resources_freed(before))
     assert rss_kb() - memory < 10_000
     assert list(node._scope.owned.values()) == owned
 
 
 @pytest.mark.every_transport
-def test_contexts_can_be_opened_and_closed_again_and_again(world: World) -> None:
+def test_opening_and_closing_contexts_repeatedly_leaks_no_resources(world: World) -> None:
     world.context().close()
     gc.collect()
     before = resources()
     for _ in range(30):
         with world.context() as context:
             Node("n", context=context).create_publisher(Int32, "t")
-    wait_until(lambda: is_nothing_left(before))
+    wait_until(lambda: are_resources_freed(before))
 
 
 @pytest.mark.every_transport
-def test_nodes_in_threads_publish_until_they_are_closed(world: World) -> None:
+def test_ten_threads_can_create_nodes_publish_and_close(world: World) -> None:
     def work(context: Context, number: int) -> None:
         for _ in range(2):
             with Node(f"n{number}", context=context) as node:
@@ -238,10 +238,10 @@ async def test_soak_memory_stays_flat_under_traffic(dds: World) -> None:
     gc.collect()
     assert received > 1000
     assert rss_kb() - warm < 8_000
-    await until(lambda: is_nothing_left(counted))
+    await until(lambda: are_resources_freed(counted))
 
 
-async def test_a_slow_callback_gets_the_newest_messages(dds: World) -> None:
+async def test_slow_callback_with_queue_depth_one_receives_the_newest_messages(dds: World) -> None:
     alice, bob = dds.pair()
     lags: list[int] = []
     sent = 0
@@ -255,6 +255,6 @@ async def test_a_slow_callback_gets_the_newest_messages(dds: World) -> None:
     assert await publisher.wait_for_subscribers(timeout_s=5)
     for sent in range(1, 301):
         publisher.publish(Int32(data=sent))
-        await asyncio.sleep(0.001)  # the pace of a sender who waits for nobody
+        await asyncio.sleep(0.001)  # a sender that does not wait for the receiver
     assert max(lags) <= 1
     assert subscription.dropped > 200

@@ -33,16 +33,16 @@ def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
     return AddTwoInts.Response(sum=request.a + request.b)
 
 
-def exchange(node: Node, number: int, everyone: threading.Barrier) -> None:
+def exchange(node: Node, number: int, barrier: threading.Barrier) -> None:
     """Publish, call and receive; every message of every thread arrives once and in order, every call gets its reply."""
     publisher = node.create_publisher(String, "t", RELIABLE)
     subscription = node.create_subscription(String, "t", qos=RELIABLE)
     client = node.create_client(AddTwoInts, "add")
     client.wait_for_service_sync(timeout_s=20)
-    everyone.wait(30)
+    barrier.wait(30)
     publisher.wait_for_subscribers_sync(timeout_s=20, count=THREADS)
     subscription.wait_for_publishers_sync(timeout_s=20, count=THREADS)
-    everyone.wait(30)
+    barrier.wait(30)
     for count in range(MESSAGES):
         publisher.publish(String(data=f"{number} {count}"))
         response = client.call_sync(AddTwoInts.Request(a=1000 * number, b=count), timeout_s=20)
@@ -53,24 +53,24 @@ def exchange(node: Node, number: int, everyone: threading.Barrier) -> None:
         received[thread].append(count)
     assert received == {thread: list(range(MESSAGES)) for thread in range(THREADS)}
     assert subscription.take() is None and subscription.dropped == 0
-    everyone.wait(30)  # the others have received, too
+    barrier.wait(30)  # the others have received, too
 
 
 @pytest.mark.every_transport
-def test_eight_threads_that_publish_receive_and_call_lose_nothing(world: World) -> None:
-    context, everyone = world.context(), threading.Barrier(THREADS)
+def test_eight_threads_publish_receive_and_call_without_loss(world: World) -> None:
+    context, barrier = world.context(), threading.Barrier(THREADS)
     world.node("server", context=context).create_service(AddTwoInts, "add", add)
 
     def work(number: int) -> None:
         with Node(f"worker{number}", context=context) as node:
-            exchange(node, number, everyone)
+            exchange(node, number, barrier)
 
     in_threads(work)
 
 
 @pytest.mark.every_transport
-def test_eight_threads_beside_a_running_event_loop_lose_nothing(world: World) -> None:
-    everyone = threading.Barrier(THREADS)
+def test_eight_threads_and_a_running_event_loop_exchange_without_loss(world: World) -> None:
+    barrier = threading.Barrier(THREADS)
     server, context = world.node("server"), world.context()
 
     async def main() -> None:
@@ -84,13 +84,13 @@ def test_eight_threads_beside_a_running_event_loop_lose_nothing(world: World) ->
 
     def work(number: int) -> None:
         with Node(f"worker{number}", context=context) as node:
-            exchange(node, number, everyone)
+            exchange(node, number, barrier)
 
     asyncio.run(main())
 
 
 @pytest.mark.every_transport
-def test_eight_threads_share_a_publisher_a_client_and_a_subscription(world: World) -> None:
+def test_eight_threads_can_share_publisher_client_and_subscription(world: World) -> None:
     with LoopRunner() as runner:
         context = world.context(loop_runner=runner)
         node = world.node("n", context=context)
@@ -125,7 +125,7 @@ def test_eight_threads_share_a_publisher_a_client_and_a_subscription(world: Worl
 
 
 @pytest.mark.every_transport
-def test_nodes_that_eight_threads_make_and_close_leave_nothing_behind(world: World) -> None:
+def test_nodes_created_and_closed_by_eight_threads_leave_no_endpoints(world: World) -> None:
     context, observer = world.context(), world.node("observer")
     rounds = 2 if world.kind == "zenoh" else 5
 
@@ -152,7 +152,7 @@ def test_nodes_that_eight_threads_make_and_close_leave_nothing_behind(world: Wor
 
 
 @pytest.mark.every_transport
-def test_what_eight_threads_close_at_once_is_closed_once(
+def test_entities_closed_by_eight_threads_at_once_are_closed_once(
     world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
@@ -197,16 +197,16 @@ with ThreadPoolExecutor(8) as pool:
 """
 
 
-def test_default_context_of_a_process_is_open_for_each_node_of_eight_threads() -> None:
+def test_default_context_of_a_process_is_open_for_nodes_of_eight_threads() -> None:
     environment = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with python_process(DEFAULT_CONTEXT, **environment) as process:
         assert process.communicate(timeout=60) == ("", "") and process.returncode == 0
 
 
-# --- parts ------------------------------------------------------------------------------------------------------------
+# --- queues and indexes -----------------------------------------------------------------------------------------------
 
 
-def test_messages_that_a_full_queue_drops_and_those_that_are_taken_are_all_messages() -> None:
+def test_full_receive_queue_counts_every_dropped_message_across_threads() -> None:
     queue = ReceiveQueue(QoSProfile().keep_last(3))
     pushed, lock = 4000, threading.Lock()
 
@@ -228,7 +228,7 @@ def test_messages_that_a_full_queue_drops_and_those_that_are_taken_are_all_messa
     assert taken + queue.dropped + len(queue.items) == 2 * pushed and len(queue.items) <= 3
 
 
-def test_latest_loses_no_message_that_arrives_during_the_call(memory: World) -> None:
+def test_latest_returns_a_message_that_arrives_during_an_earlier_call(memory: World) -> None:
     node = memory.node("n")
     publisher = node.create_publisher(Int32, "t", RELIABLE)
     subscription = node.create_subscription(Int32, "t", qos=RELIABLE)
@@ -250,7 +250,7 @@ def endpoint(number: int, topic: int) -> DiscoveredEndpoint:
     return DiscoveredEndpoint(number.to_bytes(16, "big"), bytes(16), number % 2 == 0, key, "a/msg/B", QoSProfile())
 
 
-def test_endpoints_that_eight_threads_add_and_remove_are_found_by_topic() -> None:
+def test_endpoint_index_is_consistent_after_changes_by_eight_threads() -> None:
     index = EndpointIndex()
     cache = MatchCache(index, lambda topic: tuple(index.endpoints_on(TopicKey("topic", str(topic)), writers=True)))
 
@@ -276,7 +276,7 @@ def test_endpoints_that_eight_threads_add_and_remove_are_found_by_topic() -> Non
     assert cache.get("/t0") == tuple(index.endpoints_on(TopicKey("topic", "/t0"), writers=True))
 
 
-def test_result_of_an_older_version_is_not_cached_for_a_newer_one() -> None:
+def test_match_cache_does_not_store_results_of_an_older_version() -> None:
     index = EndpointIndex()
 
     def check(_: Hashable) -> int:

@@ -54,11 +54,11 @@ async def result(process: subprocess.Popen[str]) -> dict[str, Any]:
     assert process.stdout is not None and process.stderr is not None
     line = await asyncio.to_thread(process.stdout.readline)
     assert line, process.stderr.read()
-    told: dict[str, Any] = json.loads(line)
-    return told
+    report: dict[str, Any] = json.loads(line)
+    return report
 
 
-async def test_keep_all_loses_nothing_between_two_processes(network: World) -> None:
+async def test_keep_all_delivers_every_message_between_two_processes(network: World) -> None:
     publisher = network.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
     with counter(0.05) as process:
         assert await publisher.wait_for_subscribers(timeout_s=10)
@@ -69,7 +69,7 @@ async def test_keep_all_loses_nothing_between_two_processes(network: World) -> N
     assert publisher.dropped == 0
 
 
-async def test_publishing_from_many_threads_loses_nothing_between_two_processes(network: World) -> None:
+async def test_messages_of_several_threads_arrive_completely_and_in_order_in_another_process(network: World) -> None:
     publisher: Publisher[Int32] = network.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
     each = COUNT // THREADS
     begin = threading.Barrier(THREADS)
@@ -83,10 +83,10 @@ async def test_publishing_from_many_threads_loses_nothing_between_two_processes(
         assert await publisher.wait_for_subscribers(timeout_s=10)
         with ThreadPoolExecutor(THREADS) as pool:
             publishing = pool.map(publish, range(0, COUNT, each))
-            told = await result(process)
+            report = await result(process)
             list(publishing)
-    assert told["dropped"] == 0
-    assert sorted(told["seen"]) == list(range(COUNT))
-    for number in range(THREADS):  # and what one thread sends stays in order
+    assert report["dropped"] == 0
+    assert sorted(report["seen"]) == list(range(COUNT))
+    for number in range(THREADS):  # messages of one thread stay in order
         own = range(number * each, (number + 1) * each)
-        assert [value for value in told["seen"] if value in own] == list(own)
+        assert [value for value in report["seen"] if value in own] == list(own)

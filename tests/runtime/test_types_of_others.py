@@ -1,4 +1,4 @@
-"""Definitions that only one process has; another one reads its topic, calls its service, sends it a goal."""
+"""Types that only one process defines; another process uses its topic, service and action."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def robot(network: World) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("robot")
-async def test_what_only_another_process_defines_can_be_used(network: World) -> None:
+async def test_types_defined_only_in_another_process_are_resolved_and_used(network: World) -> None:
     with pytest.raises(TypeNotFoundError):
         get_message("robot_only_msgs/msg/Note")
     node = network.node("stranger")

@@ -1,4 +1,4 @@
-"""Types that a type checker infers: messages, not Any."""
+"""Types that a type checker infers: message classes instead of Any."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def wrong_bag(reader: BagReader) -> None:
 
 
 @pytest.mark.needs("mypy")
-def test_inference_and_wrong_types_under_strict_mypy(tmp_path: Path) -> None:
+def test_strict_mypy_infers_message_types_and_reports_wrong_types(tmp_path: Path) -> None:
     path = tmp_path / "program.py"
     path.write_text(PROGRAM + WRONG)
     command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--follow-imports=silent", str(path)]

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize("bad", [MemoryTransport, 5, "memory"])
-def test_a_transport_is_an_object(bad: Any) -> None:
+def test_transport_must_be_a_transport_object_or_name(bad: Any) -> None:
     with pytest.raises(TypeError, match=r"transport must be .* a transport object such as MemoryTransport\(\), got"):
         Context(transport=bad)
 
 
-def test_a_transport_is_no_context(memory: World) -> None:
+def test_context_argument_of_node_must_be_a_context(memory: World) -> None:
     for bad in (MemoryTransport(), 0, Context):
         with pytest.raises(TypeError, match=r"context must be a Context, such as Context\(transport=\.\.\.\), got"):
             Node("n", context=bad)  # type: ignore[arg-type]
@@ -38,7 +38,7 @@ def test_a_transport_is_no_context(memory: World) -> None:
 
 
 @pytest.mark.parametrize("bad", [None, 5, "", "bad name", "/a//b/n", "/ns/"])
-async def test_what_is_waited_for_is_a_node_name(memory: World, bad: Any) -> None:
+async def test_wait_for_node_refuses_invalid_node_names(memory: World, bad: Any) -> None:
     with pytest.raises(InvalidNameError):
         await memory.node("n").wait_for_node(bad, timeout_s=0.01)
 
@@ -53,7 +53,7 @@ async def test_what_is_waited_for_is_a_node_name(memory: World, bad: Any) -> Non
     ],
     ids=["publisher", "subscription", "service", "client"],
 )
-def test_endpoints_refuse_unknown_policies(memory: World, create: Callable[[Node, Any], object]) -> None:
+def test_entities_refuse_invalid_qos(memory: World, create: Callable[[Node, Any], object]) -> None:
     node = memory.node("n")
     for bad in (QoSProfile(reliability=Reliability.UNKNOWN), "best_effort", 1.5):
         with pytest.raises(InvalidQoSError):
@@ -62,7 +62,7 @@ def test_endpoints_refuse_unknown_policies(memory: World, create: Callable[[Node
 
 
 @pytest.mark.parametrize("bad", [5, 1.5, True, "--ros-args", b"x", object()])
-def test_args_are_a_list_of_texts(bad: Any) -> None:
+def test_args_must_be_a_list_of_strings(bad: Any) -> None:
     with pytest.raises(TypeError, match=r"args must be a list of arguments such as \['program', '--ros-args'\], got"):
         Context(args=bad, transport=MemoryTransport())
     with pytest.raises(TypeError, match="args must be texts, got 5"):
@@ -76,7 +76,7 @@ def test_args_may_be_an_iterator() -> None:
 
 
 @pytest.mark.parametrize("discovery", ["LOCALHOST", "localhost", "Localhost"])
-def test_discovery_is_taken_in_any_case(monkeypatch: pytest.MonkeyPatch, discovery: str) -> None:
+def test_discovery_argument_is_case_insensitive(monkeypatch: pytest.MonkeyPatch, discovery: str) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")  # the argument wins, or the guard fails
     with Context(discovery=discovery) as context:
         assert not context.is_closed
@@ -89,14 +89,14 @@ def test_an_unknown_discovery_is_refused(bad: Any) -> None:
 
 
 @pytest.mark.parametrize("number", [np.int64(91), np.uint8(91), 91])
-def test_a_domain_id_is_any_integer(number: Any) -> None:
+def test_domain_id_may_be_any_integer_type(number: Any) -> None:
     with Context(number, transport=MemoryTransport()) as context:
         assert context.domain_id == 91
         assert type(context.domain_id) is int
 
 
 @pytest.mark.parametrize("bad", [True, np.bool_(True), -1, np.int64(233), 1.0, np.float64(1), "5", np.arange(3)])
-def test_other_domain_ids_are_refused(bad: Any) -> None:
+def test_invalid_domain_ids_are_refused(bad: Any) -> None:
     with pytest.raises(EnvironmentSettingError, match="domain_id must be a whole number from 0 to 232"):
         Context(bad, transport=MemoryTransport())
 
@@ -113,7 +113,7 @@ INTERNAL_ERRORS = {"AttachmentError", "RefusedError", "RequestTimedOutError", "V
 OF_OTHER_MODULES = {"DefinitionError", "ExtraMissingError", "YamlError", "ZenohConfigError"}
 
 
-def test_every_error_of_the_runtime_can_be_imported_from_it() -> None:
+def test_every_error_of_the_runtime_is_exported() -> None:
     errors = {
         value
         for module in modules()

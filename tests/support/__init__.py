@@ -1,1 +1,1 @@
-"""Helpers that tests share. Those with a `main` are commands: ``python tests/support/record_public_api.py``."""
+"""Helpers that tests share. Modules with a `main` are commands: ``python tests/support/record_public_api.py``."""

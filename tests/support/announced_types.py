@@ -58,7 +58,7 @@ class Told:
         )
 
     def announce(self, node: Node, topic: str, part: str = "", announced: str | None = None) -> None:
-        """A writer, or the reader of requests, that carries the type, or a part of it."""
+        """Announce a writer, or the reader of requests, that carries the type or a derived type."""
         name = self.name + part
         told = self.library.type_hash(name) if announced is None else announced
         raw_endpoints.announce(node, topic, wire_type(name), told, is_writer="Request" not in part)
@@ -91,7 +91,7 @@ def fresh(text: str = "int32 x 5\nstring LABEL=deep", kind: str = "msg", **other
 
 
 def teller(world: World, name: str, answer: Callable[[Any], Any] | None) -> Node:
-    """A node that answers for its types in its own way, or has no such service."""
+    """Return a node whose type description service is replaced, or that has no such service."""
     node = world.node(name, parameter_overrides=SERVICE_OFF)
     if answer is not None:
         node.create_service(GetTypeDescription, "~/get_type_description", answer)

@@ -1,4 +1,4 @@
-"""Damages recordings and checks what readers make of them: the messages that are intact, or one of our errors.
+"""Damage recordings, and check that readers return the intact messages or raise one of our errors.
 
 The tests run a few hundred cases; all of them, with figures:
 ``python tests/support/bag_damage.py mutations --count 10000``,
@@ -45,7 +45,7 @@ def text(number: int) -> str:
 
 
 def recording(path: Path, count: int, compression: str = "zstd", chunk: int = 40) -> bytes:
-    """A file of chunks of so many messages, of two topics."""
+    """Write a file of chunks with `count` messages of two topics."""
     with BagWriter(path, compression=compression) as writer:
         for number in range(count):
             writer.write(f"/t{number % 2}", String(data=text(number)), number)
@@ -55,7 +55,7 @@ def recording(path: Path, count: int, compression: str = "zstd", chunk: int = 40
 
 
 def chunks(data: bytes) -> list[tuple[int, int]]:
-    """Begin and end of each chunk record."""
+    """Return begin and end of each chunk record."""
     at, places = 8, []
     while at + 9 <= len(data):
         opcode, length = struct.unpack_from("<BQ", data, at)
@@ -66,7 +66,7 @@ def chunks(data: bytes) -> list[tuple[int, int]]:
 
 
 def zeroed_chunk(path: Path, number: int, *, has_index: bool = True, compression: str = "zstd") -> tuple[int, int]:
-    """A file with a chunk whose content is zeros; returns where it is."""
+    """Write a file with a chunk whose content is zeros; return begin and end of the chunk."""
     data = bytearray(recording(path, COUNT, compression))
     begin, end = chunks(bytes(data))[number]
     data[begin + 100 : end] = bytes(end - begin - 100)
@@ -124,7 +124,7 @@ def mutated(data: bytes, dice: random.Random) -> bytes:
 
 
 def mutations(folder: Path, count: int, seed: int = 1) -> dict[str, int]:
-    """Read mutated files; the figures are how many were read, and how."""
+    """Read mutated files, and return figures about the results."""
     dice, figures = random.Random(seed), Counter[str]()
     files = [
         recording(folder / f"{compression or 'none'}.mcap", 400, compression) for compression in ("", "zstd", "lz4")

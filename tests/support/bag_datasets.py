@@ -1,4 +1,4 @@
-"""Small bags, and what is in datasets of them."""
+"""Small bags, and the contents of datasets made from them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ String: Any = get_message("std_msgs/msg/String")
 
 
 def bag_of(path: Path, *numbers: int, text: str = "", **options: Any) -> Path:
-    """A bag with a message for each number, at ten times the number."""
+    """Write a bag with a message for each number, at ten times the number."""
     path.unlink(missing_ok=True)
     with BagWriter(path, **options) as made:
         for number in numbers:
@@ -28,7 +28,7 @@ def bag_of(path: Path, *numbers: int, text: str = "", **options: Any) -> Path:
 
 
 def rows(out: Path | str, topic: str = "n") -> list[tuple[str, int]]:
-    """Bag and value of all rows of a dataset, sorted, so that one which is twice there is found."""
+    """Return bag and value of all rows of a dataset, sorted, so that duplicates are visible."""
     system, root = fsspec.core.url_to_fs(str(out))
     found = []
     for path in system.glob(f"{root}/topic=%2F{topic}/*/*.parquet"):
@@ -39,5 +39,5 @@ def rows(out: Path | str, topic: str = "n") -> list[tuple[str, int]]:
 
 
 def said(report: DatasetsReport) -> tuple[list[str], list[str], list[str]]:
-    """Bags that were written, left as they were, and that failed."""
+    """Return the names of bags that were written, that were unchanged, and that failed."""
     return sorted(report.files), sorted(report.unchanged), sorted(report.failed)

@@ -81,7 +81,7 @@ def copy_to_sqlite(source: Path, path: Path) -> Path:
 
 
 _COMPRESSION = CompressionType.ZSTD if find_spec("zstandard") else CompressionType.NONE
-"""Compression of `mcap` by default, where zstandard can be had for this Python."""
+"""Default compression of `mcap`, if zstandard is available for this Python."""
 
 
 def write_foreign(path: Path, *channels: tuple[str, str, str, Iterable[tuple[int, bytes]]], **options: Any) -> Path:
@@ -118,7 +118,7 @@ def require_error(path: Path, text: str, **options: Any) -> None:
 
 @contextmanager
 def memory_limit(max_bytes: int) -> Iterator[None]:
-    """Fail if Python has allocated more in the meantime."""
+    """Fail if Python allocates more memory inside the block."""
     tracemalloc.start()
     try:
         yield

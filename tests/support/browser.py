@@ -51,7 +51,7 @@ class Browser:
         return self._ask("POST", "/execute/sync", {"script": script, "args": []})
 
     def wait_for(self, script: str, timeout_s: float = 20) -> Any:
-        """Run until the result is true in JavaScript's eyes; that result."""
+        """Run a script until its result is truthy in JavaScript, and return the result."""
         deadline = time.monotonic() + timeout_s
         while not (result := self.run(script)):
             assert time.monotonic() < deadline, f"never true: {script}"
@@ -59,7 +59,7 @@ class Browser:
         return result
 
     def resize(self, width: int, height: int, color_scheme: str = "light") -> None:
-        """Show pages as a screen of this size in pixels does that prefers "light" or "dark"."""
+        """Emulate a screen of a size in pixels that prefers the scheme "light" or "dark"."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self._devtools("Emulation.setDeviceMetricsOverride", size)
         feature = {"name": "prefers-color-scheme", "value": color_scheme}
@@ -88,7 +88,7 @@ class Browser:
 
 @contextlib.contextmanager
 def open_browser(home: Path) -> Iterator[Browser]:
-    """Start one; without Chromium the test is skipped, or fails where ROSIDL_TEST_REQUIRE_PEERS is set."""
+    """Start a browser; without Chromium the test is skipped, or fails where ROSIDL_TEST_REQUIRE_PEERS is set."""
     if not (shutil.which("chromium") and shutil.which("chromedriver")):
         missing_peer("needs Debian's packages chromium and chromium-driver")
     environment = {**os.environ, "HOME": str(home)}

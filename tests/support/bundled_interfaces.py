@@ -21,7 +21,7 @@ _SEARCH = (str(INTERFACES),)
 
 @dataclass(frozen=True)
 class Vector:
-    """Bytes another implementation wrote, and the plain value it wrote them from."""
+    """Bytes that another implementation wrote, and the plain value that they encode."""
 
     type: str
     value: dict[str, Any]
@@ -54,7 +54,7 @@ def reference() -> Reference:
 
 @lru_cache(maxsize=1)
 def message_names() -> tuple[str, ...]:
-    """Every message in `library`, those of services and actions included."""
+    """Return the names of all messages in `library`, including the messages of services and actions."""
     names = select(library(), [])
     check(library(), names)
     raise_diagnostics(library())
@@ -63,5 +63,5 @@ def message_names() -> tuple[str, ...]:
 
 
 def message(name: str) -> type[Message]:
-    """The class of any message in `library`."""
+    """Return the class of a message in `library`."""
     return get_message(name, path=_SEARCH)

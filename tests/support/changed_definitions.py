@@ -1,4 +1,4 @@
-"""Random worlds of definitions, and what became of them: fields gone, moved, renamed, of other types, and more."""
+"""Random sets of definitions, and changed ones: fields removed, added, moved, renamed or of other types."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @st.composite
 def changed_worlds(draw: st.DrawFn) -> tuple[World, World, Reference, dict[str, Any]]:
-    """A world, what became of it, and a value of its top type."""
+    """Draw a set of definitions, a changed set, and a value of the old top type."""
     world = draw(worlds(nasty=False))
     last = len(world.texts) - 1
     chosen = draw(st.sampled_from((last, last, draw(st.integers(0, last)))))

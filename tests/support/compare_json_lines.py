@@ -12,7 +12,7 @@ DIGITS = 1e-9
 
 
 def unlike(expected: list[str], found: list[str]) -> list[int]:
-    """The numbers of the lines that say something else."""
+    """Return the numbers of the lines that differ."""
     assert len(expected) == len(found)
     return [at for at, pair in enumerate(zip(expected, found, strict=True)) if not _alike(*map(json.loads, pair))]
 

@@ -122,19 +122,19 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
     "Zenoh": {
         "Humble": {
             "topics": Cell(
-                "bytes", (f"{_HUMBLE_ZENOH}test_topics_and_services_of_humble_work_both_ways_in_its_format",)
+                "bytes", (f"{_HUMBLE_ZENOH}test_humble_format_exchanges_topics_and_services_in_both_directions",)
             ),
             "services": Cell(
-                "bytes", (f"{_HUMBLE_ZENOH}test_topics_and_services_of_humble_work_both_ways_in_its_format",)
+                "bytes", (f"{_HUMBLE_ZENOH}test_humble_format_exchanges_topics_and_services_in_both_directions",)
             ),
             "actions": Cell(
                 "bytes",
                 (
-                    f"{_HUMBLE_ZENOH}test_a_goal_for_a_server_of_humble",
-                    f"{_HUMBLE_ZENOH}test_a_goal_of_a_client_of_humble",
+                    f"{_HUMBLE_ZENOH}test_action_client_works_with_humble_server",
+                    f"{_HUMBLE_ZENOH}test_action_server_works_with_humble_client",
                 ),
             ),
-            "graph": Cell("bytes", (f"{_HUMBLE_ZENOH}test_humble_reads_every_token_of_its_format",)),
+            "graph": Cell("bytes", (f"{_HUMBLE_ZENOH}test_all_tokens_of_humble_format_are_readable_by_humble",)),
             "type hash": NOT_SUPPORTED,
             "security": NOT_SUPPORTED,
         },
@@ -144,20 +144,22 @@ CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
             "topics": Cell(
                 "bytes",
                 (
-                    f"{_LYRICAL_ZENOH}test_a_publisher_of_lyrical_reaches_our_subscriptions",
-                    f"{_LYRICAL_ZENOH}test_our_publishers_reach_subscriptions_of_lyrical",
+                    f"{_LYRICAL_ZENOH}test_subscription_receives_samples_of_lyrical_publisher",
+                    f"{_LYRICAL_ZENOH}test_own_publisher_reaches_lyrical_subscription",
                 ),
             ),
             "graph": Cell(
-                "bytes", (f"{_LYRICAL_ZENOH}test_only_volatile_subscriptions_of_such_messages_say_what_they_take",)
+                "bytes", (f"{_LYRICAL_ZENOH}test_only_volatile_byte_subscriptions_announce_the_cpu_backend",)
             ),
-            "type hash": Cell("bytes", (f"{_DEFINITIONS}test_an_event_of_lyrical_is_not_misread[zenoh",)),
+            "type hash": Cell(
+                "bytes", (f"{_DEFINITIONS}test_message_of_lyrical_definition_is_converted_and_logged[zenoh",)
+            ),
             "security": NOT_SUPPORTED,
             "lifecycle": Cell(
                 "bytes",
                 (
                     "tests/runtime/lifecycle/test_lifecycle.py::"
-                    "test_events_of_lyrical_have_its_definition_with_time_and_transition[zenoh",
+                    "test_transition_events_of_lyrical_contain_stamp_and_transition[zenoh",
                 ),
             ),
         },

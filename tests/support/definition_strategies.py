@@ -71,7 +71,7 @@ class World:
 
     @property
     def text(self) -> str:
-        """The ros2msg text of the top type."""
+        """Return the ros2msg text of the top type."""
         parts = [self.texts[-1][1]]
         for name, text in self.texts[:-1]:
             parts.append("=" * 80 + f"\nMSG: {name.replace('/msg/', '/')}\n{text}")
@@ -100,7 +100,7 @@ class World:
 
 @functools.cache
 def numbers(kind: str) -> st.SearchStrategy[Any]:
-    """A scalar of a primitive type."""
+    """Return a strategy for scalars of a primitive type."""
     if kind == "bool":
         return st.booleans()
     if kind in FLOATS:
@@ -167,7 +167,7 @@ _YES_OR_NO = st.booleans()
 
 @st.composite
 def values(draw: st.DrawFn, reference: Reference, name: str) -> dict[str, Any]:
-    """A plain value of a message."""
+    """Draw a plain value of a message."""
     result: dict[str, Any] = {}
     for item in reference.definition(name).fields:
         result[item.name] = draw(_value(reference, item.type))

@@ -47,7 +47,7 @@ def require(module: str) -> None:
 
 
 def environment(name: str, requirements: Sequence[str]) -> Path:
-    """The Python of a virtual environment that has `requirements`, made now if there is none.
+    """Return the Python of a virtual environment with `requirements`; create it if it does not exist.
 
     Call it from a session fixture: pytest then remembers that it skipped, and an index out of reach is asked once.
 
@@ -81,7 +81,7 @@ def rclpy_python(name: str = "jazzy") -> Path:
 
 
 def kept(name: str, sources: Sequence[Path], make: Callable[[Path], None]) -> Path:
-    """A folder that `make` has filled, now or in an earlier run with the same sources, compiler and headers."""
+    """Return a folder that `make` filled, now or in an earlier run with equal sources, compiler and headers."""
     compiler = subprocess.run(["g++", "--version"], capture_output=True).stdout
     headers = [Path("/usr/include", one) for one in ("dds", "fastcdr", "fastrtps")]
     stamps = [(one.name, one.stat().st_mtime_ns if one.exists() else 0) for one in headers]

@@ -42,7 +42,7 @@ class Viewer:
         self.reading: asyncio.Task[None] | None = None
 
     async def read(self) -> None:
-        """Take what comes, until the server closes."""
+        """Handle received messages until the server closes."""
         with suppress(ConnectionClosed):
             async for message in self.connection:
                 self._take(message)
@@ -86,7 +86,7 @@ class Viewer:
         return [said for said in self.said if said["op"] == op]
 
     def warnings(self) -> str:
-        """All status messages."""
+        """Return all status messages as text, without replies to `handled`."""
         return "\n".join(text for text in self._warned() if "assets" not in text)
 
     async def send(self, op: str, **fields: Any) -> None:
@@ -101,7 +101,7 @@ class Viewer:
         return channel
 
     async def handled(self) -> str:
-        """Wait until the server has handled what was sent; all status messages."""
+        """Wait until the server has handled the sent messages, and return all status messages."""
         before = len(self.said)
         await self.send("fetchAsset", uri="", requestId=0)  # refused, but in its turn
         await self.until(lambda: any("assets" in text for text in self._warned(before)))
@@ -116,11 +116,11 @@ class Viewer:
         await self.send("advertise", channels=[told])
 
     async def publish(self, channel: int, data: bytes) -> None:
-        """Send a message on it."""
+        """Send a message on the channel."""
         await self.connection.send(struct.pack("<BI", 1, channel) + data)
 
     async def call(self, service: str, request: bytes, number: int = 1) -> bytes | str:
-        """The response, or why it failed."""
+        """Call a service; return the response or the error text."""
         known = await self.until(lambda: self.services.get(service))
         await self.connection.send(struct.pack("<BIII", 2, known["id"], number, 3) + b"cdr" + request)
 
@@ -131,7 +131,7 @@ class Viewer:
         return self.responses[number] if number in self.responses else failure()[0]
 
     async def parameters(self, op: str = "getParameters", **fields: Any) -> dict[str, Any]:
-        """Ask for parameters, or set some; what is answered."""
+        """Get or set parameters, and return the reply."""
         number = f"ask{len(self.said)}"
         await self.send(op, id=number, **fields)
         answer = await self.until(lambda: [one for one in self.of("parameterValues") if one.get("id") == number])
@@ -163,7 +163,7 @@ def foxglove_options(**settings: Any) -> FoxgloveOptions:
 
 @asynccontextmanager
 async def served(**settings: Any) -> AsyncIterator[tuple[Server, str]]:
-    """A server with these options, and its address."""
+    """Start a server with these options, and yield it with its address."""
 
     async def nothing(*_: Any) -> dict[str, Any]:
         return {}

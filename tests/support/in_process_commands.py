@@ -54,7 +54,7 @@ class _Captured(BaseException):
 
 
 class Command:
-    """A command under way, with what tests use of `asyncio.subprocess.Process`."""
+    """Running command, with the part of the API of `asyncio.subprocess.Process` that tests use."""
 
     def __init__(
         self, job: ros_cli.AsyncCommand | None, streams: dict[str, asyncio.StreamReader], code: int | None
@@ -110,7 +110,7 @@ class Command:
 
 
 def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], stdin: str) -> Command:
-    """Begin a command in a world of memory."""
+    """Start a command in a world of memory."""
 
     @contextmanager
     def listening(network: command_node.NetworkOptions) -> Iterator[None]:

@@ -43,7 +43,7 @@ def read(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> tuple[
 
 
 def parse(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> Interface:
-    """Parse one definition that must be right."""
+    """Parse one definition that must be valid."""
     interface, problems = read(text, name, format)
     assert not problems, problems
     assert interface is not None
@@ -51,7 +51,7 @@ def parse(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> Inter
 
 
 def message(text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> MessageDef:
-    """Parse one message that must be right."""
+    """Parse one message that must be valid."""
     found = parse(text, name, format)
     assert isinstance(found, MessageDef)
     return found
@@ -82,7 +82,7 @@ def texts(definitions: Mapping[str, str]) -> InterfaceRegistry:
 
 
 def source_of(definitions: Mapping[str, str]) -> str:
-    """The generated module of the first definition."""
+    """Return the generated module of the first definition."""
     library = texts(definitions)
     chosen = split_ros_name(next(iter(definitions)))
     return module_source(library, chosen, LayoutPlanner(library.message), Target("", lambda _: None, library.type_hash))
@@ -109,7 +109,7 @@ def run(folder: Path, out: Path, wanted: list[str] | None = None) -> GenerationR
 
 @contextmanager
 def importable(out: Path) -> Iterator[None]:
-    """Generated packages in `out` can be imported inside the block and are forgotten behind it."""
+    """Make generated packages in `out` importable inside the block, and forget them afterwards."""
     out, before = out.absolute(), set(sys.modules)
     sys.path.insert(0, str(out))
     importlib.invalidate_caches()
@@ -124,7 +124,7 @@ def importable(out: Path) -> Iterator[None]:
 
 
 def python(code: str, *, cwd: Path | None = None, **environment: str) -> str:
-    """The output of a new Python process that runs `code`; it must succeed."""
+    """Return the output of a new Python process that runs `code`; the process must succeed."""
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=cwd,
@@ -154,7 +154,7 @@ def assert_clean(out: Path) -> None:
 
 
 def mypy(out: Path, *arguments: str) -> None:
-    """Strict mypy over packages in `out`, or over files that use them."""
+    """Run strict mypy over packages in `out`, or over files that use them."""
     require("mypy")
     command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--config-file", "", *arguments]
     environment = {**os.environ, "MYPYPATH": str(out)}

@@ -88,7 +88,7 @@ _AXES = (
 
 @st.composite
 def robots(draw: Any) -> tuple[str, dict[str, float]]:
-    """URDF of a random tree, and positions of those of its movable joints that mimic no other."""
+    """Draw the URDF of a random tree, and positions of its movable joints that do not mimic another joint."""
     count = draw(st.integers(0, 12))
     elements = [f'<link name="link{number}"/>' for number in range(count + 1)]
     movable: list[str] = []

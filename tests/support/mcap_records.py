@@ -235,7 +235,7 @@ def random_files(draw: Any, for_sqlite: bool = False) -> RandomFile:
 
 
 def read_contents(path: Path) -> Contents:
-    """Return the contents of a file by the package `mcap`: of the index, where it has one."""
+    """Return the contents of a file as the package `mcap` reads them, by the index if there is one."""
     contents = Contents()
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}

@@ -115,12 +115,12 @@ def new_domain_id() -> int:
 
 @functools.cache
 def domain_id() -> int:
-    """The domain of this test process, so that runs side by side do not hear each other."""
+    """Return the domain of this test process, so that parallel runs do not discover each other."""
     return new_domain_id()
 
 
 def second_domain_id() -> int:
-    """Another domain of this test process alone."""
+    """Return a second domain that only this test process uses."""
     return domain_id() + DOMAINS
 
 
@@ -220,7 +220,7 @@ class World:
         return node
 
     def pair(self) -> tuple[Node, Node]:
-        """Two nodes in two contexts."""
+        """Return two nodes in two contexts."""
         return self.node("alice"), self.node("bob")
 
     async def connected(
@@ -284,7 +284,7 @@ network = world
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Say on what tests run that have a `world` or a `network`; `transports` has the rule."""
+    """Parametrize tests that have a `world` or a `network` with transports; `transports` has the rule."""
     refusal = metafunc.definition.get_closest_marker("without_zenoh")
     if "world" in metafunc.fixturenames:
         metafunc.parametrize("world", transports(metafunc), indirect=True)
@@ -293,7 +293,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def transports(metafunc: pytest.Metafunc) -> list[str]:
-    """Those of a test with a `world`: memory, where nothing depends on the machine, and all where it matters.
+    """Return the transports of a test with a `world`: memory, or all if transports may behave differently.
 
     Marked `every_transport` are tests of delivery, order, matching, quality of service, discovery, loss, matching of
     replies to requests, and closing, and one journey of each feature. With `--all-transports` the others run
@@ -349,7 +349,7 @@ async def until(condition: Callable[[], object], timeout_s: float = 20) -> None:
 
 
 def wait_until(condition: Callable[[], object], timeout_s: float = 20) -> None:
-    """`until` in plain code."""
+    """Wait as `until` does, in code without an event loop."""
     deadline = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < deadline, "never happened"
@@ -428,7 +428,7 @@ def entity(owner: Any, name: str) -> Any:
 
 
 async def take(stream: Any) -> Any:
-    """The next item."""
+    """Return the next item."""
     return await asyncio.wait_for(stream.__anext__(), 20)
 
 

@@ -15,7 +15,7 @@ _SWITCH_INTERVAL_S = 1e-5
 
 
 def in_threads(work: Callable[[int], T], count: int = THREADS, timeout_s: float = 60) -> list[T]:
-    """Return the results of `work`, which gets the number of its thread; raises what the first failed thread raised."""
+    """Return the results of `work`, called with a thread number; raise the error of the first failed thread."""
     barrier, interval_s = threading.Barrier(count), sys.getswitchinterval()
 
     def start(number: int) -> T:

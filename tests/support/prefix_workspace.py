@@ -196,7 +196,7 @@ def write_workspace(folder: Path) -> None:
 
 
 def listing(prefix: Path) -> dict[str, Any]:
-    """Return what programs of ROS read of a prefix; what only builds and shells need is left out."""
+    """Return the files of a prefix that programs of ROS read; files that only builds and shells need are skipped."""
     index = prefix / "share/ament_index/resource_index"
     hidden = ("parent_prefix_path", "package_run_dependencies")
     resources = {
@@ -256,7 +256,7 @@ def _entry_points(site: Path) -> dict[str, dict[str, dict[str, str]]]:
 
 
 def answers(python: str, prefix: Path, environment: dict[str, str]) -> Any:
-    """Return what ament_index_python says about a prefix."""
+    """Return the results of ament_index_python for a prefix."""
     command = [python, "-c", f"PACKAGES = {PACKAGES}\n{_QUESTIONS}"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return json.loads(done.stdout.replace(str(prefix), "PREFIX"))

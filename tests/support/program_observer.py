@@ -1,4 +1,4 @@
-"""A program watched from outside: what it shows in the graph, and traffic for all of that. For `run_others`."""
+"""Observation of a program from outside: its part of the graph, and traffic for all its endpoints. For `run_others`."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Seen:
 
 
 async def watch(command: Sequence[str], cwd: Path, environment: dict[str, str], domain: int, paths: list[str]) -> Seen:
-    """Run it once, from start to SIGINT, or to its own end."""
+    """Run the program once, from start to SIGINT, or until it exits."""
     with Context(domain_id=domain, discovery="localhost") as context:
         async with Node("others_watch", context=context, enable_rosout=False) as node:
             pipe, (keys, terminal) = asyncio.subprocess.PIPE, os.openpty()
@@ -105,7 +105,7 @@ class _Watcher:
             task.cancel()
 
     async def until_quiet(self, ended: asyncio.Future[Any]) -> None:
-        """Until nothing new comes up; services are called one after another once all endpoints are there."""
+        """Wait until no new endpoint appears; services are called one after another once all endpoints exist."""
         await self._settle(ended)
         while self._to_call and not ended.done():
             calls, self._to_call = sorted(self._to_call), []
@@ -117,7 +117,7 @@ class _Watcher:
         self.seen.answered.sort(key=str)
 
     async def _settle(self, ended: asyncio.Future[Any]) -> None:
-        """Until nothing new has come up for a while, and what is under way is done."""
+        """Wait until no new endpoint has appeared for a while, and running traffic has finished."""
         began = changed = time.monotonic()
         published = 0
         while not ended.done():
@@ -271,7 +271,7 @@ def sample(type_: str, paths: list[str]) -> Any:
 
 
 def _filled(message: Any, text: str = "1") -> Any:
-    """Numbers and texts of the message itself that are still zero become something."""
+    """Fill numbers and texts of the message that are still zero."""
     for name in getattr(type(message), "__slots__", ()):
         value = getattr(message, name, None)
         for kind, other in ((bool, True), (int, 3), (float, 1.0), (str, text)):

@@ -15,13 +15,13 @@ SETUP_CFG = "[develop]\nscript_dir=$base/lib/{0}\n[install]\ninstall_scripts=$ba
 
 
 def started(*command: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
-    """A process that ended."""
+    """Run a process to its end."""
     environment = {**os.environ, **settings}
     return subprocess.run([*map(str, command)], capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
 
 
 def run(*arguments: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
-    """A ``rosidl-py run`` that ended."""
+    """Run ``rosidl-py run`` to its end."""
     return started(*RUN, *arguments, cwd=cwd, **settings)
 
 

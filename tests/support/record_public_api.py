@@ -34,7 +34,7 @@ _STATEMENTS = {"__enter__": "with", "__aenter__": "async with", "__iter__": "for
 
 
 def face() -> str:
-    """The whole record."""
+    """Return the whole record."""
     package = griffe.load(PACKAGE, search_paths=[str(ROOT)], try_relative_path=False)
     pages = {page.name: page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/reference/api").glob("*.md"))}
     public = {name.rpartition(".")[2] for text in pages.values() for name, _ in _SHOWN.findall(text)}
@@ -115,7 +115,7 @@ def _constructor(found: Any) -> str:
 
 
 def _members(found: Any, settings: dict[str, Any], *, every: bool) -> list[tuple[str, Any]]:
-    """Those the page shows: what has a docstring and no underscore, and blocking forms (`_sync`) of that."""
+    """Return members that the page shows: with docstring, without underscore, and their forms with `_sync`."""
     inherited = settings.get("inherited_members", True)
     known = found.all_members if inherited is True else {*found.members, *inherited}
     chosen = [name for name in settings.get("members", known) if not name.startswith("_")]
@@ -139,7 +139,7 @@ def _untold(found: Any, settings: dict[str, Any]) -> list[str]:
 
 
 def _awaitable(name: str, named: dict[str, Any]) -> str:
-    """The method that `name` is the blocking form of, whose docstring is that of both."""
+    """Return the async method whose blocking form is `name`, or `name` if there is none."""
     form = name.removesuffix("_sync")
     return form if form in named else name
 
@@ -178,7 +178,7 @@ def _commands(name: str, command: click.Command) -> Iterator[str]:
 
 
 def _parameter(parameter: click.Parameter) -> str:
-    """Its spellings, and what it takes."""
+    """Return the spellings of a parameter, and the values that it takes."""
     if isinstance(parameter, click.Argument):
         return f"{parameter.human_readable_name}{'' if parameter.required else ' (optional)'}"
     spelled = ", ".join([*parameter.opts, *parameter.secondary_opts])

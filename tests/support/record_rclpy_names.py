@@ -26,7 +26,7 @@ from typing import Any
 RECORD = Path(__file__).resolve().parents[1] / "golden/rclpy_names.json"
 KEPT = {"__init__", "__call__", "__enter__", "__exit__", "__await__", "__iter__", "__next__", "__len__", "__bool__"}
 KEPT |= {"__eq__", "__ne__", "__lt__", "__le__", "__gt__", "__ge__", "__add__", "__radd__", "__sub__", "__hash__"}
-"""Members with underscores that programs use all the same."""
+"""Members with underscores that programs use anyway."""
 
 
 def describe(package: str) -> dict[str, dict[str, Any]]:

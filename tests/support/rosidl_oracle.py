@@ -45,7 +45,7 @@ RELEASES = {"jazzy": ("4.6.6", "1.8.1"), "kilted": ("4.9.5", "1.11.0")}  # rosid
 Definition = tuple[str, str, str]
 Reply = dict[str, Any]
 
-# What the definitions of tests may refer to beside the bundled packages and each other.
+# Definitions that tests may refer to, in addition to the bundled packages and each other.
 OTHERS: list[Definition] = [
     ("a_msgs/msg/Other", "uint8 x\nb_msgs/Other y", "msg"),
     ("b_msgs/msg/Other", "string<=3[<=2] z", "msg"),
@@ -87,12 +87,12 @@ class _Release:
         self._kept.execute("CREATE TABLE IF NOT EXISTS replies (question BLOB PRIMARY KEY, reply TEXT)")
 
     def kept(self, line: str) -> str | None:
-        """The answer of an earlier run."""
+        """Return the cached answer of an earlier run."""
         found = self._kept.execute("SELECT reply FROM replies WHERE question = ?", (_key(line),)).fetchone()
         return None if found is None else str(found[0])
 
     def ask(self, line: str) -> None:
-        """Send a question; `answer` waits for what comes back."""
+        """Send a question; `answer` waits for the reply."""
         if self._process is None:
             self._process = subprocess.Popen(
                 [str(self._python), "-s", str(_SERVER)],
@@ -109,7 +109,7 @@ class _Release:
         self._process.stdin.flush()
 
     def answer(self, line: str) -> str:
-        """The answer to what was asked last."""
+        """Return the answer to the last question."""
         assert self._process is not None and self._process.stdout is not None
         reply = self._process.stdout.readline()
         assert reply, "the rosidl process ended"
@@ -145,7 +145,7 @@ class Rosidl:
         self._releases = {release: _Release(release, context) for release in RELEASES}
 
     def compile(self, definitions: Sequence[Definition]) -> dict[str, Reply]:
-        """By release, what the tool chain makes of definitions that belong together."""
+        """Return the results of the tool chain for definitions that belong together, by release."""
         line = _question(definitions)
         replies = {name: release.kept(line) for name, release in self._releases.items()}
         missing = [name for name, reply in replies.items() if reply is None]
@@ -210,7 +210,7 @@ def _search() -> SearchPath:
 
 
 def type_names(interface: Interface) -> list[str]:
-    """The names of all types one file makes."""
+    """Return the names of all types that a file defines."""
     name = str(interface.name)
     match interface:
         case MessageDef():
@@ -223,7 +223,7 @@ def type_names(interface: Interface) -> list[str]:
 
 
 def authored(interface: Interface) -> tuple[MessageDef, ...]:
-    """The messages an author wrote, without the derived ones."""
+    """Return the messages of a definition without derived messages."""
     match interface:
         case MessageDef():
             return (interface,)
@@ -282,7 +282,7 @@ def compare_world(rosidl: Rosidl, definitions: Sequence[Definition]) -> Reply:
 
 
 def different(mine: Reply, theirs: Reply, loose: bool = False) -> str:
-    """Return the difference between our reply and that of the oracle; "" without one.
+    """Return the difference between our reply and the oracle's reply; "" if they agree.
 
     Args:
         loose: numbers count, and not whether they are written as 1, 1.0 or TRUE.

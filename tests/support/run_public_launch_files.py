@@ -173,7 +173,7 @@ async def _read(process: asyncio.subprocess.Process, result: Result) -> None:
 
 
 async def _look(node: Node, result: Result, ended: asyncio.Future[None]) -> None:
-    """Until all that is expected is there and nothing has changed for a while, or the time is over."""
+    """Wait until all expected endpoints exist and nothing has changed for a while, or until the timeout."""
     began = changed = time.monotonic()
     known: tuple[int, int] = (0, 0)
     while not ended.done() and time.monotonic() < began + _START_S:
@@ -191,7 +191,7 @@ async def _look(node: Node, result: Result, ended: asyncio.Future[None]) -> None
 
 
 def _died(output: str) -> list[str]:
-    """Each process that died, with the last line that it wrote itself."""
+    """Return each process that died, with the last line that it wrote."""
     found = []
     for name, _, code in _DIED.findall(output):
         own = [line for line in output.splitlines() if line.startswith(f"[{name}] ") and line.strip() != f"[{name}]"]
@@ -200,7 +200,7 @@ def _died(output: str) -> list[str]:
 
 
 def _marked(mark: str) -> Iterator[tuple[int, str]]:
-    """Processes of a run that still live."""
+    """Return the processes of a run that are still alive."""
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             if f"{_MARK}={mark}\0".encode() in (folder / "environ").read_bytes():

@@ -49,7 +49,7 @@ from types import ModuleType
 
 import tf2_py
 
-# What loads libraries on Windows, and a tf2_py that was built for its own test.
+# Modules that load libraries on Windows, and a tf2_py that was built for its own test.
 sys.modules["rpyutils"] = ModuleType("rpyutils")
 sys.modules["rpyutils"].add_dll_directories_from_env = lambda name: nullcontext()
 sys.modules["test_tf2_py"] = ModuleType("test_tf2_py")

@@ -159,7 +159,7 @@ async def _try(checkouts: Path, python: str | None, program: Program, domains: I
 
 @contextlib.asynccontextmanager
 async def _running(command: list[str], cwd: Path, environment: dict[str, str]) -> AsyncIterator[None]:
-    """A program in the background, until its node is there and then to the end of the block."""
+    """Run a program in the background: wait for its node, and stop it at the end of the block."""
     null = asyncio.subprocess.DEVNULL
     process = await asyncio.create_subprocess_exec(*command, cwd=cwd, env=environment, stdout=null, stderr=null)
     try:
@@ -175,7 +175,7 @@ async def _running(command: list[str], cwd: Path, environment: dict[str, str]) -
 
 
 def _packages(checkouts: Path, path: str) -> list[str]:
-    """Its packages that have definitions, or itself where none has: a Python package."""
+    """Return the packages of a repository that have definitions, or the repository itself, a Python package."""
     return _interfaces(checkouts, (path,)) or [str(checkouts / path)]
 
 

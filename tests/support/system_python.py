@@ -18,7 +18,7 @@ PYTHON = "/usr/bin/python3"
 
 
 class Oracle:
-    """A script under way."""
+    """Running script."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process

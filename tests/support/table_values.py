@@ -15,7 +15,7 @@ Imu: Any = get_message("sensor_msgs/msg/Imu")
 
 
 def of_message(message: Any) -> Any:
-    """Dicts and lists; times in nanoseconds, a message without fields None."""
+    """Return a message as dicts and lists, with times in nanoseconds, and None for a message without fields."""
     if isinstance(message, np.ndarray):
         return message.tolist()
     if isinstance(message, list):
@@ -31,7 +31,7 @@ def of_message(message: Any) -> Any:
 
 
 def of_row(value: Any) -> Any:
-    """The same of what ``to_pylist`` gives."""
+    """Convert a value returned by ``to_pylist`` to the form of `of_message`."""
     if isinstance(value, pd.Timestamp | pd.Timedelta):
         return value.value
     if isinstance(value, bytes):
@@ -44,13 +44,13 @@ def of_row(value: Any) -> Any:
 
 
 def rows(table: Any) -> list[Any]:
-    """All rows, without the bag's times."""
+    """Return all rows without the times of the bag."""
     table.validate(full=True)
     return [of_row(row) for row in table.drop_columns(["log_time", "publish_time"]).to_pylist()]
 
 
 def same(left: Any, right: Any) -> bool:
-    """NaN equals NaN, and 0.0 is not -0.0."""
+    """Return True if values are equal; NaN equals NaN, and 0.0 differs from -0.0."""
     return repr(left) == repr(right)
 
 

@@ -21,7 +21,7 @@ def moved(parent: str, child: str, stamp_s: float = 1, x: float = 0, rotation: A
 
 
 def filled() -> TransformBuffer:
-    """map <- odom <- base_link <- lidar (static, turned left), and another tree."""
+    """Return a buffer with map <- odom <- base_link <- lidar (static, turned left), and another tree."""
     buffer = TransformBuffer()
     for second in (1, 2, 3):
         buffer.set_transform(moved("map", "odom", second, 10))
@@ -32,7 +32,7 @@ def filled() -> TransformBuffer:
 
 
 def message(name: str, frame: str = "lidar", stamp_s: float = 3, **values: Any) -> Any:
-    """A message with a header."""
+    """Return a message with a header."""
     made: Any = get_message(f"{'sensor' if name == 'PointCloud2' else 'geometry'}_msgs/msg/{name}")(**values)
     made.header.frame_id = frame
     set_stamp(made.header.stamp, round(stamp_s * S))

@@ -55,7 +55,7 @@ def two_workers() -> Iterator[Any]:
         yield found
 
 
-def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(two_workers: Any, tmp_path: Path) -> None:
+def test_killed_workers_neither_lose_nor_duplicate_messages(two_workers: Any, tmp_path: Path) -> None:
     folder, out = tmp_path / "bags", tmp_path / "out"
     folder.mkdir()
     bags = [bag_of(folder / f"{name:03}.mcap", *range(EACH * name, EACH * name + EACH)) for name in range(BAGS)]
@@ -81,7 +81,7 @@ def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(two_workers:
     assert rows(out) == sorted([*right, ("020", 1), ("021", 2)])
 
 
-def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_task_that_kills_its_worker_each_time_is_given_up(two_workers: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(two_workers.scheduler, "allowed_failures", 0)
 
     with task_runners.dask_cluster(two_workers.scheduler_address) as run:
@@ -89,7 +89,7 @@ def test_a_bag_that_kills_its_worker_each_time_is_given_up(two_workers: Any, mon
         assert results_of(run, fail, [6])[6].error == "the worker failed: KeyError: 6"
 
 
-def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scheduler_that_does_not_respond_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(task_runners, "CONNECT_TIMEOUT_S", 0.2)
     bag = bag_of(tmp_path / "a.mcap", 1)
     for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1", "tls://127.0.0.1:1"):
@@ -147,14 +147,14 @@ def test_processes_need_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert not write_datasets([bag], tmp_path / "out").failed
 
 
-def test_memory_of_this_process_is_for_no_other(tmp_path: Path) -> None:
+def test_memory_file_system_of_this_process_is_refused_with_workers_or_scheduler(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "a.mcap", 1)
     for options in ({"workers": 2}, {"scheduler": "tcp://127.0.0.1:1"}):
         with pytest.raises(BagError, match="memory://own exists only in this process"):
             write_datasets([bag], "memory://own", **options)
 
 
-def test_processes_are_for_several_tasks_of_some_size(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_are_started_only_for_several_large_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[Any] = []
     monkeypatch.setattr(many, "local_processes", started.append)
     size = many.PROCESSES_BYTES
@@ -170,7 +170,7 @@ def test_processes_are_for_several_tasks_of_some_size(monkeypatch: pytest.Monkey
 
 
 class Counted:
-    """An application of WSGI that notes what is read of which file: method, path, range, and bytes."""
+    """WSGI application that records method, path, range and size of each request."""
 
     def __init__(self, application: Any) -> None:
         self._application = application
@@ -194,7 +194,7 @@ class Counted:
 
 @pytest.fixture
 def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any, Counted]]:
-    """A bucket called fleet on an S3 of this machine, and what was asked of it."""
+    """Provide the bucket `fleet` on a local S3 server, and the recorded requests."""
     counted = Counted(DomainDispatcherApplication(create_backend_app))
     server = make_server("127.0.0.1", 0, counted, threaded=True)
     thread = threading.Thread(target=server.serve_forever)
@@ -221,7 +221,7 @@ def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any, Counted]]:
         server.server_close()
 
 
-def test_bags_and_dataset_of_s3(bucket: Any, tmp_path: Path) -> None:
+def test_dataset_on_s3_is_written_and_updated_from_bags_on_s3(bucket: Any, tmp_path: Path) -> None:
     system, counted = bucket
     for name, numbers in {"a": (1, 2), "b": (3,)}.items():
         system.put(str(bag_of(tmp_path / f"{name}.mcap", *numbers)), f"fleet/in/{name}.mcap")
@@ -240,7 +240,7 @@ def test_bags_and_dataset_of_s3(bucket: Any, tmp_path: Path) -> None:
     assert rows("s3://fleet/out") == [("a", 1), ("a", 2), ("b", 4)]
 
 
-def test_of_a_large_file_only_what_is_needed_is_read_and_by_ranges(bucket: Any, tmp_path: Path) -> None:
+def test_only_the_needed_ranges_of_a_large_s3_file_are_read(bucket: Any, tmp_path: Path) -> None:
     system, counted = bucket
     path = tmp_path / "large.mcap"
     noise = np.random.default_rng(1)

@@ -87,7 +87,7 @@ def test_a_dataset_has_a_file_for_each_topic_and_bag(drive: Path, tmp_path: Path
     assert not list(out.rglob("*.partial")) and len(list(out.rglob("topic=%2Fcamera/*/*.parquet"))) == 2
 
 
-def test_row_groups_follow_each_other_in_time_and_memory_is_bounded(tmp_path: Path) -> None:
+def test_row_groups_are_ordered_by_time_and_memory_is_bounded(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         for number in range(3000):
             message = Imu()
@@ -99,19 +99,19 @@ def test_row_groups_follow_each_other_in_time_and_memory_is_bounded(tmp_path: Pa
     before = pa.total_allocated_bytes()
     most = 0
 
-    def look(count: int) -> None:
+    def record_peak(count: int) -> None:
         nonlocal most
         most = max(most, pa.total_allocated_bytes() - before)
 
     with memory_limit(64 << 20), BagReader(tmp_path / "a.mcap") as bag:
-        report = write_dataset(bag, tmp_path / "out", include_large=True, row_group_bytes=1 << 18, progress=look)
+        report = write_dataset(bag, tmp_path / "out", include_large=True, row_group_bytes=1 << 18, progress=record_peak)
     assert most < 64 << 20
     file = pq.ParquetFile(report.files[0].path)
     spans = [file.metadata.row_group(number).column(0).statistics for number in range(file.num_row_groups)]
     assert len(spans) >= 2 and all(one.max < other.min for one, other in pairwise(spans))
 
 
-def test_what_waits_is_written_when_it_is_too_much(
+def test_buffered_rows_are_written_when_they_exceed_the_limit(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(dataset_writer, "BATCH_BYTES", 1 << 10)
@@ -122,7 +122,7 @@ def test_what_waits_is_written_when_it_is_too_much(
     assert pq.ParquetFile(report.files[0].path).num_row_groups > 3
 
 
-def test_a_place_may_be_a_url(drive: Path) -> None:
+def test_dataset_may_be_written_to_a_url(drive: Path) -> None:
     with BagReader(drive) as bag:
         report = write_dataset(bag, "memory://bucket/data", topics=["/imu"])
         with pytest.raises(BagError, match="exists already"):
@@ -134,7 +134,7 @@ def test_a_place_may_be_a_url(drive: Path) -> None:
         assert pq.read_table(stream).num_rows == 200
 
 
-def test_fields_called_as_partitions_have_an_underscore(tmp_path: Path) -> None:
+def test_fields_named_like_partitions_have_an_underscore_suffix(tmp_path: Path) -> None:
     cls = compile_definition("p/msg/Named", "uint8 topic\nuint8 bag\nuint8 log_time")
     path = write(tmp_path / "a.mcap", "/t", cls(1, 2, 3))
     with BagReader(path) as bag:
@@ -145,7 +145,7 @@ def test_fields_called_as_partitions_have_an_underscore(tmp_path: Path) -> None:
 
 @settings(max_examples=examples(60))
 @given(worlds().flatmap(lambda world: world_values(world.reference(), world.top).map(lambda value: (world, value))))
-def test_random_definitions_are_the_same_in_parquet_and_duckdb(case: tuple[World, dict[str, Any]]) -> None:
+def test_random_definitions_round_trip_through_parquet_and_duckdb(case: tuple[World, dict[str, Any]]) -> None:
     world, value = case
     reference: Reference = world.reference()
     with tempfile.TemporaryDirectory() as folder:
@@ -168,7 +168,7 @@ def test_random_definitions_are_the_same_in_parquet_and_duckdb(case: tuple[World
 # ----------------------------------------------------------------------------------------------------------------- SQL
 
 
-def asked(query: str, *bags: Path, datasets: tuple[Path, ...] = ()) -> list[list[str]]:
+def query_rows(query: str, *bags: Path, datasets: tuple[Path, ...] = ()) -> list[list[str]]:
     with Database() as base:
         readers = {path.stem: BagReader(path) for path in bags}
         base.add(query, readers, map(str, datasets))
@@ -178,27 +178,27 @@ def asked(query: str, *bags: Path, datasets: tuple[Path, ...] = ()) -> list[list
         return found
 
 
-def test_topics_are_tables_and_nested_fields_are_dotted(drive: Path, tmp_path: Path) -> None:
+def test_topics_are_sql_tables_and_nested_fields_have_dotted_names(drive: Path, tmp_path: Path) -> None:
     columns = "max(linear_acceleration.x), max(header.stamp), any_value(bag)"
     query = f"select {columns} from \"/imu\" where log_time >= timestamp '1970-01-01'"
-    assert asked(query, drive) == [["99.5", "1970-01-01 00:03:19", "drive"]]
-    assert asked("select count(*) from imu", drive) == [["200"]]
+    assert query_rows(query, drive) == [["99.5", "1970-01-01 00:03:19", "drive"]]
+    assert query_rows("select count(*) from imu", drive) == [["200"]]
     joined = (
         'select i.header.stamp, o.child_frame_id from "/imu" i asof join "robot/odom" o on i.log_time >= o.log_time '
         "order by i.log_time limit 2 offset 9"
     )
-    assert asked(joined, drive) == [["1970-01-01 00:00:10", "b0"], ["1970-01-01 00:00:11", "b10"]]
+    assert query_rows(joined, drive) == [["1970-01-01 00:00:10", "b0"], ["1970-01-01 00:00:11", "b10"]]
     with BagReader(drive) as bag:
         for name in ("one", "two"):
             write_dataset(bag, tmp_path / "out", name=name)
     counts = "select bag, count(*) from imu group by bag order by bag"
-    assert asked(counts, datasets=(tmp_path / "out",)) == [["one", "200"], ["two", "200"]]
-    assert asked(counts, drive, datasets=(tmp_path / "out",))[0] == ["drive", "200"]
-    assert asked("select 1 + 1") == [["2"]]
+    assert query_rows(counts, datasets=(tmp_path / "out",)) == [["one", "200"], ["two", "200"]]
+    assert query_rows(counts, drive, datasets=(tmp_path / "out",))[0] == ["drive", "200"]
+    assert query_rows("select 1 + 1") == [["2"]]
 
 
 @pytest.mark.parametrize(
-    ("query", "said"),
+    ("query", "error_text"),
     [
         ("select * from imus", "no topic imus; did you mean ./imu.[?]; there are /camera, /imu, /nothing, /robot/odom"),
         ('select * from "/nothing"', "/nothing has no messages"),
@@ -209,16 +209,16 @@ def test_topics_are_tables_and_nested_fields_are_dotted(drive: Path, tmp_path: P
         ("select * from read_csv('/nowhere/x.csv')", "DuckDB: IO Error"),
     ],
 )
-def test_what_cannot_be_asked_is_an_error(drive: Path, query: str, said: str) -> None:
-    with pytest.raises(BagError, match=said), Database() as base, BagReader(drive) as bag:
+def test_invalid_sql_query_is_an_error(drive: Path, query: str, error_text: str) -> None:
+    with pytest.raises(BagError, match=error_text), Database() as base, BagReader(drive) as bag:
         base.add(query, {"drive": bag})
         list(base.run(query).rows())
 
 
-def test_topics_that_differ_in_case_are_told_apart_when_one_is_asked(tmp_path: Path) -> None:
+def test_sql_query_may_use_one_of_two_topics_that_differ_in_case(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.write("/Imu", Imu(), 1)
         writer.write("/imu", String(data="x"), 1)
-    assert asked('select data from "/imu"', tmp_path / "a.mcap") == [["x"]]
+    assert query_rows('select data from "/imu"', tmp_path / "a.mcap") == [["x"]]
     with pytest.raises(BagError, match="/Imu and /imu are one table in SQL"):
-        asked('select data from "/imu", "/Imu"', tmp_path / "a.mcap")
+        query_rows('select data from "/imu", "/Imu"', tmp_path / "a.mcap")

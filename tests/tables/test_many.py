@@ -28,7 +28,7 @@ def stamps(out: Path) -> dict[str, int]:
     return {str(path): path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
 
 
-def test_a_second_run_does_nothing_and_a_changed_bag_is_done_anew(tmp_path: Path) -> None:
+def test_second_run_converts_only_new_changed_and_missing_bags(tmp_path: Path) -> None:
     out = tmp_path / "out"
     bags = [bag_of(tmp_path / f"{name}.mcap", 1, 2, text="old") for name in "ab"]
     assert said(write_datasets(bags, out)) == (["a", "b"], [], [])
@@ -38,18 +38,18 @@ def test_a_second_run_does_nothing_and_a_changed_bag_is_done_anew(tmp_path: Path
     bag_of(bags[1], 3, 4, 5)
     assert said(write_datasets(bags, out)) == (["b"], ["a"], [])
     assert rows(out) == [("a", 1), ("a", 2), ("b", 3), ("b", 4), ("b", 5)]
-    assert rows(out, "s") == [("a", "old")], "what the bag does not have any more is gone"
+    assert rows(out, "s") == [("a", "old")], "files of topics that the bag lacks now are removed"
     assert {key: value for key, value in stamps(out).items() if "bag=a" in key} == {
         key: value for key, value in before.items() if "bag=a" in key
     }
     (out / "topic=%2Fn/bag=a").joinpath(os.listdir(out / "topic=%2Fn/bag=a")[0]).unlink()
-    assert said(write_datasets(bags, out)) == (["a"], ["b"], []), "what somebody has removed is missing"
+    assert said(write_datasets(bags, out)) == (["a"], ["b"], []), "a removed file is converted again"
     assert said(write_datasets([*bags, bag_of(tmp_path / "c.mcap", 6)], out)) == (["c"], ["a", "b"], [])
     frame = pl.scan_parquet(f"{out}/topic=*n/**/*.parquet", hive_partitioning=True).collect()
     assert sorted(frame["bag"].to_list()) == ["a", "a", "b", "b", "b", "c"]
 
 
-def test_the_time_alone_changes_a_bag(tmp_path: Path) -> None:
+def test_changed_modification_time_alone_converts_a_bag_again(tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "a.mcap", 1)
     write_datasets([bag], tmp_path / "out")
     before = bag.stat()
@@ -57,7 +57,7 @@ def test_the_time_alone_changes_a_bag(tmp_path: Path) -> None:
     assert said(write_datasets([bag], tmp_path / "out")) == (["a"], [], [])
 
 
-def test_what_fails_stops_nothing_and_is_told_with_its_reason(tmp_path: Path) -> None:
+def test_failed_bags_are_reported_with_reason_and_others_are_converted(tmp_path: Path) -> None:
     out = tmp_path / "out"
     good = [bag_of(tmp_path / "a.mcap", 1), bag_of(tmp_path / "z.mcap", 2)]
     (tmp_path / "cut.mcap").write_bytes(good[0].read_bytes()[:200])
@@ -86,7 +86,7 @@ def test_what_fails_stops_nothing_and_is_told_with_its_reason(tmp_path: Path) ->
     assert said(report) == (["gone"], ["a", "z"], [])
 
 
-def test_an_error_of_ours_does_not_stop_the_others_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_internal_error_for_one_bag_does_not_stop_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bags = [bag_of(tmp_path / f"{name}.mcap", 1) for name in "ab"]
     real = bag_tasks.BagReader
 
@@ -102,7 +102,7 @@ def test_an_error_of_ours_does_not_stop_the_others_either(tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_large_bag_is_several_tasks_that_have_each_message_once(
+def test_large_bag_is_split_into_tasks_with_each_message_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 2000)
@@ -123,7 +123,7 @@ def test_a_large_bag_is_several_tasks_that_have_each_message_once(
     assert [value for _, value in rows(tmp_path / "part")] == [*range(500, 1500)] and len(part.files["a"]) > 1
 
 
-def test_chunks_that_overlap_are_cut_by_time_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_overlapping_chunks_are_split_by_time_without_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 2000)
     monkeypatch.setattr(mcap_writer, "CHUNK_BYTES", 1 << 12)
     with BagWriter(tmp_path / "a.mcap") as made:
@@ -185,7 +185,7 @@ def test_a_part_without_messages_is_complete(tmp_path: Path, monkeypatch: pytest
     assert rows(out, "s") == [("a", "x")]
 
 
-def test_files_of_others_are_kept(tmp_path: Path) -> None:
+def test_dataset_files_of_other_origin_are_kept_unless_overwrite_is_set(tmp_path: Path) -> None:
     bag, out = bag_of(tmp_path / "a.mcap", 1), tmp_path / "out"
     with BagReader(bag) as reader:
         write_dataset(reader, out)
@@ -199,7 +199,7 @@ def test_files_of_others_are_kept(tmp_path: Path) -> None:
     assert rows(out) == [("a", 1), ("other%2Fa", 2)]
 
 
-def test_other_wishes_are_other_tasks(tmp_path: Path) -> None:
+def test_conversions_with_different_options_are_different_tasks(tmp_path: Path) -> None:
     bag, out = bag_of(tmp_path / "a.mcap", 1, 2, text="x"), tmp_path / "out"
     assert len(write_datasets([bag], out, topics=["/n"]).files["a"]) == 1
     assert len(write_datasets([bag], out, topics=["/s"]).files["a"]) == 1
@@ -216,7 +216,7 @@ def test_other_wishes_are_other_tasks(tmp_path: Path) -> None:
     assert "begins after its end" in write_datasets([bag], out, start_offset_s=9).failed[str(bag)]
 
 
-def test_a_file_system_in_memory_is_a_place_for_bags_and_datasets(tmp_path: Path) -> None:
+def test_memory_file_system_may_contain_bags_and_datasets(tmp_path: Path) -> None:
     system = fsspec.filesystem("memory")
     for name, numbers in {"a": (1, 2), "b": (3,)}.items():
         system.pipe(f"/many/{name}.mcap", bag_of(tmp_path / f"{name}.mcap", *numbers).read_bytes())
@@ -238,7 +238,7 @@ def test_a_file_system_in_memory_is_a_place_for_bags_and_datasets(tmp_path: Path
         query = "select bag, count(*) from n group by bag order by bag"
         base.add(query, {"again": bag}, ["memory://many/out"])
         assert [*base.run(query).rows()] == [["a", "2"], ["again", "2"], ["b", "1"], ["folder", "1"]]
-    # A file that fails is not half there.
+    # A file that fails leaves no partial output.
     with BagWriter(tmp_path / "broken.mcap") as made:
         made.add_topic("/s", String)
         made.write("/n", Int64(data=1), 1)
@@ -251,7 +251,7 @@ def test_a_file_system_in_memory_is_a_place_for_bags_and_datasets(tmp_path: Path
     assert not system.glob("/many/out/*/bag=broken/*")
 
 
-def test_databases_and_compressed_files_of_a_url_are_copied(tmp_path: Path) -> None:
+def test_databases_and_compressed_files_at_urls_are_converted(tmp_path: Path) -> None:
     from zstandard import compress
 
     from rosidl_py_gen.bags import SqliteWriter
@@ -269,7 +269,7 @@ def test_databases_and_compressed_files_of_a_url_are_copied(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("url", ["nope://x/a.mcap", "memory://not/there.mcap", "memory://not/*.mcap"])
-def test_a_url_that_is_none_is_an_error_of_ours(tmp_path: Path, url: str) -> None:
+def test_invalid_or_missing_url_is_reported_as_an_error(tmp_path: Path, url: str) -> None:
     report = write_datasets([url], tmp_path / "out")
     assert list(report.failed) == [url] and url in report.failed[url]
     with pytest.raises((BagError, OSError)):
@@ -278,7 +278,7 @@ def test_a_url_that_is_none_is_an_error_of_ours(tmp_path: Path, url: str) -> Non
         write_datasets([], "nope://x/out")
 
 
-def test_a_file_system_that_does_not_answer_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_timeout_of_a_file_system_is_not_reported_as_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from fsspec.implementations.memory import MemoryFile
 
     fsspec.filesystem("memory").pipe("/far/a.mcap", bag_of(tmp_path / "a.mcap", *range(1000)).read_bytes())
@@ -291,7 +291,7 @@ def test_a_file_system_that_does_not_answer_is_no_damage(tmp_path: Path, monkeyp
         BagReader("memory://far/a.mcap")
 
 
-def test_a_task_may_be_done_by_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_task_that_runs_twice_writes_its_rows_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag, out = bag_of(tmp_path / "a.mcap", 1, 2), tmp_path / "out"
     found: list[Any] = []
 
@@ -305,7 +305,7 @@ def test_a_task_may_be_done_by_two(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert rows(out) == [("a", 1), ("a", 2)]
 
 
-def test_progress_says_how_much_is_done(tmp_path: Path) -> None:
+def test_progress_reports_converted_bags_and_fractions_in_order(tmp_path: Path) -> None:
     bags = [bag_of(tmp_path / f"{name}.mcap", *range(50), text="x") for name in "ab"]
     seen: list[tuple[float, int]] = []
     write_datasets(bags, tmp_path / "out", progress=lambda *told: seen.append(told))
@@ -313,7 +313,7 @@ def test_progress_says_how_much_is_done(tmp_path: Path) -> None:
     assert any(0 < one < 1 for one, _ in seen) and any(1 < one < 2 for one, _ in seen), "within a bag too"
 
 
-def test_names_that_are_known_are_kept() -> None:
+def test_dataset_names_are_unique_and_known_names_are_kept() -> None:
     assert names_of(["a/x.mcap", "y", "a/x.mcap", "/x.db3.zstd"]) == {"a/x": "a/x.mcap", "y": "y", "x": "/x.db3.zstd"}
     assert names_of(["s3://b/x.mcap", "/d/x.mcap"]) == {"b/x": "s3://b/x.mcap", "d/x": "/d/x.mcap"}
     known = {"/d/x.mcap": "x"}
@@ -321,6 +321,6 @@ def test_names_that_are_known_are_kept() -> None:
     assert names_of(["/x.mcap"], {"/y": "x"}) == names_of(["/x.mcap"], {}, {"x"}) == {"/x.mcap": "/x.mcap"}
 
 
-def test_a_scheduler_has_its_own_workers(tmp_path: Path) -> None:
+def test_options_scheduler_and_workers_exclude_each_other(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="either scheduler or workers"):
         write_datasets([], tmp_path, scheduler="tcp://x", workers=2)

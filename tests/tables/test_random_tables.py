@@ -43,7 +43,7 @@ def _bag(path: Path, world: World, data: list[bytes]) -> Path:
 
 @settings(max_examples=examples(400))
 @given(worlds_and_many_values(), st.integers(0, 2**32), st.booleans())
-def test_a_table_has_the_values_of_messages_and_makes_the_same_bag(
+def test_table_has_the_values_of_messages_and_is_written_to_an_equal_bag(
     case: tuple[World, Reference, list[dict[str, Any]]], seed: int, one_by_one: bool
 ) -> None:
     world, reference, many = case
@@ -71,7 +71,7 @@ def test_a_table_has_the_values_of_messages_and_makes_the_same_bag(
 
 @settings(max_examples=examples(200))
 @given(worlds_and_many_values(), st.integers(0, 2**32))
-def test_messages_are_read_at_once_if_they_are_as_they_should_be(
+def test_valid_messages_are_read_in_bulk_without_the_slow_path(
     case: tuple[World, Reference, list[dict[str, Any]]], seed: int
 ) -> None:
     world, reference, many = case
@@ -87,7 +87,7 @@ def test_messages_are_read_at_once_if_they_are_as_they_should_be(
 
 @settings(max_examples=examples(300))
 @given(worlds_and_many_values(), st.data())
-def test_bytes_that_are_wrong_are_the_same_errors_as_of_messages(
+def test_damaged_bytes_raise_equal_errors_for_tables_and_messages(
     case: tuple[World, Reference, list[dict[str, Any]]], draw: st.DataObject
 ) -> None:
     world, reference, many = case
@@ -151,7 +151,7 @@ def compared(path: Path, topic: str, **span: int) -> int:
     st.booleans(),
     st.tuples(st.integers(0, 60), st.integers(0, 60)),
 )
-def test_what_lies_in_chunks_is_found(
+def test_tables_of_chunked_and_unchunked_files_equal_their_messages(
     tmp_path_factory: pytest.TempPathFactory, runs: list[Any], chunk: int, is_chunked: bool, span: tuple[int, int]
 ) -> None:
     messages, time = [], 100
@@ -165,7 +165,7 @@ def test_what_lies_in_chunks_is_found(
         compared(path, topic, start_ns=100 + span[0], end_ns=100 + span[0] + span[1])
 
 
-def test_blocks_are_taken_for_one_channel_in_order(tmp_path: Path) -> None:
+def test_message_blocks_are_used_only_for_channels_in_time_order(tmp_path: Path) -> None:
     texts = [(f"/{'ab'[number % 3 == 0]}", "x" * (number % 2), number) for number in range(900)]
     for name, messages in {"ordered": texts, "one": [("/a", "abc", number) for number in range(900)]}.items():
         with closing(McapFile(bag(tmp_path / f"{name}.mcap", messages), True)) as file:
@@ -177,7 +177,7 @@ def test_blocks_are_taken_for_one_channel_in_order(tmp_path: Path) -> None:
     compared(tmp_path / "mixed.mcap", "/a")
 
 
-def test_large_chunks_come_in_pieces(tmp_path: Path) -> None:
+def test_table_of_a_large_chunk_equals_its_messages(tmp_path: Path) -> None:
     messages = [(f"/{'ab'[number % 7 == 0]}", "y" * 500, number) for number in range(20_000)]
     path = bag(tmp_path / "a.mcap", messages, chunk=1 << 24)
     assert compared(path, "/b") == 2858

@@ -54,7 +54,7 @@ Part[2] two
 TEXT = f"{EVERYTHING}\n{'=' * 80}\nMSG: p/Empty\n{'=' * 80}\nMSG: p/Part\nuint8 a\nfloat64 b\n"
 
 
-def test_types_are_those_of_the_definition(tmp_path: Path) -> None:
+def test_arrow_types_and_metadata_match_the_definition(tmp_path: Path) -> None:
     cls = compile_definition("p/msg/Everything", TEXT)
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.add_topic("/all", BagTopic("/all", "p/msg/Everything", TEXT, type_hash=type_hash(cls)))
@@ -62,8 +62,8 @@ def test_types_are_those_of_the_definition(tmp_path: Path) -> None:
     with BagReader(tmp_path / "a.mcap") as bag:
         table = bag.table("/all")
     part = "struct<a: uint8 not null, b: double not null>"
-    shown = {field.name: str(field.type) for field in table.schema}
-    assert shown == {
+    column_types = {field.name: str(field.type) for field in table.schema}
+    assert column_types == {
         "log_time": "timestamp[ns]",
         "publish_time": "timestamp[ns]",
         "flag": "bool",
@@ -92,15 +92,17 @@ def test_types_are_those_of_the_definition(tmp_path: Path) -> None:
         "two": f"fixed_size_list<item: {part} not null>[2]",
     }
     assert [field.name for field in table.schema if field.nullable] == ["nothing"]
-    told = table.schema.metadata
-    assert told[b"ros.type"] == b"p/msg/Everything" and told[b"ros.type_hash"].decode() == type_hash(cls)
-    assert told[b"ros.topic"] == b"/all" and b"uint8 LIMIT" in told[b"ros.definition"]
-    assert json.loads(told[b"ros.constants"]) == {"p/msg/Everything": {"LIMIT": 7, "NAME": "it's"}}
+    table_metadata = table.schema.metadata
+    assert table_metadata[b"ros.type"] == b"p/msg/Everything" and table_metadata[
+        b"ros.type_hash"
+    ].decode() == type_hash(cls)
+    assert table_metadata[b"ros.topic"] == b"/all" and b"uint8 LIMIT" in table_metadata[b"ros.definition"]
+    assert json.loads(table_metadata[b"ros.constants"]) == {"p/msg/Everything": {"LIMIT": 7, "NAME": "it's"}}
     assert table.schema.field("wide").metadata == {b"ros.type": b"wstring"}
     assert table.column("wide").to_pylist() == ["\U0001f600"] and table.column("large").to_pylist() == [2**64 - 1]
 
 
-def test_columns_are_chosen_by_path_and_called_so(tmp_path: Path) -> None:
+def test_columns_are_selected_and_named_by_path(tmp_path: Path) -> None:
     with BagReader(write(tmp_path / "a.mcap", "/imu", *imus(7))) as bag:
         table = bag.table("/imu", ["linear_acceleration.x", "header.frame_id", "angular_velocity"], start_ns=20)
         assert table.column_names[2:] == ["linear_acceleration.x", "header.frame_id", "angular_velocity"]
@@ -108,13 +110,13 @@ def test_columns_are_chosen_by_path_and_called_so(tmp_path: Path) -> None:
         assert table.column("header.frame_id").to_pylist()[:2] == ["base", "a longer frame"]
         assert bag.table("/imu", "header.stamp", end_ns=0).num_rows == 0
         assert bag.table("/imu", []).column_names == ["log_time", "publish_time"]
-        for wrong, said in {
+        for wrong, error_text in {
             "linear.x": "a.mcap: /imu: no column linear.x; there are header, header.stamp",
             "header.stam": "did you mean .header.stamp",
             "header.stamp.sec": "no column",
             "": "no column",
         }.items():
-            with pytest.raises(BagError, match=said):
+            with pytest.raises(BagError, match=error_text):
                 bag.batches("/imu", wrong)
         with pytest.raises(BagError, match=r"no topic /im; did you mean ./imu"):
             bag.table("/im")
@@ -127,7 +129,7 @@ def test_columns_are_chosen_by_path_and_called_so(tmp_path: Path) -> None:
         bag.table("/tf", "transforms.header")
 
 
-def test_fields_called_as_the_times_of_the_bag_have_an_underscore(tmp_path: Path) -> None:
+def test_fields_named_like_bag_times_have_an_underscore_suffix(tmp_path: Path) -> None:
     cls = compile_definition("p/msg/Clash", "uint8 log_time\nuint8 x")
     with BagReader(write(tmp_path / "a.mcap", "/c", cls(3, 4))) as bag:
         table = bag.table("/c")
@@ -138,14 +140,14 @@ def test_fields_called_as_the_times_of_the_bag_have_an_underscore(tmp_path: Path
         assert next(iter(bag)).message == cls(3, 4)
 
 
-def test_batches_have_messages_of_so_many_bytes(tmp_path: Path) -> None:
+def test_size_of_batches_is_limited_by_batch_bytes(tmp_path: Path) -> None:
     with BagReader(write(tmp_path / "a.mcap", "/imu", *imus(100))) as bag:
         sizes = [batch.num_rows for batch in bag.batches("/imu", batch_bytes=3300)]
         assert len(sizes) >= 5 and sum(sizes) == 100
         assert [batch.num_rows for batch in bag.batches("/imu", batch_bytes=0)] == [1] * 100
 
 
-def test_lists_of_messages_are_found_whether_they_are_alike_or_not(tmp_path: Path) -> None:
+def test_lists_of_messages_of_equal_and_different_size_are_read(tmp_path: Path) -> None:
     def path(count: int, frame: str) -> Any:
         poses = [PoseStamped() for _ in range(count)]
         for number, pose in enumerate(poses):
@@ -169,7 +171,7 @@ def test_big_endian_messages_are_read(tmp_path: Path) -> None:
         assert bag.table("/s").column("data").to_pylist() == ["little", "big"]
 
 
-def test_damaged_messages_are_errors_or_left_out(tmp_path: Path) -> None:
+def test_damaged_messages_are_errors_or_skipped_on_request(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.add_topic("/s", String)
         for number in range(10):
@@ -184,7 +186,7 @@ def test_damaged_messages_are_errors_or_left_out(tmp_path: Path) -> None:
         assert bag.skipped["/s"].count == 1
 
 
-def test_a_list_that_would_reach_into_the_next_message_is_an_error(tmp_path: Path) -> None:
+def test_list_that_extends_into_the_next_message_is_an_error(tmp_path: Path) -> None:
     square = Polygon(points=[Point32(x=float(number)) for number in range(4)]).encode()
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.add_topic("/p", Polygon)
@@ -197,7 +199,7 @@ def test_a_list_that_would_reach_into_the_next_message_is_an_error(tmp_path: Pat
         bag.table("/p")
 
 
-def test_two_definitions_of_a_topic_are_one_table_where_their_columns_are_alike(tmp_path: Path) -> None:
+def test_two_definitions_of_a_topic_form_one_table_if_columns_are_equal(tmp_path: Path) -> None:
     old, new = (compile_definition("p/msg/T", text) for text in ("uint8 a\nuint8 b", "uint8 X=1\nuint8 a\nuint8 b"))
     other = compile_definition("p/msg/T", "uint8 a\nfloat32 c")
     paths = []
@@ -220,7 +222,7 @@ def test_two_definitions_of_a_topic_are_one_table_where_their_columns_are_alike(
         assert sorted(bag.table(one).num_rows for one in bag.channels) == [1, 2]
 
 
-def test_a_bag_without_definitions_is_read_by_name_and_measured(tmp_path: Path) -> None:
+def test_bag_without_definitions_is_read_by_type_name_and_sizes_are_checked(tmp_path: Path) -> None:
     samples = enumerate(one.encode() for one in imus(20))
     file = write_humble(tmp_path / "a.db3", ("/imu", "sensor_msgs/msg/Imu", samples))
     with BagReader(file) as bag, pytest.warns(BagWarning, match="contains neither definition"):
@@ -235,13 +237,13 @@ def test_a_bag_without_definitions_is_read_by_name_and_measured(tmp_path: Path) 
         bag.table("/imu")
 
 
-def test_a_time_beyond_those_of_arrow_is_an_error(tmp_path: Path) -> None:
+def test_time_beyond_the_range_of_arrow_is_an_error(tmp_path: Path) -> None:
     write_foreign(tmp_path / "a.mcap", ("/s", *STRING, [(2**63, String(data="x").encode())]))
     with BagReader(tmp_path / "a.mcap") as bag, pytest.raises(BagError, match=f"/s at {2**63} ns: expected a time"):
         bag.table("/s")
 
 
-def test_a_definition_that_means_too_many_columns_is_refused(tmp_path: Path) -> None:
+def test_definition_with_too_many_columns_is_refused(tmp_path: Path) -> None:
     texts = ["M1 a\nM1 b\nM1 c\nM1 d"]
     texts += [f"MSG: p/M{number}\nM{number + 1} a\nM{number + 1} b\nM{number + 1} c" for number in range(1, 10)]
     cls = compile_definition("p/msg/M0", f"\n{'=' * 80}\n".join([*texts, "MSG: p/M10\nuint8 a"]))
@@ -252,7 +254,7 @@ def test_a_definition_that_means_too_many_columns_is_refused(tmp_path: Path) -> 
         bag.table("/m")
 
 
-def test_large_arrays_cost_nothing_until_there_is_one(tmp_path: Path) -> None:
+def test_truncated_message_with_a_huge_array_is_a_decode_error(tmp_path: Path) -> None:
     cls = compile_definition("p/msg/Huge", "float64[30000000] a\nstring b")
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.add_topic("/m", cls)
@@ -261,7 +263,7 @@ def test_large_arrays_cost_nothing_until_there_is_one(tmp_path: Path) -> None:
         bag.table("/m")
 
 
-def test_counts_that_no_message_has_room_for_cost_nothing(tmp_path: Path) -> None:
+def test_counts_larger_than_the_message_are_decode_errors(tmp_path: Path) -> None:
     for text in ("float64[] a", "string[] a", "E[] a", "P[] a", "S[] a", "wstring a"):
         whole = f"{text}\n{'=' * 80}\nMSG: p/E\n{'=' * 80}\nMSG: p/P\nfloat64 x\n{'=' * 80}\nMSG: p/S\nstring s"
         cls = compile_definition("p/msg/Counted", whole)
@@ -274,7 +276,7 @@ def test_counts_that_no_message_has_room_for_cost_nothing(tmp_path: Path) -> Non
             bag.table("/m")
 
 
-def test_images_are_bytes_and_memory_is_bounded(tmp_path: Path) -> None:
+def test_image_data_is_read_as_binary_in_bounded_memory(tmp_path: Path) -> None:
     pixels = np.random.default_rng(1).integers(0, 255, 1 << 20, np.uint8)
     write(tmp_path / "a.mcap", "/image", *[Image(data=pixels)] * 40)
     before = pa.total_allocated_bytes()
@@ -285,10 +287,13 @@ def test_images_are_bytes_and_memory_is_bounded(tmp_path: Path) -> None:
         assert batch.column("data")[0].as_py() == pixels.tobytes()
 
 
-def test_what_is_missing_is_said_with_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_without_pyarrow_contains_the_install_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.tables.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    said = r"needs pyarrow, which is not installed: pip install .*\[tables\]"
-    with BagReader(write(tmp_path / "a.mcap", "/s", String())) as bag, pytest.raises(ExtraMissingError, match=said):
+    error_text = r"needs pyarrow, which is not installed: pip install .*\[tables\]"
+    with (
+        BagReader(write(tmp_path / "a.mcap", "/s", String())) as bag,
+        pytest.raises(ExtraMissingError, match=error_text),
+    ):
         bag.table("/s")

@@ -25,7 +25,7 @@ def read(path: Path, topic: str) -> list[Any]:
         return [one.message for one in bag.messages(topic)]
 
 
-def test_a_table_becomes_the_bag_it_was_read_from(tmp_path: Path) -> None:
+def test_table_is_written_to_a_bag_equal_to_its_origin(tmp_path: Path) -> None:
     with BagReader(write(tmp_path / "a.mcap", "/imu", *imus(9000))) as bag:
         with BagWriter(tmp_path / "b.mcap") as writer:
             assert writer.write_table(bag.batches("/imu")) == 9000
@@ -36,7 +36,7 @@ def test_a_table_becomes_the_bag_it_was_read_from(tmp_path: Path) -> None:
         assert bag.topics["/imu"] == topic
 
 
-def test_polars_pandas_and_duckdb_give_tables(tmp_path: Path) -> None:
+def test_tables_of_polars_pandas_and_duckdb_are_written(tmp_path: Path) -> None:
     with BagReader(write(tmp_path / "a.mcap", "/imu", *imus(5))) as bag:
         frame = pl.DataFrame(bag.table("/imu"))
         flat = bag.table("/imu", ["header.frame_id", "header.stamp", "linear_acceleration.x"]).to_pandas()
@@ -51,7 +51,7 @@ def test_polars_pandas_and_duckdb_give_tables(tmp_path: Path) -> None:
     assert read(tmp_path / "b.mcap", "/duckdb") == imus(5)[3:]
 
 
-def test_fields_without_a_column_have_their_defaults(tmp_path: Path) -> None:
+def test_fields_without_a_column_have_default_values(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         columns = {"log_time": [1, 2], "header.frame_id": ["a", "b"], "position": [[1], [2, 3]], "name": [[], ["x"]]}
         writer.write_table(pa.table(columns), "/joints", JointState)
@@ -65,7 +65,7 @@ STRINGS = {"log_time": [5], "data": ["x"]}
 
 
 @pytest.mark.parametrize(
-    ("columns", "said"),
+    ("columns", "error_text"),
     [
         ({"data": ["x"]}, "/s: rows from 0: there is no column log_time"),
         ({**STRINGS, "date": [1]}, "std_msgs/msg/String has no field date; did you mean .data"),
@@ -80,19 +80,19 @@ STRINGS = {"log_time": [5], "data": ["x"]}
         ({**STRINGS, "log_time": pa.array([2**64 - 1], pa.uint64())}, "rows from 0: .*18446744073709551615"),
     ],
 )
-def test_what_is_no_table_of_such_messages_is_an_error(tmp_path: Path, columns: Any, said: str) -> None:
-    with BagWriter(tmp_path / "a.mcap") as writer, pytest.raises(BagError, match=said):
+def test_table_that_does_not_fit_the_message_class_is_an_error(tmp_path: Path, columns: Any, error_text: str) -> None:
+    with BagWriter(tmp_path / "a.mcap") as writer, pytest.raises(BagError, match=error_text):
         writer.write_table(pa.table(columns), "/s", String)
 
 
-def test_values_that_do_not_fit_are_errors_with_their_place(tmp_path: Path) -> None:
+def test_values_that_do_not_fit_are_errors_with_location(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         covariance = pa.table({"log_time": [7], "orientation_covariance": [[1.0] * 8]})
         with pytest.raises(
             EncodeError, match=r"/imu at 7 ns: sensor_msgs/msg/Imu.orientation_covariance: .*9 elements"
         ):
             writer.write_table(covariance, "/imu", Imu)
-        for column, value, said in [
+        for column, value, error_text in [
             ("header.stamp", pa.array([2**62], pa.int64()), r"/imu at 7 ns: sensor_msgs/msg/Imu.header.stamp.sec"),
             ("header.stamp", pa.array(["x"]), "header.stamp: expected a time"),
             ("header", pa.array([1]), "header: expected a struct for std_msgs/msg/Header, found int64"),
@@ -102,26 +102,26 @@ def test_values_that_do_not_fit_are_errors_with_their_place(tmp_path: Path) -> N
             ("orientation_covariance.x", pa.array([1.0]), "orientation_covariance is .*; its fields cannot be columns"),
         ]:
             table = pa.Table.from_arrays([pa.array([7]), value], ["log_time", column])
-            with pytest.raises(ValueError, match=said):
+            with pytest.raises(ValueError, match=error_text):
                 writer.write_table(table, "/imu", Imu)
 
 
-def test_a_table_that_does_not_say_what_it_holds_needs_a_topic_and_a_class(tmp_path: Path) -> None:
+def test_table_without_metadata_requires_topic_and_message_class(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
-        for arguments, said in {
+        for arguments, error_text in {
             (): "table has no ros.topic .*; pass topic=",
             ("/s",): "table has no ros.type .*; pass msg_type=",
             (None, String): "name the topic",
         }.items():
-            with pytest.raises(BagError, match=said):
+            with pytest.raises(BagError, match=error_text):
                 writer.write_table(pa.table(STRINGS), *arguments)
         with pytest.raises(BagError, match="expected a table"):
             writer.write_table([1], "/s", String)
-        told = {b"ros.topic": b"/s", b"ros.type": b"std_msgs/msg/String", b"ros.type_hash": b"RIHS01_0"}
+        table_metadata = {b"ros.topic": b"/s", b"ros.type": b"std_msgs/msg/String", b"ros.type_hash": b"RIHS01_0"}
         with pytest.raises(BagError, match="was made of std_msgs/msg/String RIHS01_0"):
-            writer.write_table(pa.table(STRINGS).replace_schema_metadata(told))
+            writer.write_table(pa.table(STRINGS).replace_schema_metadata(table_metadata))
         with pytest.raises(ValueError, match=r"none|no "):
-            writer.write_table(pa.table(STRINGS).replace_schema_metadata({**told, b"ros.type": b"../x"}))
+            writer.write_table(pa.table(STRINGS).replace_schema_metadata({**table_metadata, b"ros.type": b"../x"}))
     with pytest.raises(BagError, match="closed"):
         writer.write_table(pa.table(STRINGS), "/s", String)
 
@@ -134,7 +134,7 @@ def view(sizes: list[int], offsets: list[int], values: pa.Array, kind: Any) -> p
 TextArray: Any = compile_definition("a_msgs/msg/TextArray", "string[] data\nuint8[] octets\nfloat32[] floats")
 
 
-def test_values_are_those_of_the_table_in_every_layout_of_arrow(tmp_path: Path) -> None:
+def test_values_of_every_arrow_layout_are_written_correctly(tmp_path: Path) -> None:
     rows = [["a", "b"], ["c"], [], ["d", "e", "f"]]
     flat = pa.array([one for row in rows for one in row])
     numbers = [[1, 2], [255], [], [0, 7, 9]]
@@ -200,7 +200,7 @@ Numbers: Any = compile_definition(
 DECIMAL = pa.decimal128(38, 3)
 
 
-def test_structs_with_views_in_lists_with_views(tmp_path: Path) -> None:
+def test_structs_with_views_inside_list_views_are_written(tmp_path: Path) -> None:
     cls = compile_definition("a_msgs/msg/A", f"B[] b\n{'=' * 80}\nMSG: a_msgs/B\nstring s\nint8[] n")
     names = pa.array(["a", "b", "c"]).cast(pa.string_view())
     numbers = view([0, 2, 1], [0, 1, 0], pa.array([1, 2, 3]), pa.int64())
@@ -214,7 +214,7 @@ def test_structs_with_views_in_lists_with_views(tmp_path: Path) -> None:
     assert found == [[("b", [2, 3]), ("c", [1])], [("a", [])]]
 
 
-def test_numbers_and_times_fit_exactly_or_are_errors(tmp_path: Path) -> None:
+def test_numbers_and_times_in_tables_must_fit_exactly(tmp_path: Path) -> None:
     array = pa.array
     right = [
         ("i8", array([-128.0, 127.0]), [-128, 127]),
@@ -267,9 +267,9 @@ def test_numbers_and_times_fit_exactly_or_are_errors(tmp_path: Path) -> None:
         for number, (column, values, _) in enumerate(right):
             table = pa.Table.from_arrays([array(range(len(values))), values], ["log_time", column])
             writer.write_table(table, f"/t{number}", Numbers)
-        for column, values, said in wrong:
+        for column, values, error_text in wrong:
             table = pa.Table.from_arrays([array(range(len(values))), values], ["log_time", column])
-            with pytest.raises(BagError, match=said):
+            with pytest.raises(BagError, match=error_text):
                 writer.write_table(table, "/wrong", Numbers)
         twice = pa.StructArray.from_arrays([array([1]), array([2])], ["x", "x"])
         with pytest.raises(BagError, match="inner: there are two fields x"):

@@ -37,7 +37,7 @@ def unit(quaternion: tuple[float, ...]) -> list[float]:
 
 FRAMES = st.sampled_from(["a", "b", "c", "d", "e", "f"])
 STAMPS = st.integers(1, 13).map(lambda seconds: seconds * 10**9)
-"""Two of them may be too old for a frame, but not three in a row, which tf2 refuses and we take."""
+"""Two stamps may be too old for a frame, but not three in a row, which tf2 refuses and we accept."""
 TIMES = st.just(0) | STAMPS | st.integers(1, 16 * 10**9)
 NUMBERS = st.integers(-3, 3).map(float)
 ROTATIONS = st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS).filter(any).map(unit)
@@ -85,9 +85,9 @@ def answer(buffer: TransformBuffer, request: Any) -> Any:
 
 
 @given(histories(), st.lists(LOOKUPS | FULL, min_size=1, max_size=12))
-def test_answers_and_errors_are_those_of_tf2(tf2: Any, history: list[Any], questions: list[Any]) -> None:
+def test_lookups_and_errors_equal_the_results_of_tf2(tf2: Any, history: list[Any], questions: list[Any]) -> None:
     buffer = TransformBuffer()
-    # tf2 keeps the names of frames even where it refuses a transform for its age.
+    # tf2 stores the frame names even of a transform that it refuses for its age.
     taken = [request for request in history if answer(buffer, request) is None]
     for question, wanted in zip(questions, tf2.ask([*taken, *questions])[len(taken) :], strict=True):
         ours = answer(buffer, question)

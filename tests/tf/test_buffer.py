@@ -30,7 +30,7 @@ TransformStamped: Any = get_message("geometry_msgs/msg/TransformStamped")
 TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
 
 
-def test_a_point_is_carried_through_the_tree() -> None:
+def test_lookup_composes_transforms_through_the_tree() -> None:
     found = filled().lookup_transform("map", "lidar")
     assert (found.target, found.source, found.stamp) == ("map", "lidar", 3 * S)
     assert np.allclose(found.apply([[1, 0, 0], [0, 0, 2]]), [[13.5, 1, 0], [13.5, 0, 2]])
@@ -40,7 +40,7 @@ def test_a_point_is_carried_through_the_tree() -> None:
     assert np.allclose((found.inverse() @ found).matrix, np.eye(4))
 
 
-def test_between_two_times_it_is_interpolated() -> None:
+def test_lookup_between_two_stamps_is_interpolated() -> None:
     buffer = filled()
     found = buffer.lookup_transform("odom", "base_link", round(1.25 * S))
     assert np.allclose(found.translation, [1.25, 0, 0]) and found.stamp == round(1.25 * S)
@@ -51,7 +51,7 @@ def test_between_two_times_it_is_interpolated() -> None:
         assert np.allclose(turned, [math.sqrt(0.5), math.sqrt(0.5), 0])
 
 
-def test_what_was_seen_before_is_found_where_it_is_now() -> None:
+def test_full_lookup_relates_two_times_through_a_fixed_frame() -> None:
     found = filled().lookup_transform_full("base_link", 3 * S, "base_link", 1 * S, "map")
     assert np.allclose(found.translation, [-2, 0, 0])
     assert found.stamp == 3 * S
@@ -76,14 +76,14 @@ LATE = (
         (("map", "/odom"), InvalidTransformError, "begins with /"),
     ],
 )
-def test_errors_say_what_is_missing_and_what_is_known(question: Any, error: type[Exception], text: str) -> None:
+def test_lookup_errors_state_missing_and_known_frames(question: Any, error: type[Exception], text: str) -> None:
     buffer = filled()
     with pytest.raises(error, match=text):
         buffer.lookup_transform(*question)
     assert not buffer.can_transform(*question)
 
 
-def test_an_extrapolation_names_a_transform_between_the_two_frames() -> None:
+def test_extrapolation_error_states_a_transform_between_the_two_frames() -> None:
     buffer = TransformBuffer()
     for stamp in (1, 2):  # odom lacks the time, too, but nothing between camera and lidar needs it
         buffer.set_transform(moved("odom", "base", stamp))
@@ -123,7 +123,7 @@ def test_a_stamp_far_in_the_future_blocks_no_more_than_two_later_transforms() ->
         buffer.set_transform(moved("map", "base", 100 + stamp))
 
 
-def test_names_of_peers_are_cut_in_error_texts() -> None:
+def test_frame_names_in_errors_are_truncated_and_printable() -> None:
     long = "\x1b[31m" * 100_000
     buffer = filled()
     for child in ("a", "b"):
@@ -142,7 +142,7 @@ def test_names_of_peers_are_cut_in_error_texts() -> None:
         assert len(str(refused.value)) < 500 and "\x1b" not in str(refused.value)
 
 
-def test_an_empty_buffer_says_so() -> None:
+def test_lookup_in_an_empty_buffer_states_that_no_frame_is_known() -> None:
     with pytest.raises(UnknownFrameError, match="known: none"):
         TransformBuffer().lookup_transform("map", "odom")
     assert TransformBuffer().lookup_transform("map", "map").translation.tolist() == [0, 0, 0]
@@ -165,14 +165,14 @@ def test_an_empty_buffer_says_so() -> None:
         (moved("a", "b", rotation=LEVEL * 1.1), "its length is 1.1"),
     ],
 )
-def test_what_is_no_transform_is_refused_and_changes_nothing(transform: Transform, text: str) -> None:
+def test_invalid_transform_is_refused_and_leaves_the_buffer_unchanged(transform: Transform, text: str) -> None:
     buffer = TransformBuffer()
     with pytest.raises(InvalidTransformError, match=text):
         buffer.set_transform(transform)
     assert buffer.frames() == {}
 
 
-async def test_a_message_that_is_none_of_a_transform_is_refused(memory: World) -> None:
+async def test_message_that_is_not_a_transform_is_refused(memory: World) -> None:
     half: Any = get_message("geometry_msgs/msg/TransformStamped")()
     half.header.stamp = "now"
     for wrong, text in ((get_message("sensor_msgs/msg/Imu")(), "got Imu"), (half, "'now'"), (None, "got NoneType")):
@@ -187,7 +187,7 @@ async def test_a_message_that_is_none_of_a_transform_is_refused(memory: World) -
             broadcaster.send([moved("base", "lidar"), get_message("sensor_msgs/msg/Imu")()])
 
 
-def test_a_slash_before_a_frame_makes_no_other_frame() -> None:
+def test_leading_slash_of_an_inserted_frame_is_removed() -> None:
     buffer = TransformBuffer()
     buffer.set_transform(moved("/map", "/base", x=2))
     buffer.set_transform(moved("/base", "lidar", x=1), static=True)
@@ -197,7 +197,7 @@ def test_a_slash_before_a_frame_makes_no_other_frame() -> None:
         buffer.lookup_transform("/map", "lidar")
 
 
-def test_frames_in_a_circle_are_told() -> None:
+def test_loop_of_frames_is_reported() -> None:
     buffer = TransformBuffer()
     for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
         buffer.set_transform(moved(parent, child))
@@ -211,7 +211,7 @@ def test_frames_in_a_circle_are_told() -> None:
         buffer.lookup_transform("x", "a", S)
 
 
-def test_a_frame_with_a_new_parent_leaves_the_old_one_at_that_time() -> None:
+def test_frame_with_a_new_parent_keeps_the_old_parent_for_earlier_times() -> None:
     buffer = TransformBuffer()
     buffer.set_transform(moved("left", "ball", 1, 1))
     buffer.set_transform(moved("right", "ball", 3, 2))
@@ -221,7 +221,7 @@ def test_a_frame_with_a_new_parent_leaves_the_old_one_at_that_time() -> None:
         buffer.lookup_transform("right", "ball", 2 * S)
 
 
-def test_a_frame_that_was_static_moves_from_now_on() -> None:
+def test_static_frame_becomes_dynamic_with_a_dynamic_transform() -> None:
     buffer = TransformBuffer()
     buffer.set_transform(moved("a", "b", 1, 1), static=True)
     assert buffer.frames()["b"].is_static
@@ -231,7 +231,7 @@ def test_a_frame_that_was_static_moves_from_now_on() -> None:
         buffer.lookup_transform("a", "b", S)
 
 
-def test_only_the_last_seconds_are_kept() -> None:
+def test_transforms_older_than_the_cache_time_are_discarded() -> None:
     buffer = TransformBuffer(cache_time_s=2)
     for second in range(1, 100):
         buffer.set_transform(moved("a", "b", second))
@@ -243,7 +243,7 @@ def test_only_the_last_seconds_are_kept() -> None:
     assert buffer.lookup_transform("a", "b", round(98.5 * S)).translation.tolist() == [7, 0, 0]
 
 
-def test_what_moves_is_forgotten_and_what_is_static_is_not() -> None:
+def test_clear_discards_dynamic_but_not_static_transforms() -> None:
     buffer = filled()
     buffer.clear()
     assert buffer.can_transform("base_link", "lidar")
@@ -252,7 +252,7 @@ def test_what_moves_is_forgotten_and_what_is_static_is_not() -> None:
     assert buffer.can_transform("map", "odom")
 
 
-def test_messages_are_taken_and_given() -> None:
+def test_transform_round_trips_through_a_message() -> None:
     buffer = filled()
     message = buffer.lookup_transform("map", "lidar").to_message(cls=TransformStamped)
     assert (message.header.frame_id, message.child_frame_id, message.header.stamp.sec) == ("map", "lidar", 3)
@@ -267,7 +267,7 @@ def test_messages_are_taken_and_given() -> None:
 
 
 @pytest.mark.every_transport
-async def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> None:
+async def test_transforms_of_broadcasters_arrive_in_buffers(world: World) -> None:
     robot, viewer = world.node("robot"), world.node("viewer")
     statics = StaticTransformBroadcaster(robot)
     statics.send(moved("base_link", "lidar", 0, 1))
@@ -284,17 +284,17 @@ async def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> N
     assert buffer.can_transform("odom", "lidar")  # sent before there was a buffer
 
 
-async def test_a_static_transform_sent_again_with_a_slash_takes_the_place_of_the_first(memory: World) -> None:
+async def test_static_transform_sent_again_without_slash_replaces_the_first(memory: World) -> None:
     robot, viewer = memory.node("robot"), memory.node("viewer")
     statics = StaticTransformBroadcaster(robot)
     statics.send(moved("base", "/lidar", 0, 1))
     statics.send(moved("base", "lidar", 0, 2))
-    heard = viewer.create_subscription(TFMessage, "/tf_static", qos=QoSProfile().transient_local())
-    message = await heard.receive(timeout_s=10)
+    subscription = viewer.create_subscription(TFMessage, "/tf_static", qos=QoSProfile().transient_local())
+    message = await subscription.receive(timeout_s=10)
     assert [one.transform.translation.x for one in message.transforms] == [2]
 
 
-async def test_waiting_ends_with_what_is_missing(memory: World) -> None:
+async def test_wait_timeout_error_states_the_missing_frame(memory: World) -> None:
     viewer = memory.node("viewer")
     buffer = TransformBuffer(viewer)
     with pytest.raises(TransformTimeoutError, match=r'after 0\.05 s: the target frame "map" is not known'):
@@ -303,7 +303,7 @@ async def test_waiting_ends_with_what_is_missing(memory: World) -> None:
         await buffer.wait_for_transform("", "odom", timeout_s=5)
 
 
-async def test_a_bad_transform_of_a_peer_is_logged_and_the_others_count(
+async def test_invalid_received_transform_is_logged_and_valid_ones_are_used(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     robot, viewer = memory.node("robot"), memory.node("viewer")
@@ -316,7 +316,7 @@ async def test_a_bad_transform_of_a_peer_is_logged_and_the_others_count(
     assert 'ignored a transform: "a": frame_id and child_frame_id are the same' in caplog.text
 
 
-def test_times_before_1970_are_told_as_they_are() -> None:
+def test_times_before_1970_are_displayed_as_negative_seconds() -> None:
     buffer = TransformBuffer()
     buffer.set_transform(Transform("map", "base", 10, np.zeros(3), np.array([0.0, 0, 0, 1])))
     with pytest.raises(ExtrapolationError, match=r"requested -0\.000000005, but"):

@@ -19,16 +19,16 @@ from rosidl_py_gen.tf import InvalidTransformError, TransformBroadcaster, Transf
 PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
 
 
-def fed(**options: Any) -> tuple[MessageFilter, TransformBuffer, TransformFilter, list[Any]]:
-    """All by hand; the list has when each message is of that came out."""
+def make_filter(**options: Any) -> tuple[MessageFilter, TransformBuffer, TransformFilter, list[Any]]:
+    """Make a filter without nodes; the list contains the stamps of passed messages, in seconds."""
     source, buffer, seen = MessageFilter(), TransformBuffer(), []
     made = TransformFilter(source, buffer, options.pop("target", "map"), **options)
     made.register_callback(lambda one: seen.append(one.header.stamp.sec))
     return source, buffer, made, seen
 
 
-def test_a_message_comes_out_when_its_transform_is_there() -> None:
-    source, buffer, made, seen = fed()
+def test_message_is_passed_when_its_transform_is_available() -> None:
+    source, buffer, made, seen = make_filter()
     source.signal_message(message("PointStamped", "base", 2))
     source.signal_message(message("PointStamped", "base", 1))
     assert seen == [] and made.waiting == 2
@@ -41,8 +41,8 @@ def test_a_message_comes_out_when_its_transform_is_there() -> None:
     assert seen == [1, 2, 2, 0]
 
 
-def test_all_targets_are_waited_for_and_the_time_around() -> None:
-    source, buffer, _, seen = fed(target=["map", "odom"], tolerance_s=0.5)
+def test_message_waits_for_all_targets_and_the_tolerance_interval() -> None:
+    source, buffer, _, seen = make_filter(target=["map", "odom"], tolerance_s=0.5)
     for frame in ("map", "odom"):
         for second in (1, 2):
             buffer.set_transform(moved(frame, f"{frame}_base", second))
@@ -57,9 +57,9 @@ def test_all_targets_are_waited_for_and_the_time_around() -> None:
     assert seen == [1, 1]
 
 
-def test_what_falls_out_of_the_queue_is_told_with_what_was_missing() -> None:
+def test_dropped_messages_are_reported_with_the_missing_transform() -> None:
     lost: list[Any] = []
-    source, buffer, made, seen = fed(
+    source, buffer, made, seen = make_filter(
         queue_size=2, on_drop=lambda one, why: lost.append((one.header.stamp.sec, str(why)))
     )
     for second in (1, 2, 3):
@@ -73,7 +73,7 @@ def test_what_falls_out_of_the_queue_is_told_with_what_was_missing() -> None:
     assert seen == [3] and made.waiting == 1
 
 
-async def test_async_callbacks_may_wait_for_transforms_themselves(memory: World) -> None:
+async def test_async_callbacks_may_wait_for_other_transforms(memory: World) -> None:
     robot, viewer = memory.pair()
     buffer, seen = TransformBuffer(viewer), []
 
@@ -92,8 +92,8 @@ async def test_async_callbacks_may_wait_for_transforms_themselves(memory: World)
     assert seen == [2, 3, 4]
 
 
-async def test_async_callbacks_are_called_for_transforms_given_by_hand(memory: World) -> None:
-    source, buffer, _, _ = fed()
+async def test_async_callback_is_called_for_a_transform_set_directly(memory: World) -> None:
+    source, buffer, _, _ = make_filter()
     seen: list[Any] = []
     made = TransformFilter(source, buffer, "map")
 
@@ -108,7 +108,9 @@ async def test_async_callbacks_are_called_for_transforms_given_by_hand(memory: W
 
 
 @pytest.mark.every_transport
-async def test_a_chain_from_a_topic_to_a_cache(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_filter_chain_from_topic_to_cache_passes_transformable_messages(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     robot, viewer = world.pair()
     points = Subscriber(viewer, PointStamped, "points")
     ready = TransformFilter(points, TransformBuffer(viewer), "map", queue_size=1)
@@ -129,7 +131,7 @@ async def test_a_chain_from_a_topic_to_a_cache(world: World, caplog: pytest.LogC
     assert cache.latest_stamp == 2 * S
 
 
-async def test_time_that_jumps_back_forgets_what_waits(memory: World) -> None:
+async def test_backward_time_jump_discards_waiting_messages(memory: World) -> None:
     robot, viewer = memory.node("robot"), memory.node("viewer", args="--ros-args -p use_sim_time:=true")
     made = TransformFilter(Subscriber(viewer, PointStamped, "points"), TransformBuffer(viewer), "map")
     clock, publisher = robot.create_sim_time_publisher(), robot.create_publisher(PointStamped, "points")
@@ -141,7 +143,7 @@ async def test_time_that_jumps_back_forgets_what_waits(memory: World) -> None:
     await until(lambda: made.waiting == 0)
 
 
-async def test_what_makes_no_sense_is_refused(memory: World) -> None:
+async def test_invalid_arguments_are_refused(memory: World) -> None:
     source, buffer = MessageFilter(), TransformBuffer()
     for target in ("", "/map", ["map", 3]):
         with pytest.raises(InvalidTransformError, match="expected a target frame, without / in front, got "):

@@ -43,7 +43,7 @@ def transforms(draw: st.DrawFn) -> Transform:
 
 
 @given(transforms(), st.tuples(NUMBERS, NUMBERS, NUMBERS), ROTATIONS)
-def test_places_and_directions_are_those_of_the_matrix(
+def test_points_vectors_and_poses_are_transformed_like_by_a_matrix(
     transform: Transform, place: tuple[float, ...], turn: tuple[float, ...]
 ) -> None:
     unit = np.array(turn) / np.linalg.norm(turn)
@@ -68,7 +68,9 @@ def test_places_and_directions_are_those_of_the_matrix(
 
 
 @given(transforms(), st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), max_size=5))
-def test_several_places_in_one_message_all_move(transform: Transform, places: list[tuple[float, ...]]) -> None:
+def test_all_poses_and_points_of_a_message_are_transformed(
+    transform: Transform, places: list[tuple[float, ...]]
+) -> None:
     poses, polygon = message("PoseArray"), message("PolygonStamped")
     pose_class, point_class = (get_message(f"geometry_msgs/msg/{name}") for name in ("Pose", "Point32"))
     for place in places:
@@ -84,7 +86,7 @@ def test_several_places_in_one_message_all_move(transform: Transform, places: li
     assert np.allclose(np.reshape(made, (-1, 3)), wanted, rtol=1e-6)
 
 
-def test_uncertainty_turns_with_the_pose() -> None:
+def test_covariance_is_rotated_with_the_pose() -> None:
     pose = message("PoseWithCovarianceStamped")
     pose.pose.covariance = np.diag([1.0, 2, 3, 4, 5, 6]).reshape(36)
     turned = Transform("map", "lidar", 0, np.ones(3), QUARTER).transform(pose)
@@ -103,7 +105,7 @@ def cloud_of(points: Any, **changes: Any) -> Any:
 
 @pytest.mark.parametrize("kind", ["<f4", ">f4", "<f8", ">f8"])
 @pytest.mark.parametrize("shape", [(7,), (3, 5), (0,)])
-def test_every_point_of_a_cloud_moves_and_nothing_else(kind: str, shape: tuple[int, ...]) -> None:
+def test_only_the_coordinates_of_a_cloud_are_transformed(kind: str, shape: tuple[int, ...]) -> None:
     rng = np.random.default_rng(3)
     dtype = np.dtype(
         {
@@ -135,7 +137,7 @@ def test_every_point_of_a_cloud_moves_and_nothing_else(kind: str, shape: tuple[i
     assert (turned.row_step, turned.point_step, turned.header.frame_id) == (cloud.row_step, cloud.point_step, "map")
 
 
-def test_what_is_no_number_stays_so_and_normals_only_turn() -> None:
+def test_nan_and_infinity_are_preserved_and_normals_are_only_rotated() -> None:
     names = ["x", "y", "z", "normal_x", "normal_y", "normal_z"]
     made = np.zeros(3, [(name, "f4") for name in names])
     made["normal_x"] = 1
@@ -171,12 +173,12 @@ def test_a_received_cloud_whose_bytes_are_read_only_is_copied() -> None:
         (cloud_of(np.zeros(3, [(name, "f4") for name in "xyz"]), data=b""), "0 bytes, but"),
     ],
 )
-def test_what_cannot_be_transformed_is_told(wrong: Any, text: str) -> None:
+def test_messages_that_cannot_be_transformed_are_refused_with_reason(wrong: Any, text: str) -> None:
     with pytest.raises(ConversionError, match=text):
         Transform("map", "lidar", 0, np.zeros(3), LEVEL).transform(wrong)
 
 
-def test_the_buffer_transforms_by_the_time_of_the_message() -> None:
+def test_buffer_transforms_a_message_at_the_time_of_its_stamp() -> None:
     buffer = filled()
     point = message("PointStamped", "base_link", 1.5)
     there = buffer.transform(point, "odom")
@@ -196,7 +198,7 @@ def test_the_buffer_transforms_by_the_time_of_the_message() -> None:
 
 
 @pytest.mark.every_transport
-async def test_a_cloud_waits_for_its_transform(world: World) -> None:
+async def test_wait_and_transform_waits_for_the_transform_of_a_cloud(world: World) -> None:
     robot, viewer = world.pair()
     buffer = TransformBuffer(viewer)
     StaticTransformBroadcaster(robot).send(moved("base_link", "lidar", 0, 2))

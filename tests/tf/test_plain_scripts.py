@@ -28,7 +28,7 @@ PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
 
 
 @pytest.mark.every_transport
-def test_a_buffer_waits_without_a_loop(world: World) -> None:
+def test_sync_waits_of_a_buffer_work_without_an_event_loop(world: World) -> None:
     robot, viewer = world.pair()
     buffer = TransformBuffer(viewer)
     static, moving = StaticTransformBroadcaster(robot), TransformBroadcaster(robot)
@@ -43,7 +43,7 @@ def test_a_buffer_waits_without_a_loop(world: World) -> None:
 
 
 @pytest.mark.every_transport
-def test_a_script_that_sleeps_finds_what_arrived(world: World) -> None:
+def test_script_that_sleeps_finds_received_transforms(world: World) -> None:
     robot, viewer = world.pair()
     buffer, moving = TransformBuffer(viewer), TransformBroadcaster(robot)
     seen: list[float] = []
@@ -67,7 +67,7 @@ def test_a_script_that_sleeps_finds_what_arrived(world: World) -> None:
     assert seen == [0]
 
 
-async def test_a_thread_next_to_the_loop_waits_and_the_loop_itself_refuses(memory: World) -> None:
+async def test_sync_waits_work_in_threads_and_are_refused_in_the_event_loop(memory: World) -> None:
     robot, viewer = memory.pair()
     buffer, moving = TransformBuffer(viewer), TransformBroadcaster(robot)
     pairs = ApproximateTimeSynchronizer([Subscriber(viewer, PointStamped, topic) for topic in "ab"], slop_s=0.1)
@@ -87,7 +87,7 @@ async def test_a_thread_next_to_the_loop_waits_and_the_loop_itself_refuses(memor
     assert len(await receiving) == 2
 
 
-def test_objects_without_a_node_wait_for_other_threads() -> None:
+def test_sync_waits_of_objects_without_a_node_are_ended_by_other_threads() -> None:
     buffer, source = TransformBuffer(), MessageFilter()
     pairs = ApproximateTimeSynchronizer([source], slop_s=1)
 

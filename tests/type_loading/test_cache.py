@@ -29,7 +29,7 @@ HASHES = [f"RIHS01_{index:064x}" for index in range(5)]
         ({VARIABLE: "off"}, None),
     ],
 )
-def test_the_folder_is_the_one_of_the_platform_or_the_chosen_one(
+def test_cache_folder_is_set_by_platform_or_environment_variable(
     monkeypatch: pytest.MonkeyPatch, settings: dict[str, str], folder: str | None
 ) -> None:
     for name in ("HOME", "XDG_CACHE_HOME", VARIABLE):
@@ -39,7 +39,9 @@ def test_the_folder_is_the_one_of_the_platform_or_the_chosen_one(
     assert cache_folder() == (None if folder is None else Path(folder))
 
 
-def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stored_descriptions_are_loaded_and_the_oldest_are_evicted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "new" / "folder"))
     monkeypatch.setattr(disk_cache, "MAX_DESCRIPTIONS", 3)
     for age, one in enumerate(HASHES):
@@ -50,7 +52,9 @@ def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: py
     assert len(list((tmp_path / "new" / "folder").iterdir())) == 3
 
 
-def test_large_ones_and_odd_folders_are_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_large_descriptions_and_unusable_folders_are_skipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     store_description(HASHES[0], bytes(disk_cache.MAX_DESCRIPTION_BYTES + 1))
     assert list(tmp_path.iterdir()) == []
@@ -66,7 +70,7 @@ def test_large_ones_and_odd_folders_are_passed_over(tmp_path: Path, monkeypatch:
             assert load_description(HASHES[2]) is None
 
 
-def test_a_write_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_write_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path))
 
     def fail(*_: object) -> None:
@@ -143,7 +147,7 @@ def test_descriptions_are_neither_read_nor_written_if_other_users_can_write(home
 
 @needs_owners
 @pytest.mark.parametrize("mask", [0, 0o077, 0o777])
-def test_new_cached_folders_and_files_are_private_and_usable_whatever_the_umask_is(home: Path, mask: int) -> None:
+def test_new_cached_folders_and_files_are_private_with_any_umask(home: Path, mask: int) -> None:
     old = os.umask(mask)
     try:
         folder = disk_cache.cached_folder("prefix", ["words"])

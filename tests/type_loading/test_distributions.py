@@ -1,4 +1,4 @@
-"""Definitions of several ROS 2 distributions: what each has, how one is selected, and their hashes."""
+"""Definitions of several ROS 2 distributions: contents, selection and hashes."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ UPSTREAM = {
 
 
 @pytest.mark.parametrize(("name", "distro"), UPSTREAM)
-def test_a_distribution_has_its_definition(name: str, distro: str) -> None:
+def test_definition_of_a_distribution_has_the_hash_computed_by_rosidl(name: str, distro: str) -> None:
     assert type_hash(get_message(name, distro=distro)) == f"RIHS01_{UPSTREAM[name, distro]}"
 
 
@@ -68,7 +68,7 @@ def test_every_definition_of_a_distribution_is_valid(distro: str) -> None:
     assert len(names) == sum(len(package.files) for package in search.packages.values())
 
 
-def test_each_stored_difference_differs_and_is_used() -> None:
+def test_stored_definitions_of_a_distribution_differ_from_the_default_and_are_used() -> None:
     top = interfaces_dir() / "distributions"
     for distro in os.listdir(top):
         if distro != "COLCON_IGNORE":
@@ -80,7 +80,7 @@ def test_each_stored_difference_differs_and_is_used() -> None:
                 assert not default.exists() or default.read_text() != path.read_text()
 
 
-def test_types_that_agree_have_one_class() -> None:
+def test_types_equal_in_several_distributions_have_one_class() -> None:
     classes = {get_message("geometry_msgs/PoseStamped", distro=distro) for distro in (None, *DISTRIBUTIONS)}
     assert len(classes) == 1
     assert len({get_message("sensor_msgs/Range", distro=distro) for distro in DISTRIBUTIONS}) == 2
@@ -88,7 +88,7 @@ def test_types_that_agree_have_one_class() -> None:
     assert get_action("turtlesim_msgs/RotateAbsolute", distro="kilted")
 
 
-def test_constants_and_defaults_of_a_distribution() -> None:
+def test_classes_have_constants_and_defaults_of_the_selected_distribution() -> None:
     assert get_message("sensor_msgs/NavSatStatus")().status == -2
     humble = get_message("sensor_msgs/NavSatStatus", distro="humble")
     assert humble().status == 0 and not hasattr(humble, "STATUS_UNKNOWN")
@@ -105,13 +105,15 @@ def test_constants_and_defaults_of_a_distribution() -> None:
         ("turtlesim/msg/Pose", "lyrical", "it is part of humble and jazzy only"),
     ],
 )
-def test_the_error_names_the_distributions_with_a_type(name: str, distro: str | None, part: str) -> None:
+def test_error_for_a_missing_type_lists_the_distributions_that_have_it(
+    name: str, distro: str | None, part: str
+) -> None:
     with pytest.raises(TypeNotFoundError) as caught:
         get_message(name, distro=distro)
     assert part in str(caught.value)
 
 
-def test_a_definition_that_uses_a_type_of_another_distribution_says_so(tmp_path: Path) -> None:
+def test_error_for_a_definition_with_a_missing_type_lists_its_distributions(tmp_path: Path) -> None:
     (tmp_path / "a_msgs" / "msg").mkdir(parents=True)
     (tmp_path / "a_msgs" / "msg" / "A.msg").write_text("geometry_msgs/Pose2D pose\n")
     assert get_message("a_msgs/A", path=tmp_path, distro="kilted")
@@ -119,7 +121,7 @@ def test_a_definition_that_uses_a_type_of_another_distribution_says_so(tmp_path:
         get_message("a_msgs/A", path=tmp_path, distro="lyrical")
 
 
-def test_the_table_of_definitions() -> None:
+def test_distribution_definitions_lists_each_definition_with_its_distributions() -> None:
     found = distribution_definitions("sensor_msgs/msg/Range")
     assert [one.distributions for one in found] == [("humble",), ("jazzy", "kilted", "lyrical")]
     for one in found:
@@ -150,7 +152,7 @@ def test_names_of_distributions_are_read_in_any_case() -> None:
     assert selected("rolling") == ("lyrical", True)
 
 
-def test_an_unknown_name_in_the_environment_is_a_warning_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_distribution_in_the_environment_is_warned_about_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DISTRO", "galactic")
     with pytest.warns(DistributionWarning, match="no definitions of 'galactic'; using those of jazzy"):
         assert get_message("std_msgs/Bool")
@@ -159,7 +161,7 @@ def test_an_unknown_name_in_the_environment_is_a_warning_once(monkeypatch: pytes
         assert selected() == ("jazzy", False)
 
 
-def test_a_command_selects_for_its_duration(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_distribution_of_a_command_is_selected_for_its_duration(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DISTRO", "kilted")
     with distribution_of_command("lyrical"):
         assert selected() == ("lyrical", True)
@@ -170,7 +172,9 @@ def test_a_command_selects_for_its_duration(monkeypatch: pytest.MonkeyPatch) -> 
     assert selected() == ("kilted", False)
 
 
-def test_an_explicit_distribution_precedes_ament(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_explicit_distribution_overrides_ament_but_not_the_given_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     name = "stereo_msgs/DisparityImage"
     folder = tmp_path / "share" / "stereo_msgs" / "msg"
     folder.mkdir(parents=True)
@@ -186,7 +190,7 @@ def test_an_explicit_distribution_precedes_ament(tmp_path: Path, monkeypatch: py
 
 
 def test_wheels_of_ros_are_on_the_search_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They install into `share` of the environment; folders that the ament index does not name are not read."""
+    """Wheels install into `share` of the environment; folders that the ament index lacks are not read."""
     for package in ("acme_msgs", "sensor_msgs", "ros1_msgs"):
         folder = tmp_path / "share" / package / "msg"
         folder.mkdir(parents=True)
@@ -204,7 +208,7 @@ def test_wheels_of_ros_are_on_the_search_path(tmp_path: Path, monkeypatch: pytes
     assert scan_search_path(ament="", distro="jazzy").packages["sensor_msgs"].origin == "bundled"
 
 
-def test_the_default_needs_no_compiler_for_the_selection() -> None:
+def test_default_distribution_needs_no_compiler_for_the_selection() -> None:
     program = (
         "import sys, rosidl_py_gen; rosidl_py_gen.get_message('rcl_interfaces/Parameter');"
         "print('rosidl_py_gen.compiler.frontend.bundled' in sys.modules)"
@@ -213,7 +217,7 @@ def test_the_default_needs_no_compiler_for_the_selection() -> None:
     assert done.stdout == "False\n"
 
 
-def test_the_import_hook_uses_a_distribution() -> None:
+def test_import_hook_uses_a_distribution_given_as_argument() -> None:
     program = """
 from rosidl_py_gen import found_packages, install_import_hook, type_hash
 hook = install_import_hook({settings}, distro="humble")

@@ -27,13 +27,13 @@ def _modules(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A real one that can be imported."""
+    """Make a real package importable, and return its folder."""
     write(tmp_path, {f"{NAME}/__init__.py": "", f"{NAME}/packages.py": "REAL = True"})
     monkeypatch.syspath_prepend(str(tmp_path))
     return tmp_path
 
 
-def test_ours_are_there_while_the_hook_is() -> None:
+def test_compat_packages_can_be_imported_only_while_the_hook_is_installed() -> None:
     with install_import_hook(message_api="rclpy"):
         assert Path(str(import_module(f"{NAME}.packages").__file__)).is_relative_to(RCLPY_COMPAT_DIR)
     assert not [name for name in sys.modules if name.split(".")[0] == NAME]
@@ -41,13 +41,13 @@ def test_ours_are_there_while_the_hook_is() -> None:
         import_module(NAME)
 
 
-def test_native_messages_bring_none() -> None:
+def test_hook_with_native_messages_provides_no_compat_packages() -> None:
     with install_import_hook(), pytest.raises(ModuleNotFoundError):
         import_module(NAME)
 
 
 @pytest.mark.parametrize("override", [False, True])
-def test_of_a_real_one_and_ours_one_is_used_with_a_warning(real: Path, override: bool) -> None:
+def test_real_or_compat_package_is_used_with_a_warning_about_the_other(real: Path, override: bool) -> None:
     used, unused = (RCLPY_COMPAT_DIR, real) if override else (real, RCLPY_COMPAT_DIR)
     with install_import_hook(message_api="rclpy", override_installed=override):
         with pytest.warns(ImportHookWarning, match=f"{NAME}: using {used}.*, not {unused}"):
@@ -58,7 +58,7 @@ def test_of_a_real_one_and_ours_one_is_used_with_a_warning(real: Path, override:
         sys.modules.pop(name, None)
 
 
-def test_every_package_of_the_shim_can_be_imported() -> None:
+def test_every_compat_package_can_be_imported() -> None:
     names = [path.name for path in RCLPY_COMPAT_DIR.iterdir() if (path / "__init__.py").is_file()]
     assert NAME in names and "rclpy" in names
     before = set(sys.modules)
@@ -68,7 +68,7 @@ def test_every_package_of_the_shim_can_be_imported() -> None:
     assert not [name for name in set(sys.modules) - before if name.split(".")[0] in names]
 
 
-def test_packages_beside_one_that_is_in_no_src(tmp_path: Path) -> None:
+def test_packages_next_to_a_package_outside_of_src_are_found(tmp_path: Path) -> None:
     files = {
         "clone/one/package.xml": PACKAGE_XML.format("one_package"),
         "clone/one/one_package/__init__.py": "from two_package import TWO",
@@ -85,14 +85,14 @@ def test_packages_beside_one_that_is_in_no_src(tmp_path: Path) -> None:
     script, path = tmp_path / "clone/one/one_package/__init__.py", tmp_path / "clone/three"
     with install_import_hook(
         message_api="rclpy", workspace_of=script, path=[path]
-    ):  # which names one that is there anyway
+    ):  # the workspace contains this package as well
         assert import_module("one_package").TWO == 2
         assert import_module("three_msgs.msg").A(a=1).a == 1
         with pytest.raises(ModuleNotFoundError):
             import_module("deep_package")
 
 
-def test_packages_of_the_workspace(tmp_path: Path) -> None:
+def test_packages_of_the_workspace_can_be_imported_and_are_listed(tmp_path: Path) -> None:
     files = {
         "src/one/package.xml": PACKAGE_XML.format("one_package"),
         "src/one/one_package/__init__.py": "from two_package import TWO",

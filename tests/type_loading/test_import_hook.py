@@ -50,11 +50,11 @@ def python(program: str, *arguments: str | Path, **settings: str) -> subprocess.
     return subprocess.run(command, capture_output=True, text=True, env={**os.environ, **settings}, timeout=120)
 
 
-# --- what it gives ----------------------------------------------------------------------------------------------------
+# --- its packages -----------------------------------------------------------------------------------------------------
 
 
 @APIS
-def test_a_definition_that_was_removed_meanwhile_is_an_error(message_api: Any, definitions: Path) -> None:
+def test_definition_that_was_removed_after_the_import_is_an_error(message_api: Any, definitions: Path) -> None:
     with hooked(message_api=message_api, path=definitions):
         messages = import_module("hooked_msgs.msg")
         (definitions / "hooked_msgs/msg/Point.msg").unlink()
@@ -63,7 +63,7 @@ def test_a_definition_that_was_removed_meanwhile_is_an_error(message_api: Any, d
 
 
 @APIS
-def test_packages_are_made_of_definitions(message_api: Any, definitions: Path) -> None:
+def test_packages_of_definitions_have_modules_and_classes_of_all_kinds(message_api: Any, definitions: Path) -> None:
     with hooked(message_api=message_api, path=definitions):
         msg, srv, action = (import_module(f"hooked_msgs.{kind}") for kind in ("msg", "srv", "action"))
         assert [name for name in dir(msg) if name[0].isupper()] == ["Path", "Point"] == msg.__all__
@@ -91,14 +91,14 @@ def test_native_classes_are_those_of_everybody(definitions: Path) -> None:
         assert import_module("hooked_msgs.msg").Path is get_message("hooked_msgs/msg/Path", path=definitions)
 
 
-def test_a_prefix_is_looked_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_definitions_in_ament_prefix_path_can_be_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "prefix", {"share/ament_hooked_msgs/msg/A.msg": "int32 a"})
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
     with hooked(message_api="rclpy"):
         assert import_module("ament_hooked_msgs.msg").A(a=5).a == 5
 
 
-def test_a_place_without_packages_is_no_error(tmp_path: Path) -> None:
+def test_workspace_without_message_packages_is_not_an_error(tmp_path: Path) -> None:
     write(tmp_path, {"src/only_nodes/package.xml": PACKAGE_XML.format("only_nodes"), "src/only_nodes/a.py": ""})
     for around in (tmp_path, tmp_path / "src" / "only_nodes" / "a.py"):
         with hooked(message_api="rclpy", workspace_of=around):
@@ -106,7 +106,9 @@ def test_a_place_without_packages_is_no_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("built", [False, True], ids=["in the workspace", "on the path"])
-def test_a_package_with_python_modules_stays_one(tmp_path: Path, built: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_with_python_modules_and_messages_stays_one_package(
+    tmp_path: Path, built: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     files = {
         "src/both_kinds/package.xml": PACKAGE_XML.format("both_kinds"),
         "src/both_kinds/msg/A.msg": "int32 a",
@@ -128,14 +130,16 @@ def test_a_package_with_python_modules_stays_one(tmp_path: Path, built: bool, mo
             del sys.modules[name]
 
 
-def test_a_folder_that_only_has_the_name_is_no_package(definitions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_namespace_package_of_a_definition_folder_does_not_hide_messages(
+    definitions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """From the folder of definitions, Python finds namespace packages of these names."""
     monkeypatch.syspath_prepend(str(definitions))
     with hooked(message_api="rclpy", path=definitions):
         assert import_module("hooked_msgs.msg").Point(x=1).x == 1
 
 
-# --- what it leaves alone ---------------------------------------------------------------------------------------------
+# --- untouched packages -----------------------------------------------------------------------------------------------
 
 
 def test_without_it_nothing_changes(definitions: Path) -> None:
@@ -161,7 +165,9 @@ REAL = {
 }
 
 
-def test_real_packages_stay_and_it_says_so(tmp_path: Path, definitions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_installed_packages_are_preferred_with_a_warning(
+    tmp_path: Path, definitions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write(tmp_path, REAL)
     monkeypatch.syspath_prepend(str(tmp_path / "real"))
     with hooked(warns=True, message_api="rclpy", path=definitions):
@@ -172,7 +178,7 @@ def test_real_packages_stay_and_it_says_so(tmp_path: Path, definitions: Path, mo
         assert import_module("hooked_msgs.msg").Point(x=1).x == 1
 
 
-def test_real_packages_are_shadowed_on_request_and_it_says_so(
+def test_installed_packages_are_overridden_on_request_with_a_warning(
     tmp_path: Path, definitions: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path, REAL)
@@ -184,8 +190,10 @@ def test_real_packages_are_shadowed_on_request_and_it_says_so(
 
 
 @APIS
-def test_packages_that_were_generated(message_api: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are the same as what the hook would make, except for the API."""
+def test_packages_that_were_generated_are_used_with_a_warning_for_another_api(
+    message_api: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Generated packages equal those of the hook, except for the API."""
     write(tmp_path, {"defs/made_msgs/msg/A.msg": "int32 a"})
     generate(scan_search_path([tmp_path / "defs"], ament=""), ["made_msgs"], tmp_path / "out")
     monkeypatch.syspath_prepend(str(tmp_path / "out"))
@@ -202,11 +210,11 @@ def test_packages_that_were_generated(message_api: Any, tmp_path: Path, monkeypa
 # --- settings and mistakes --------------------------------------------------------------------------------------------
 
 
-def test_one_hook_at_a_time(definitions: Path) -> None:
+def test_import_hook_is_installed_once_and_refuses_other_settings(definitions: Path) -> None:
     before = [*sys.meta_path]
     first = install_import_hook(message_api="rclpy", path=definitions)
     again = install_import_hook(message_api="rclpy", path=str(definitions))
-    assert len(sys.meta_path) == len(before) + 2  # one that comes first, and one for what nobody else has
+    assert len(sys.meta_path) == len(before) + 2  # one at the front, and one for packages that no other finder has
     with pytest.raises(RuntimeError, match="other settings"):
         install_import_hook()
     first.close()
@@ -215,7 +223,7 @@ def test_one_hook_at_a_time(definitions: Path) -> None:
     assert sys.meta_path == before
 
 
-def test_wrong_settings_change_nothing(tmp_path: Path) -> None:
+def test_invalid_hook_settings_are_refused_and_no_hook_is_installed(tmp_path: Path) -> None:
     before = [*sys.meta_path]
     with pytest.raises(ValueError, match="message_api"):
         install_import_hook(message_api="rcl")  # type: ignore[arg-type]
@@ -238,7 +246,7 @@ def test_wrong_settings_change_nothing(tmp_path: Path) -> None:
 
 
 @APIS
-def test_a_wrong_definition_is_an_error_at_its_import(message_api: Any, tmp_path: Path) -> None:
+def test_invalid_definition_is_an_error_when_its_class_is_imported(message_api: Any, tmp_path: Path) -> None:
     write(tmp_path, {"odd_hooked_msgs/msg/Bad.msg": "int33 a", "odd_hooked_msgs/msg/Good.msg": "int32 a"})
     with hooked(message_api=message_api, path=tmp_path):
         module = import_module("odd_hooked_msgs.msg")
@@ -254,7 +262,7 @@ def test_two_interfaces_of_one_module_are_refused(tmp_path: Path) -> None:
         import_module("twin_msgs.msg._foo_bar")
 
 
-def test_parts_of_rosidl_parser_are_there_when_it_is_not() -> None:
+def test_rosidl_parser_definition_is_provided_if_it_is_not_installed() -> None:
     with hooked(message_api="rclpy"):
         definition = import_module("rosidl_parser.definition")
         assert import_module("std_msgs.msg").Header.SLOT_TYPES[1] == definition.UnboundedString()
@@ -279,14 +287,14 @@ needs_owners = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="nothing is
 
 
 @needs_owners
-def test_modules_are_kept(definitions: Path, cache: Path) -> None:
+def test_compiled_modules_are_cached_in_private_files(definitions: Path, cache: Path) -> None:
     assert made(definitions) and not made(definitions)
     assert {path.stat().st_mode & 0o777 for path in cache.iterdir()} == {0o600}
     assert cache.stat().st_mode & 0o777 == 0o700
 
 
 @needs_owners
-def test_another_definition_is_another_module(definitions: Path) -> None:
+def test_changed_definition_is_compiled_again(definitions: Path) -> None:
     assert made(definitions)
     (definitions / "hooked_msgs/msg/Point.msg").write_text("float64 x\nint32 more")
     assert made(definitions)
@@ -294,7 +302,7 @@ def test_another_definition_is_another_module(definitions: Path) -> None:
         assert import_module("hooked_msgs.msg").Point(more=1).more == 1
         assert import_module("hooked_msgs.msg").Path(points=[import_module("hooked_msgs.msg").Point(more=2)])
     (definitions / "hooked_msgs/msg/Point.msg").write_text("float64 x\nint32 more\nint32 most")
-    with hooked(message_api="rclpy", path=definitions):  # what is inside a message decides, too
+    with hooked(message_api="rclpy", path=definitions):  # a changed nested definition counts as well
         msg = import_module("hooked_msgs.msg")
         assert msg.Path.decode(msg.Path(points=[msg.Point(most=2)]).encode()).points[0].most == 2
 
@@ -303,7 +311,9 @@ def test_another_definition_is_another_module(definitions: Path) -> None:
 @pytest.mark.parametrize(
     "harm", ["folder for all", "file for all", "link", "folder is a link", "cut", "changed", "empty"]
 )
-def test_nothing_is_run_that_others_may_have_written(definitions: Path, cache: Path, tmp_path: Path, harm: str) -> None:
+def test_damaged_cache_or_cache_writable_by_others_is_not_used(
+    definitions: Path, cache: Path, tmp_path: Path, harm: str
+) -> None:
     assert made(definitions)
     for path in list(cache.iterdir()):
         data = path.read_bytes()

@@ -16,7 +16,7 @@ CLONE = "git clone --depth 1 --branch {} https://github.com/{}; then use --path"
 @pytest.mark.parametrize(
     ("distro", "branch"), [(None, "jazzy"), ("humble", "humble"), ("jazzy", "jazzy"), ("lyrical", "master")]
 )
-def test_a_type_names_the_branch_of_its_distribution(distro: str | None, branch: str) -> None:
+def test_error_for_a_missing_package_has_the_branch_of_its_distribution(distro: str | None, branch: str) -> None:
     text = CLONE.format(branch, "ros-controls/control_msgs")
     with pytest.raises(TypeNotFoundError, match='no package "control_msgs" for control_msgs/msg/JointJog') as error:
         get_message("control_msgs/msg/JointJog", distro=distro)
@@ -27,14 +27,14 @@ def test_a_type_names_the_branch_of_its_distribution(distro: str | None, branch:
         assert text in str(error.value)
 
 
-def test_the_distribution_of_the_process_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_for_a_missing_package_uses_the_distribution_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DISTRO", "humble")
     with pytest.raises(TypeNotFoundError) as error:
         get_message("nav2_msgs/msg/Costmap")
     assert CLONE.format("humble", "ros-planning/navigation2") in str(error.value)
 
 
-def test_an_import_names_it_and_a_search_finds_nothing() -> None:
+def test_import_error_for_a_missing_package_has_the_clone_command() -> None:
     with install_import_hook(distro="kilted"):
         assert find_spec("px4_msgs") is None
         for name in ("px4_msgs", "px4_msgs.msg"):

@@ -1,4 +1,4 @@
-"""Cached searches of workspaces: what has changed is found, and a cache that cannot be used is not."""
+"""Cached searches of workspaces: changes are found, and unusable caches are ignored."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FILES = {
 @pytest.fixture(autouse=True)
 def _folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
-    monkeypatch.setattr(scan_cache, "MIN_AGE_NS", -(10**18))  # also what was written just now is cached
+    monkeypatch.setattr(scan_cache, "MIN_AGE_NS", -(10**18))  # searches of files written just now are cached, too
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     write(tmp_path, FILES)
     yield
@@ -42,7 +42,7 @@ def _folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def scans(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """Searches that were not answered by the cache."""
+    """Record the searches that were not read from the cache."""
     made: list[object] = []
     original = scan_cache.scan_search_path
 
@@ -59,13 +59,13 @@ def _workspace(tmp_path: Path) -> Workspace:
 
 
 def _found(tmp_path: Path, path: tuple[str, ...] = (), choice: DistributionChoice = JAZZY) -> dict[str, list[str]]:
-    """Packages of the workspace and of `path`, with their files."""
+    """Return the packages of the workspace and of `path`, with their files."""
     _, found = search(path, _workspace(tmp_path), choice)
     inside = {name: one for name, one in found.packages.items() if one.folder.is_relative_to(tmp_path)}
     return {name: sorted(path.name for path in one.files.values()) for name, one in inside.items()}
 
 
-def test_the_second_search_is_answered_by_the_cache(tmp_path: Path, scans: list[object]) -> None:
+def test_second_search_is_read_from_the_cache(tmp_path: Path, scans: list[object]) -> None:
     first = _found(tmp_path)
     assert first == {"a_msgs": ["A.msg"], "b_msgs": ["B.msg"]} and len(scans) == 1
     folders, found = search((), _workspace(tmp_path), JAZZY)
@@ -91,7 +91,9 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_change_is_found_as_without_cache(change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_change_of_a_workspace_is_found_as_without_cache(
+    change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before, packages_before = _found(tmp_path), workspace_packages(_workspace(tmp_path))
     CHANGES[change](tmp_path / "ws" / "src")
     found, packages = _found(tmp_path), workspace_packages(_workspace(tmp_path))
@@ -101,7 +103,7 @@ def test_a_change_is_found_as_without_cache(change: str, tmp_path: Path, monkeyp
     assert found != before or packages != packages_before
 
 
-def test_a_link_that_leads_elsewhere_is_found(tmp_path: Path) -> None:
+def test_changed_target_of_a_symbolic_link_is_found(tmp_path: Path) -> None:
     write(tmp_path, {"one/package.xml": XML.format("one_msgs"), "one/msg/One.msg": ""})
     write(tmp_path, {"two/package.xml": XML.format("two_msgs"), "two/msg/Two.msg": ""})
     link = tmp_path / "ws" / "src" / "link"
@@ -114,7 +116,7 @@ def test_a_link_that_leads_elsewhere_is_found(tmp_path: Path) -> None:
     assert set(_found(tmp_path)) == {"a_msgs", "b_msgs", "two_msgs"}
 
 
-def test_other_settings_are_other_searches(
+def test_searches_with_different_settings_are_cached_separately(
     tmp_path: Path, scans: list[object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path, {"more/c_msgs/package.xml": XML.format("c_msgs"), "more/c_msgs/msg/C.msg": ""})
@@ -135,13 +137,13 @@ def test_other_settings_are_other_searches(
     assert len(scans) == 7
 
 
-def test_a_package_with_an_illegal_name_stays_refused(tmp_path: Path, scans: list[object]) -> None:
+def test_package_with_an_illegal_name_is_refused_by_cached_searches_too(tmp_path: Path, scans: list[object]) -> None:
     write(tmp_path, {"ws/src/Bad/package.xml": XML.format("Bad-Name"), "ws/src/Bad/msg/X.msg": ""})
     first, second = (search((), _workspace(tmp_path), JAZZY)[1].refused for _ in range(2))
     assert first == second and "Bad-Name" in first and len(scans) == 1
 
 
-def test_an_error_is_not_cached(tmp_path: Path) -> None:
+def test_search_error_is_not_cached(tmp_path: Path) -> None:
     write(tmp_path, {"ws/src/again/package.xml": XML.format("a_msgs"), "ws/src/again/msg/A.msg": ""})
     for _ in range(2):
         with pytest.raises(DefinitionError, match='two packages are called "a_msgs"'):
@@ -150,7 +152,7 @@ def test_an_error_is_not_cached(tmp_path: Path) -> None:
     assert set(_found(tmp_path)) == {"a_msgs", "b_msgs"}
 
 
-def test_what_changed_a_moment_ago_is_not_cached(
+def test_search_of_recently_changed_files_is_not_cached(
     tmp_path: Path, scans: list[object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scan_cache, "MIN_AGE_NS", 2_000_000_000)
@@ -177,7 +179,7 @@ def test_a_damaged_cache_is_not_used(damage: str, tmp_path: Path, scans: list[ob
 
 
 @pytest.mark.parametrize("place", ["file", "open for all", "off", "read-only"])
-def test_an_unusable_folder_is_passed_over(
+def test_unusable_cache_folder_is_ignored(
     place: str, tmp_path: Path, scans: list[object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if place == "file":
@@ -191,20 +193,20 @@ def test_an_unusable_folder_is_passed_over(
     assert not [*tmp_path.glob("cache/modules/*.scan")]
 
 
-def test_several_may_write_at_once(tmp_path: Path) -> None:
+def test_concurrent_searches_may_write_the_cache(tmp_path: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         found = [*pool.map(lambda _: _found(tmp_path), range(24))]
     assert all(one == found[0] for one in found) and len([*(tmp_path / "cache" / "modules").glob("*.scan")]) == 1
     assert not [*(tmp_path / "cache" / "modules").glob("new-*")]
 
 
-def test_a_large_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cached_workspace_is_not_walked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace_packages(_workspace(tmp_path))
     monkeypatch.setattr(workspaces, "note", lambda folder: pytest.fail("walked"))
     assert set(workspace_packages(_workspace(tmp_path))) == {"a_msgs", "b_msgs", "robot"}
 
 
-def test_a_new_sibling_of_a_package_outside_of_src_is_found_by_a_workspace_that_was_read_before(tmp_path: Path) -> None:
+def test_new_sibling_of_a_package_outside_of_src_is_found_despite_the_cache(tmp_path: Path) -> None:
     write(tmp_path, {"all/own/package.xml": XML.format("own")})
 
     def found() -> list[str]:

@@ -1,4 +1,4 @@
-"""Install rules of setup.py: those of 80 idioms of public packages, alone and combined, against setuptools."""
+"""Install rules of setup.py: 80 idioms of public packages, alone and combined, against setuptools."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_each_idiom_installs_the_files_of_setuptools_or_is_uncertain(name: str, 
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_calls_of_setup_are_understood(end: str, compare: Case) -> None:
+def test_forms_of_the_setup_call_are_read_without_running_them(end: str, compare: Case) -> None:
     assert compare(["append", "console scripts of files"], end)
 
 
@@ -91,7 +91,7 @@ def test_combined_idioms_install_the_files_of_setuptools_or_are_uncertain(
 
 @settings(max_examples=15, deadline=None)
 @given(data=st.data())
-def test_idioms_in_other_code_are_never_lost(data: st.DataObject, compare: Case) -> None:
+def test_files_of_idioms_in_other_code_are_never_lost(data: st.DataObject, compare: Case) -> None:
     idioms = [name for name, code in {**STATIC, **DYNAMIC}.items() if name not in EXCLUSIVE and "global " not in code]
     names = data.draw(st.lists(st.sampled_from(idioms), min_size=1, max_size=3, unique=True))
     around = [data.draw(st.sampled_from([*AROUND])) for _ in names]
@@ -99,5 +99,5 @@ def test_idioms_in_other_code_are_never_lost(data: st.DataObject, compare: Case)
 
 
 @pytest.mark.parametrize("around", AROUND)
-def test_code_around_an_idiom_never_loses_it(around: str, compare: Case) -> None:
+def test_files_of_idioms_nested_in_each_kind_of_code_are_never_lost(around: str, compare: Case) -> None:
     compare(["augmented by a call", "console scripts of files"], "plain", [around, around])

@@ -52,7 +52,7 @@ def plain(value: Any) -> Any:
 
 
 @pytest.mark.parametrize("title", PROGRAMS)
-def test_a_program_is_read_as_it_runs_or_is_uncertain(
+def test_reader_of_setup_py_returns_the_values_of_the_program_or_is_uncertain(
     title: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)

@@ -97,14 +97,14 @@ IN_CMAKE = {
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links need a right there")
 @pytest.mark.parametrize("name", [*FLATTENED, *IN_CMAKE])
-def test_files_are_where_the_installation_puts_them(folder: Path, name: str) -> None:
+def test_share_folder_has_files_where_the_installation_puts_them(folder: Path, name: str) -> None:
     if name in FLATTENED:
         rows, more, expected = FLATTENED[name]
         write_setup(folder, rows, more)
     else:
         text, expected = IN_CMAKE[name]
         write_cmake(folder, text)
-    for _ in range(2):  # the second time it is there already
+    for _ in range(2):  # the second time the folder exists already
         share = share_folder("pack", folder)
         assert share != folder and share.name == "pack"
         assert {place: (share / place).read_text() for place in expected} == expected
@@ -121,7 +121,7 @@ def test_files_are_where_the_installation_puts_them(folder: Path, name: str) -> 
         "(unknown(), ['other.py']), ('share/pack', unknown('launch')), ('share/pack', ['missing']), 5,",
     ],
 )
-def test_where_folders_keep_their_names_the_sources_are_the_share_folder(folder: Path, rows: str) -> None:
+def test_source_folder_is_the_share_folder_if_installation_keeps_all_paths(folder: Path, rows: str) -> None:
     write_setup(folder, rows)
     write_cmake(folder, "install(DIRECTORY launch config DESTINATION share/pack)")
     assert share_folder("pack", folder) == folder
@@ -130,7 +130,7 @@ def test_where_folders_keep_their_names_the_sources_are_the_share_folder(folder:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links need a right there")
-def test_links_follow_the_sources_and_files_of_programs_stay(folder: Path) -> None:
+def test_share_folder_links_follow_the_sources_and_files_of_programs_remain(folder: Path) -> None:
     write_setup(folder, FLATTENED["launch"][0])
     share = share_folder("pack", folder)
     (share / "saved.yaml").write_text("saved")

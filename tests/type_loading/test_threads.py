@@ -66,7 +66,7 @@ def run(program: str, *arguments: str | Path) -> subprocess.CompletedProcess[str
 
 
 @pytest.mark.parametrize("api", ["native", "rclpy"])
-def test_eight_threads_that_import_new_types_in_a_process_get_the_same_classes(api: str, workspace: Path) -> None:
+def test_threads_that_import_new_types_in_a_process_share_the_classes(api: str, workspace: Path) -> None:
     for _ in range(2):
         done = run(PROGRAM, api, workspace, "Inner Middle Outer")
         assert (done.returncode, done.stderr) == (0, "")
@@ -102,7 +102,7 @@ print([get_message(f"sensor_msgs/msg/{name}") is getattr(sensor_msgs.msg, name) 
 
 
 def test_lookup_in_a_new_process_does_not_block_an_import_that_needs_it(tmp_path: Path) -> None:
-    """A generated package whose dependencies the import hook makes: the import of one needs the lock of the lookup."""
+    """A generated package has dependencies from the import hook, whose import needs the lock of the lookup."""
     command = [sys.executable, "-m", "rosidl_py_gen.generator_cli", "--out", str(tmp_path)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     for folder in tmp_path.iterdir():

@@ -1,4 +1,4 @@
-"""The generated files of the odd cases are the reviewed ones; ``python tests/golden/regenerate.py`` renews them."""
+"""Generated files of odd definitions equal the golden files; ``python tests/golden/regenerate.py`` renews them."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
-def test_there_are_golden_files_for_every_interface(out: Path) -> None:
+def test_golden_files_exist_for_every_generated_file(out: Path) -> None:
     assert sorted(RECORDED) == sorted(texts(out)), RENEW
     assert len(RECORDED) > 15
 
 
 @pytest.mark.parametrize("name", RECORDED)
-def test_a_generated_file_is_the_recorded_one(out: Path, name: str) -> None:
+def test_generated_file_equals_the_golden_file(out: Path, name: str) -> None:
     assert texts(out)[name] == RECORDED[name], RENEW
 
 
-def test_the_odd_cases_are_clean_code(out: Path) -> None:
+def test_odd_definitions_become_clean_code(out: Path) -> None:
     assert_clean(out)
     mypy(out, *[part for package in PACKAGES for part in ("-p", package)])
 
 
-def test_the_odd_cases_work(out: Path) -> None:
+def test_messages_of_odd_definitions_round_trip(out: Path) -> None:
     for kind in ("msg", "srv", "action"):
         package = importlib.import_module(f"odd_msgs.{kind}")
         for name in package.__all__:

@@ -1,4 +1,4 @@
-"""Interface files are untrusted: whatever they say becomes inert, well-formed code, or an error.
+"""Interface files are untrusted: their text becomes inert, well-formed code, or an error.
 
 Every case is generated, formatted, linted, imported and used; a payload that ran would leave a mark in the environment.
 """
@@ -28,7 +28,7 @@ from rosidl_py_gen.errors import DefinitionError
 MARK = "ROSIDL_PAYLOAD_RAN"
 CALL = f"__import__('os').environ.__setitem__('{MARK}','1')"
 
-# What may come as text: into comments, units, defaults and constants.
+# Hostile text for comments, units, defaults and constants.
 EVIL = {
     "call": CALL,
     "triple": f'"""\n{CALL}\n"""'.replace("\n", " "),
@@ -120,7 +120,7 @@ NAMES = [
 
 @pytest.fixture(scope="module")
 def generated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Every case as a package of its own, generated and importable."""
+    """Generate a package for every case, and make the packages importable."""
     base = tmp_path_factory.mktemp("hostile")
     files = {}
     for name, text in CASES.items():
@@ -167,13 +167,13 @@ def test_hostile_text_becomes_inert_code(generated: Path, name: str) -> None:
     check_inert()
 
 
-def test_the_code_is_formatted_and_clean(generated: Path) -> None:
+def test_generated_code_is_formatted_and_clean(generated: Path) -> None:
     assert_clean(generated)
 
 
 @each_case("package", ["named_msgs", "other_msgs"])
 @each_case("name", NAMES)
-def test_a_message_may_have_any_name(generated: Path, package: str, name: str) -> None:
+def test_message_named_like_python_or_support_code_round_trips(generated: Path, package: str, name: str) -> None:
     cls = getattr(importlib.import_module(f"{package}.msg"), py_name(name))
     value = cls(x=1.5, text=["a"], raw=[1, 2, 3, 4])
     assert cls._TYPE.name == f"{package}/msg/{name}"
@@ -181,7 +181,7 @@ def test_a_message_may_have_any_name(generated: Path, package: str, name: str) -
 
 
 @pytest.mark.parametrize("name", ["named_msgs.msg.Uses", "user_msgs.msg.All"])
-def test_messages_of_any_name_can_be_fields(generated: Path, name: str) -> None:
+def test_messages_of_any_name_can_be_types_of_fields(generated: Path, name: str) -> None:
     module, _, stem = name.rpartition(".")
     cls = getattr(importlib.import_module(module), stem)
     value = cls()
@@ -196,8 +196,8 @@ def test_messages_of_any_name_can_be_fields(generated: Path, name: str) -> None:
     assert from_dict(cls, to_dict(value)) == value
 
 
-def test_the_functions_of_rclpys_messages_stay_when_fields_have_their_names(tmp_path: Path) -> None:
-    # Underscored, these are the names of what generated classes have.
+def test_rclpy_style_messages_with_fields_named_like_functions_round_trip(tmp_path: Path) -> None:
+    # With an underscore, these are names of functions of generated classes.
     words = ("encode", "decode", "write", "read", "native", "assign", "check_fields")
     text = "\n".join(f"int32 {name}" for name in words)
     heavy = "\n".join(f"int32 field_{number}" for number in range(60))
@@ -211,14 +211,14 @@ def test_the_functions_of_rclpys_messages_stay_when_fields_have_their_names(tmp_
         assert found == made and to_dict(found)["write"] == 3
 
 
-def test_services_and_actions_of_odd_types_work(generated: Path) -> None:
+def test_services_and_actions_of_oddly_named_types_round_trip(generated: Path) -> None:
     service = importlib.import_module("named_msgs.srv").Service
     action = importlib.import_module("named_msgs.action").Action
     for cls in (service.Request, service.Response, action.Goal, action.Result, action.FeedbackMessage):
         assert decode(cls, encode(cls())) == cls()
 
 
-def test_python_itself_is_as_before(generated: Path) -> None:
+def test_generated_modules_do_not_change_python_or_write_files(generated: Path) -> None:
     for path in generated.rglob("_*.py"):
         importlib.import_module(".".join(path.relative_to(generated).with_suffix("").parts))
     check_inert()
@@ -230,7 +230,7 @@ def test_python_itself_is_as_before(generated: Path) -> None:
 
 
 @pytest.mark.parametrize("length", [1_000_000])
-def test_a_line_of_a_megabyte_is_dealt_with_quickly(length: int) -> None:
+def test_line_of_a_megabyte_is_compiled_or_refused_in_bounded_time(length: int) -> None:
     start = time.monotonic()
     interface = message(f"# {'c' * length}\nstring a {'x' * length}\nstring B={'y' * length}\n")
     assert interface.constants[0].value == "y" * length
@@ -246,7 +246,7 @@ def test_a_line_of_a_megabyte_is_dealt_with_quickly(length: int) -> None:
     assert time.monotonic() - start < 20
 
 
-def test_ten_thousand_fields_are_dealt_with(tmp_path: Path) -> None:
+def test_ten_thousand_fields_are_compiled_in_bounded_time(tmp_path: Path) -> None:
     kinds = ("uint8", "float64", "string", "uint16[]", "int32[3]", "bool")
     text = "\n".join(f"{kinds[i % len(kinds)]} f{i}" for i in range(10_000))
     out = tmp_path / "out"
@@ -259,8 +259,8 @@ def test_ten_thousand_fields_are_dealt_with(tmp_path: Path) -> None:
         assert decode(cls, encode(value)).f0 == 7
 
 
-def test_nothing_of_the_size_of_a_huge_array_is_allocated() -> None:
-    """Neither by reading, planning and printing it, nor by finding out that it is too large."""
+def test_compiling_a_huge_array_allocates_little() -> None:
+    """Reading, planning and emitting a huge array, and refusing one, all need little memory."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     source = source_of({"a_msgs/msg/A": "uint8[250000000] x\nfloat64[<=18446744073709551615] y\nuint8 z"})
     compile(source, "A", "exec")
@@ -269,7 +269,7 @@ def test_nothing_of_the_size_of_a_huge_array_is_allocated() -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # KiB
 
 
-def test_line_ends_of_all_systems_are_the_same(tmp_path: Path) -> None:
+def test_line_endings_do_not_change_the_generated_code(tmp_path: Path) -> None:
     text = "# head\n\nuint8 a # first\n   # more\nuint8 B=1\n"
     for number, end in enumerate(("\r\n", "\r")):
         run(write(tmp_path / f"in{number}", {"a_msgs/msg/A.msg": text.replace("\n", end)}), tmp_path / f"out{number}")

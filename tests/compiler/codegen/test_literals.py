@@ -19,7 +19,7 @@ TEXT = st.one_of(st.text(max_size=40), NASTY)
 
 @settings(max_examples=examples(500), deadline=None)
 @given(TEXT)
-def test_a_string_literal_means_the_string(text: str) -> None:
+def test_string_literal_evaluates_to_the_string(text: str) -> None:
     literal = py_string(text)
     assert ast.literal_eval(literal) == text
     assert literal.isprintable()
@@ -29,7 +29,7 @@ def test_a_string_literal_means_the_string(text: str) -> None:
 @example(math.nan)
 @example(-math.inf)
 @given(st.one_of(st.booleans(), st.integers(), st.floats()))
-def test_a_literal_means_the_value(value: bool | int | float) -> None:
+def test_literal_evaluates_to_the_value(value: bool | int | float) -> None:
     found = eval(py_literal(value), {"__builtins__": {"float": float}})
     assert (type(found), repr(found)) == (type(value), repr(value))
 
@@ -40,7 +40,7 @@ def body(doc: str) -> ast.Module:
 
 @settings(max_examples=examples(500), deadline=None)
 @given(st.lists(TEXT, max_size=4))
-def test_a_docstring_stays_a_docstring(lines: list[str]) -> None:
+def test_docstring_of_any_text_remains_a_docstring(lines: list[str]) -> None:
     (cls,) = body(docstring(lines, "    ")).body
     assert isinstance(cls, ast.ClassDef)
     text, assignment = cls.body
@@ -53,7 +53,7 @@ def test_a_docstring_stays_a_docstring(lines: list[str]) -> None:
             assert " ".join(line.split()) in " ".join(text.value.value.split())
 
 
-@pytest.mark.hypothesis  # the plugin marks only what is @given itself
+@pytest.mark.hypothesis  # the plugin marks only tests that are @given themselves
 def test_docstrings_of_any_text_are_left_alone_by_the_formatter(tmp_path: object) -> None:
     found: list[str] = []
 

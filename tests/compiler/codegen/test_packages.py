@@ -39,7 +39,7 @@ def digest(folder: Path) -> str:
 # --- the same bytes ---------------------------------------------------------------------------------------------------
 
 
-def test_the_bytes_do_not_depend_on_hash_order_place_or_environment(everything: Path, tmp_path: Path) -> None:
+def test_generated_bytes_do_not_depend_on_hash_order_folder_or_environment(everything: Path, tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from rosidl_py_gen.compiler.generate import generate;"
         "from rosidl_py_gen.compiler.frontend.search_path import scan_search_path;"
@@ -103,7 +103,7 @@ def test_wrong_programs_do_not_pass_mypy(everything: Path, tmp_path: Path) -> No
         assert any(f"program.py:{line}:" in one and code in one for one in str(caught.value).splitlines())
 
 
-@pytest.mark.hypothesis  # the plugin marks only what is @given itself
+@pytest.mark.hypothesis  # the plugin marks only tests that are @given themselves
 def test_random_definitions_become_clean_code(tmp_path: Path) -> None:
     files: dict[str, str] = {}
 
@@ -125,7 +125,7 @@ def test_random_definitions_become_clean_code(tmp_path: Path) -> None:
         compile(path.read_text(encoding="utf-8"), str(path), "exec")
 
 
-# --- what importing costs ---------------------------------------------------------------------------------------------
+# --- cost of importing ------------------------------------------------------------------------------------------------
 
 
 def loaded(out: Path, code: str) -> set[str]:
@@ -139,19 +139,19 @@ def test_importing_a_package_loads_no_message(everything: Path) -> None:
     assert "numpy" not in modules
 
 
-def test_using_a_message_loads_it_and_what_it_needs(everything: Path) -> None:
+def test_using_a_message_loads_only_its_module_and_dependencies(everything: Path) -> None:
     modules = loaded(everything, "from sensor_msgs.msg import Imu")
     assert {"sensor_msgs.msg._imu", "std_msgs.msg._header", "geometry_msgs.msg._vector3"} <= modules
     assert "sensor_msgs.msg._image" not in modules
 
 
-def test_jinja2_is_loaded_when_there_is_something_to_print() -> None:
+def test_loading_compiler_modules_does_not_load_jinja2() -> None:
     modules = "rosidl_py_gen.compiler.generate, rosidl_py_gen.type_loading.class_lookup"
     found = python(f"import sys, {modules}; print('jinja2' in sys.modules)")
     assert found == "False\n"
 
 
-def test_what_is_loaded_ahead_is_all_that_making_a_class_needs() -> None:
+def test_load_compiler_loads_all_modules_needed_to_make_a_class() -> None:
     program = """
 import sys
 from rosidl_py_gen.type_loading.class_lookup import get_message, load_compiler
@@ -166,7 +166,7 @@ print(*sorted(set(sys.modules) - ahead))
     assert [name for name in later if not name.startswith(generated)] == []
 
 
-def test_generated_packages_need_only_the_middle_and_numpy(everything: Path) -> None:
+def test_generated_packages_load_only_codec_modules_and_numpy(everything: Path) -> None:
     code = (
         "from sensor_msgs.msg import PointCloud2\nfrom nav_msgs.srv import GetPlan\n"
         "from example_interfaces.action import Fibonacci\n"
@@ -185,7 +185,7 @@ def test_generated_packages_need_only_the_middle_and_numpy(everything: Path) -> 
     }
 
 
-def test_every_name_can_be_seen_and_imported(everything: Path) -> None:
+def test_every_public_name_is_a_class_and_listed_by_dir(everything: Path) -> None:
     for path in sorted(everything.glob("*/*/__init__.py")):
         package = importlib.import_module(".".join(path.parent.relative_to(everything).parts))
         assert package.__all__
@@ -197,7 +197,7 @@ def test_every_name_can_be_seen_and_imported(everything: Path) -> None:
 # --- one class per type -----------------------------------------------------------------------------------------------
 
 
-def test_packages_of_the_runtime_hand_on_its_classes(everything: Path) -> None:
+def test_packages_of_the_runtime_are_generated_with_its_own_classes(everything: Path) -> None:
     for package in RUNTIME_PACKAGES:
         for path in sorted((everything / package).glob("*/__init__.py")):
             kind = path.parent.name
@@ -218,7 +218,7 @@ DIFFERENT = [
 
 
 @pytest.mark.parametrize(("text", "same"), DIFFERENT)
-def test_a_definition_that_says_something_else_is_printed_in_full(tmp_path: Path, text: str, same: bool) -> None:
+def test_class_of_the_runtime_is_reused_only_for_an_identical_definition(tmp_path: Path, text: str, same: bool) -> None:
     files = {"builtin_interfaces/msg/Time.msg": text, "a_msgs/msg/Stamped.msg": "builtin_interfaces/Time stamp"}
     run(write(tmp_path / "in", files), tmp_path / "out", ["a_msgs"])
     before = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] == "builtin_interfaces"}
@@ -236,6 +236,6 @@ def test_a_definition_that_says_something_else_is_printed_in_full(tmp_path: Path
         sys.modules.update(before)
 
 
-def test_the_committed_msgs_regenerate_without_a_difference() -> None:
+def test_committed_msgs_equal_regenerated_ones() -> None:
     changes = regenerate_msgs(REPOSITORY / "rosidl_py_gen" / "msgs", dry=True)
     assert (changes.written, changes.removed) == ((), ())

@@ -1,4 +1,4 @@
-"""Hostile definitions: what a class costs grows with its definition, and what cannot is refused with the figures."""
+"""Hostile definitions: cost in proportion to the definition, or an error that states the limit."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ _numbers = count()
 
 
 def package() -> str:
-    """A name that no other test has, so that nothing is found again."""
+    """Return a package name that no other test uses, so that no class is cached."""
     return f"scale{next(_numbers)}_msgs"
 
 
 def text_of(package: str, *bodies: str) -> str:
-    """Types T0, T1, ... in one text."""
+    """Return the definitions of types T0, T1, ... as one text."""
     return bodies[0] + "".join(f"{_LINE}\nMSG: {package}/T{i}\n{body}" for i, body in enumerate(bodies) if i)
 
 
 def chain(levels: int, field: str) -> tuple[str, ...]:
-    """Each type has `field` of the next one."""
+    """Return bodies of types, each with `field` of the next type."""
     return (*(field.replace("T", f"T{i + 1}") for i in range(levels)), "int32 x\n")
 
 
 def steps(*bodies: str) -> int:
-    """Function calls and returns that making a class takes: the same in every run, unlike seconds."""
+    """Count function calls and returns while a class is made; unlike time, equal in every run."""
     name = package()
     text = text_of(name, *bodies)
     done = 0
@@ -74,32 +74,32 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_twice_the_fields_take_twice_the_steps(kind: str) -> None:
+def test_compile_steps_grow_linearly_with_the_number_of_fields(kind: str) -> None:
     small, large = ("".join(KINDS[kind].format(i) for i in range(n)) for n in (1005, 2010))
     below = "int32 x\nstring s\n"
     steps(small, below)
     assert steps(large, below) < 2.2 * steps(small, below)
 
 
-def test_many_fields_take_no_time_by_their_square() -> None:
+def test_compile_time_of_many_fields_is_not_quadratic() -> None:
     """A profile does not count this: CPython binds keyword arguments by a search of all parameters for each."""
     small, large = ("".join(f"int32 f{i}\n" for i in range(n)) for n in (2000, 16_000))
     seconds(small)
-    # By turns, as what else runs on the machine makes one or the other slower for a while.
+    # Measured alternately, because other programs of the machine make a measurement slower.
     ratios = (seconds(large) / min(seconds(small), seconds(small)) for _ in range(3))
     assert any(ratio < 8 * 2.5 for ratio in ratios)
 
 
 @pytest.mark.parametrize("field", ["T a\n", "T[2] a\n", "T[] a\n", "T[<=3] a\n", "T a\nT b\n"])
-def test_types_in_each_other_take_steps_by_their_number(field: str) -> None:
-    """Each level would be planned four times for each one above it, and CPython takes no 21 loops in each other."""
+def test_compile_steps_of_nested_types_grow_less_than_quadratically(field: str) -> None:
+    """A naive planner visits a level four times for each level above; CPython refuses 21 nested loops."""
     if field.startswith(("T[2]", "T a\nT")):  # a new T0 is twice as large for each level
         assert steps(*chain(18, field)) < 4 * steps(*chain(9, field))
     else:
         assert steps(*chain(50, field)) < 4 * steps(*chain(25, field))
 
 
-def test_types_that_refer_to_many_others_take_no_time_by_their_product() -> None:
+def test_compile_steps_of_densely_connected_types_grow_linearly() -> None:
     def layers(depth: int) -> list[str]:
         bodies = ["T1[] a\n"]
         for level in range(depth):
@@ -110,7 +110,7 @@ def test_types_that_refer_to_many_others_take_no_time_by_their_product() -> None
     assert steps(*layers(20)) < 2.5 * steps(*layers(10))
 
 
-def test_deep_loops_are_read_and_written() -> None:
+def test_messages_nested_ninety_levels_deep_round_trip() -> None:
     name = package()
     cls = compile_definition(f"{name}/T0", text_of(name, *chain(90, "T[] a\nuint8 b\n")))
     value = inner = cls()
@@ -122,7 +122,7 @@ def test_deep_loops_are_read_and_written() -> None:
     assert decode(cls, encode(value)) == value
 
 
-def test_a_message_of_very_many_fields_is_made_like_any_other() -> None:
+def test_class_with_very_many_fields_is_constructed_like_any_other() -> None:
     name = package()
     text = "".join(f"int32 f{i} {i}\n" for i in range(1200)) + "float64[] last\n"
     cls = compile_definition(f"{name}/T0", text)
@@ -158,7 +158,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_too_large_is_refused_with_the_limit_the_place_and_the_figures(case: str) -> None:
+def test_too_large_definition_is_refused_with_limit_location_and_size(case: str) -> None:
     bodies, words = REFUSED[case]
     name = package()
     start = time.process_time()
@@ -169,7 +169,7 @@ def test_what_is_too_large_is_refused_with_the_limit_the_place_and_the_figures(c
 
 
 @pytest.mark.parametrize("line", ["Unknown{} x{}\n", "uint8 X{}{}\n", "no type{}{}\n", "uint8 x\n"])
-def test_of_very_many_problems_the_first_are_shown(line: str) -> None:
+def test_only_the_first_hundred_errors_of_a_definition_are_reported(line: str) -> None:
     name = package()
     start = time.process_time()
     with pytest.raises(DefinitionError) as caught:
@@ -179,7 +179,7 @@ def test_of_very_many_problems_the_first_are_shown(line: str) -> None:
     assert "there are more problems; the first 100 are shown" in str(caught.value)
 
 
-def test_large_definitions_of_honest_people_are_read() -> None:
+def test_large_realistic_definitions_are_accepted() -> None:
     name = package()
     pose = "float64[3] position\nfloat64[4] orientation\nfloat64[36] covariance\nstring frame\n"
     cls = compile_definition(f"{name}/T0", text_of(name, "".join(f"T1 p{i}\nT1[] q{i}\n" for i in range(800)), pose))

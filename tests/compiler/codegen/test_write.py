@@ -37,7 +37,7 @@ def snapshot(folder: Path) -> dict[str, tuple[bytes, int]]:
 
 
 def age(folder: Path) -> None:
-    """Make every file look an hour old, so that any write shows."""
+    """Set an old modification time for every file, so that a write is visible."""
     for path in folder.rglob("*"):
         os.utime(path, (1_000_000, 1_000_000))
 
@@ -69,7 +69,7 @@ def own(folder: Path) -> dict[str, bytes]:
     return {name: row[0] for name, row in snapshot(folder).items() if name.startswith("a_msgs/")}
 
 
-def test_one_interface_never_shrinks_what_is_there(world: Path, out: Path) -> None:
+def test_generating_one_interface_leaves_existing_output_unchanged(world: Path, out: Path) -> None:
     run(world, out)
     age(out)
     before = snapshot(out)
@@ -78,7 +78,7 @@ def test_one_interface_never_shrinks_what_is_there(world: Path, out: Path) -> No
     assert snapshot(out) == before
 
 
-def test_more_interfaces_are_added_one_by_one(world: Path, out: Path) -> None:
+def test_interfaces_generated_one_by_one_equal_a_complete_run(world: Path, out: Path) -> None:
     run(world, out, ["a_msgs/msg/Point"])
     run(world, out, ["a_msgs/msg/Line"])
     run(world, out, ["a_msgs/srv/Ask"])
@@ -87,14 +87,14 @@ def test_more_interfaces_are_added_one_by_one(world: Path, out: Path) -> None:
     assert own(out) == own(whole)
 
 
-def test_a_dry_run_writes_nothing_and_tells_the_same(world: Path, out: Path) -> None:
+def test_dry_run_writes_no_files_and_reports_equal_changes(world: Path, out: Path) -> None:
     search = scan_search_path([world], ament="")
     dry = generate(search, ["a_msgs"], out, dry=True).changes
     assert not out.exists()
     assert generate(search, ["a_msgs"], out).changes == dry
 
 
-def test_other_files_in_our_packages_are_left_alone(world: Path, out: Path) -> None:
+def test_other_files_in_generated_packages_are_kept(world: Path, out: Path) -> None:
     run(world, out)
     mine = {"a_msgs/notes.txt": "mine", "a_msgs/msg/_helper.py": "x = 1\n", "b_msgs/msg/_point.py": "mine = True\n"}
     write(out, mine)
@@ -116,7 +116,7 @@ FOREIGN = [
 
 
 @pytest.mark.parametrize("files", FOREIGN, ids=range(len(FOREIGN)))
-def test_files_of_others_are_refused_and_nothing_is_written(world: Path, out: Path, files: dict[str, Any]) -> None:
+def test_foreign_files_are_refused_and_no_file_is_written(world: Path, out: Path, files: dict[str, Any]) -> None:
     write(out, files)
     before = snapshot(out)
     with pytest.raises(OutputError) as caught:
@@ -128,7 +128,7 @@ def test_files_of_others_are_refused_and_nothing_is_written(world: Path, out: Pa
 
 
 @pytest.mark.parametrize("place", ["a_msgs", "a_msgs/msg", ""])
-def test_a_file_where_a_folder_belongs_is_refused(world: Path, out: Path, place: str) -> None:
+def test_file_in_place_of_an_output_folder_is_refused(world: Path, out: Path, place: str) -> None:
     blocker = out / place
     blocker.parent.mkdir(parents=True, exist_ok=True)
     blocker.write_text("a file")
@@ -137,7 +137,7 @@ def test_a_file_where_a_folder_belongs_is_refused(world: Path, out: Path, place:
     assert blocker.read_text() == "a file"
 
 
-def test_problems_in_definitions_leave_the_output_as_it_was(world: Path, out: Path) -> None:
+def test_invalid_definitions_leave_the_output_unchanged(world: Path, out: Path) -> None:
     run(world, out)
     before = snapshot(out)
     write(world, {"a_msgs/msg/Point.msg": "float64 x\nfloat64 y", "a_msgs/msg/Broken.msg": "int x"})
@@ -153,7 +153,7 @@ class _Killed(BaseException):
 @pytest.mark.parametrize("step", ["replace", "chmod", "fdopen"])
 @pytest.mark.parametrize("count", [1, 3])
 @pytest.mark.parametrize("error", [_Killed, OSError])
-def test_an_interrupted_run_leaves_whole_files_only(
+def test_interrupted_run_leaves_only_complete_files(
     world: Path, out: Path, monkeypatch: pytest.MonkeyPatch, step: str, count: int, error: type[BaseException]
 ) -> None:
     run(world, out)
@@ -208,7 +208,7 @@ def test_the_output_folder_may_be_a_link(world: Path, out: Path, tmp_path: Path)
     assert (tmp_path / "real" / "a_msgs" / "msg" / "_point.py").is_file()
 
 
-def test_files_have_ordinary_permissions(world: Path, out: Path) -> None:
+def test_generated_files_have_permissions_of_the_umask(world: Path, out: Path) -> None:
     mask = os.umask(0o022)
     try:
         run(world, out)

@@ -1,4 +1,4 @@
-"""Plans of conversions that are refused; `tests/ros_cli/test_bag_migrate.py` has the others."""
+"""Refused plans of conversions; `tests/ros_cli/test_bag_migrate.py` tests accepted plans."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ A = "a_msgs/msg/A"
 
 
 def types(**messages: str) -> Any:
-    """``A="int8 x, string y"`` -> the fields of a_msgs/msg/A."""
+    """Return the fields of messages, as ``A="int8 x, string y"`` for a_msgs/msg/A."""
     fields = {name: [part.split() for part in text.split(",")] for name, text in messages.items()}
     return {
         f"a_msgs/msg/{name}": [(field, parse_field_type(kind)) for kind, field in of] for name, of in fields.items()
@@ -41,7 +41,7 @@ def rules(renamed: dict[str, str]) -> MigrationRules:
         ("int8", "a_msgs/msg/B"),
     ],
 )
-def test_a_value_that_would_become_another_is_refused_and_a_rule_drops_it(old: str, new: str) -> None:
+def test_conversion_that_would_change_values_is_refused_and_a_rule_drops_the_field(old: str, new: str) -> None:
     one, other = types(A=f"{old} x"), types(A=f"{new} x", B="int8 b")
     with pytest.raises(MigrationError, match=r"a_msgs/msg/A.x: .* cannot become .*; a rule `fields: ") as caught:
         plan(one, other, A, MigrationRules())
@@ -49,7 +49,7 @@ def test_a_value_that_would_become_another_is_refused_and_a_rule_drops_it(old: s
     assert plan(one, other, A, rules({"x": ""}))[A, A].defaulted == ("x",)
 
 
-def test_rules_that_name_what_is_not_there_are_all_told_with_their_place() -> None:
+def test_all_rules_with_unknown_or_repeated_fields_are_reported_with_location() -> None:
     with pytest.raises(MigrationError) as caught:
         renames = rules({"sped": "x", "y": "w", "z": "x"})
         plan(types(A="int8 speed, int8 y, int8 z"), types(A="int8 x"), A, renames)

@@ -38,7 +38,7 @@ def verdict(old: str, new: str, points: tuple[str, str] = ("float64 x", "float64
 
 
 CASES = [
-    # old, new, how, why
+    # old, new, verdict, reason
     ("int32 a", "int32 a", "same", ""),
     ("int32 a", "int32 B=3\nint32 a 5  # other words", "same", ""),
     ("uint8 a\nbyte b", "byte a\nchar b", "same", ""),
@@ -64,7 +64,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("old", "new", "reading", "reason"), CASES)
-def test_a_change_is_judged_by_its_layout(old: str, new: str, reading: str, reason: str) -> None:
+def test_verdict_of_a_changed_definition_depends_on_its_layout(old: str, new: str, reading: str, reason: str) -> None:
     found = verdict(old, new)
     assert (found.reading.value, "; ".join(found.reasons)) == (reading, reason)
 
@@ -78,14 +78,14 @@ def test_a_change_is_judged_by_its_layout(old: str, new: str, reading: str, reas
         ("Point[2] at", "other", "at[].y: is read from the data after the message"),
     ],
 )
-def test_a_field_more_in_a_nested_message_harms_what_is_behind_it(text: str, reading: str, reason: str) -> None:
+def test_extra_field_in_a_nested_message_shifts_the_data_after_it(text: str, reading: str, reason: str) -> None:
     found = verdict(text, text, ("float64 x", "float64 x\nfloat64 y"))
     assert (found.reading.value, found.reasons) == (reading, (reason,))
     found = verdict(text, text, ("float64 x\nfloat64 y", "float64 x"))
     assert found.reading.value == ("without" if reading == "fails" else "other")
 
 
-def test_no_more_than_ten_reasons_are_given() -> None:
+def test_verdict_has_at_most_ten_reasons() -> None:
     old = "\n".join(f"int32 a{number}" for number in range(50))
     assert len(verdict(old, old.replace("int32", "uint32")).reasons) == 10
 
@@ -94,7 +94,7 @@ def test_no_more_than_ten_reasons_are_given() -> None:
 
 
 def leaves(value: Any) -> list[Any]:
-    """The values of a message in the order of its fields, without their names."""
+    """Return the values of a message in the order of its fields, without their names."""
     if isinstance(value, dict):
         return [leaf for one in value.values() for leaf in leaves(one)]
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -103,34 +103,34 @@ def leaves(value: Any) -> list[Any]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Equal, NaN to itself; True is 1, as a bool that is read as a number is."""
+    """Return True if the values are equal; NaN equals NaN, and True equals 1."""
     return len(one) == len(other) and all(a == b or (a != a and b != b) for a, b in zip(one, other, strict=True))
 
 
 @settings(max_examples=examples(400))
 @given(changed_worlds())
-def test_what_is_claimed_is_what_decoding_gives(case: tuple[World, World, Reference, dict[str, Any]]) -> None:
+def test_verdicts_match_the_results_of_decoding(case: tuple[World, World, Reference, dict[str, Any]]) -> None:
     old, new, reference, value = case
     try:
-        now = new.compile()
+        new_class = new.compile()
     except DefinitionError:  # two fields of one name
         assume(False)
     sides = [facts(dict(world.texts)).messages for world in (old, new)]
     found = WireCompatibility(*sides).verdict(old.top, old.top)
     event(found.reading.value)
     message = reference.build(old.compile(), value)
-    then = to_dict(message)
+    old_values = to_dict(message)
     if found.reading is ReadResult.FAILS:
         with pytest.raises(DecodeError):
-            now.decode(message.encode())
+            new_class.decode(message.encode())
         return
-    if found.reading in (ReadResult.DEPENDS_ON_VALUES, ReadResult.MISREAD):  # nothing is claimed of this one
+    if found.reading in (ReadResult.DEPENDS_ON_VALUES, ReadResult.MISREAD):  # these verdicts make no claim
         return
-    read = to_dict(now.decode(message.encode()))
+    read = to_dict(new_class.decode(message.encode()))
     if found.reading is ReadResult.SAME:
-        assert same(leaves(read), leaves(then)) and names(read) == names(then)
+        assert same(leaves(read), leaves(old_values)) and names(read) == names(old_values)
     else:  # under new names, or without the last ones
-        assert same(leaves(read), leaves(then)[: len(leaves(read))])
+        assert same(leaves(read), leaves(old_values)[: len(leaves(read))])
 
 
 def names(value: Any, path: str = "") -> list[str]:

@@ -1,4 +1,4 @@
-"""Lists of random CMakeLists.txt: equal to the list of CMake itself, or uncertain, which means all files."""
+"""Lists of random CMakeLists.txt files equal the list of CMake, or are uncertain, which means all files."""
 
 # ruff: noqa: E501 - in tables one case is one line
 from __future__ import annotations
@@ -89,7 +89,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @needs_cmake
 @settings(max_examples=examples(150), deadline=None)
 @given(body=BLOCKS)
-def test_a_random_list_is_the_one_of_cmake_or_all_files(body: str, folder: Path) -> None:
+def test_a_random_list_equals_the_list_of_cmake_or_means_all_files(body: str, folder: Path) -> None:
     cmake = f"{HEAD}{body}\n{CALL}\n"
     wanted = listed_by_cmake(folder, folder.parent / "script.cmake", cmake)
     if not wanted:

@@ -1,4 +1,4 @@
-"""A CMakeLists.txt is untrusted: no crash, no run without end, no memory out of proportion, nothing outside is read."""
+"""A CMakeLists.txt is untrusted: no crash, bounded time and memory, no reads outside the package."""
 
 # ruff: noqa: E501 - in tables one case is one line
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rosidl_py_gen.compiler.frontend.search_path import Package, scan_search_pat
 
 MANIFEST = "<package><name>a_msgs</name></package>"
 CALL = "rosidl_generate_interfaces(a_msgs ${x} msg/A.msg)\n"
-MAX_S = 10.0  # each takes below one
+MAX_S = 10.0  # each file takes less than 1 s
 MAX_BYTES = 100 << 20
 
 
@@ -48,7 +48,7 @@ HOSTILE = {
     "doubling": "set(x aaaaaaaa)\n" + 'set(x "${x}${x}")\n' * 60 + CALL,
     "doubling a list": "set(x a;a)\n" + "list(APPEND x ${x})\n" * 60 + CALL,
     "blocks in blocks": nested + CALL,
-    "conditions nobody can decide": "".join(f"if(u{i})\nset(x{i} a)\nset(x ${{x}};{i})\nendif()\n" for i in range(4000)) + CALL,
+    "undecidable conditions": "".join(f"if(u{i})\nset(x{i} a)\nset(x ${{x}};{i})\nendif()\n" for i in range(4000)) + CALL,
     "references in references": "${" * 100_000 + CALL,
     "references that multiply": "".join(f"if(u{i})\nset(v{i} a)\nelse()\nset(v{i} b)\nendif()\n" for i in range(99))
     + "set(x " + "".join(f"${{v{i}}}" for i in range(99)) + ")\n" + CALL,
@@ -161,7 +161,9 @@ BLOCKS = st.recursive(
 
 @settings(max_examples=examples(300))
 @given(text=st.one_of(BLOCKS, st.text(max_size=200), st.lists(COMMANDS, max_size=12).map("\n".join)))
-def test_any_text_gives_files_of_the_package_or_a_note(text: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_any_cmake_text_yields_only_files_of_the_package_and_printable_notes(
+    text: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     folder = tmp_path_factory.getbasetemp() / "any"
     write(folder, {"msg/A.msg": "", "CMakeLists.txt": f"{text}\n{CALL}".encode(errors="replace")})
     listing = CMakeInterfaceList("a_msgs", folder)
@@ -187,7 +189,7 @@ OUTSIDE = [
 ]
 
 
-def test_a_list_that_is_a_link_out_of_the_package_is_not_read(tmp_path: Path) -> None:
+def test_cmake_file_that_is_a_link_out_of_the_package_is_not_read(tmp_path: Path) -> None:
     secret = write(tmp_path / "secret", {"CMakeLists.txt": f"rosidl_generate_interfaces(a msg/Secret.msg)\n{CALL}"})
     found = package(tmp_path / "in", "")
     (found.folder / "CMakeLists.txt").unlink()
@@ -200,7 +202,7 @@ def test_a_list_that_is_a_link_out_of_the_package_is_not_read(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("cmake", OUTSIDE)
-def test_nothing_outside_of_the_package_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cmake: str) -> None:
+def test_no_file_outside_of_the_package_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cmake: str) -> None:
     files = {"x.cmake": "set(x msg/A.msg)", "msg/A.msg": "", "msg/B.msg": "", "CMakeLists.txt": "set(x msg/A.msg)"}
     secret = write(tmp_path / "secret", files)
     found = package(tmp_path / "in", f"set(x)\n{cmake.format(secret=secret)}\n{CALL}")

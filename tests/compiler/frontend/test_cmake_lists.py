@@ -1,4 +1,4 @@
-"""Which files belong to a package: what its CMakeLists.txt lists, as CMake itself would read it where it is installed."""
+"""Files of a package according to its CMakeLists.txt, compared with CMake where it is installed."""
 
 # ruff: noqa: E501 - in tables one case is one line
 from __future__ import annotations
@@ -38,7 +38,7 @@ A, B, C, ASK = "msg/A.msg", "msg/B.msg", "msg/C.msg", "srv/Ask.srv"
 FOUR = {A, B, C, "msg/Stray.msg"}
 CALL = "rosidl_generate_interfaces(${PROJECT_NAME} ${files})"
 
-# What a build can be said to list for certain: CMakeLists.txt behind project(a_msgs), and the files.
+# Lists that are certain: CMakeLists.txt after project(a_msgs), and the files.
 CERTAIN = {
     "literal names": ('rosidl_generate_interfaces(${PROJECT_NAME} "msg/A.msg" srv/Ask.srv)', {A, ASK}),
     "comments": ("rosidl_generate_interfaces(a_msgs # msg/B.msg\n msg/A.msg #[[ msg/C.msg\n]] srv/Ask.srv)", {A, ASK}),
@@ -142,7 +142,7 @@ MORE = {"more.cmake": "set(files msg/B.msg)\n"}
 
 
 @pytest.mark.parametrize("case", CERTAIN)
-def test_the_list_decides(tmp_path: Path, case: str) -> None:
+def test_certain_cmake_list_selects_the_files_of_the_package(tmp_path: Path, case: str) -> None:
     cmake, wanted = CERTAIN[case]
     found = package(tmp_path, f"project(a_msgs)\n{cmake}\n", MORE)
     assert (taken(found), notes(found)) == (wanted, [])
@@ -150,7 +150,7 @@ def test_the_list_decides(tmp_path: Path, case: str) -> None:
 
 @needs_cmake
 @pytest.mark.parametrize("case", CERTAIN)
-def test_cmake_agrees(tmp_path: Path, case: str) -> None:
+def test_cmake_agrees_with_the_expected_file_lists(tmp_path: Path, case: str) -> None:
     cmake, wanted = CERTAIN[case]
     folder = package(tmp_path, cmake, MORE).folder
     assert listed_by_cmake(folder, tmp_path / "script.cmake", cmake) == wanted
@@ -162,11 +162,7 @@ TOO_MUCH = "rosidl_generate_interfaces() has no list of literal names and globs"
 EVERYTHING = "all interface files below the package folder are used"
 TWICE = '"msg/ros1/A.msg" and 1 more are skipped: "msg/A.msg" defines the same interface'
 
-# Where names are put together: CMakeLists.txt behind project(a_msgs).
-
-
-# How packages made lists of which a reading of CMakeLists.txt saw nothing, or only a part: its text, more files of the
-# package, and the interfaces of a build.
+# Lists that cannot be evaluated completely: CMakeLists.txt, more files of the package, and the interfaces of a build.
 GENERATED = "rosidl_generate_interfaces(${PROJECT_NAME} ${files} DEPENDENCIES std_msgs)"
 ELSEWHERE = {
     "lists in other files, definitions in sub-folders": (
@@ -233,7 +229,7 @@ ELSEWHERE = {
 }  # fmt: skip
 
 
-def test_lists_that_cannot_be_read_lose_nothing(tmp_path: Path) -> None:
+def test_lists_that_cannot_be_evaluated_lose_no_interface(tmp_path: Path) -> None:
     for number, (case, (cmake, files, wanted)) in enumerate(ELSEWHERE.items()):
         folder = write(tmp_path / str(number), {**MANIFEST, "CMakeLists.txt": f"project(a_msgs)\n{cmake}\n", **files})
         found = run(folder, tmp_path / f"out{number}", ["a_msgs"])
@@ -241,7 +237,7 @@ def test_lists_that_cannot_be_read_lose_nothing(tmp_path: Path) -> None:
         assert " ".join(names) == wanted, case
 
 
-def test_a_stray_file_that_does_not_compile_is_skipped_with_a_note(tmp_path: Path) -> None:
+def test_unreferenced_file_that_does_not_compile_is_skipped_with_a_note(tmp_path: Path) -> None:
     files = {
         "CMakeLists.txt": f"collect(files)\n{CALL}",
         "msg/A.msg": "uint8 x",
@@ -260,10 +256,10 @@ def test_a_stray_file_that_does_not_compile_is_skipped_with_a_note(tmp_path: Pat
         "test/Unused.msg:2:1: skipped, as no other file refers to it",
         "test/Wrong.msg:1:1: skipped, as no other file refers to it",
     ]
-    assert problems_of(folder, ["a_msgs/msg/Wrong"]), "nothing was said to the caller who wants this file"
+    assert problems_of(folder, ["a_msgs/msg/Wrong"]), "no error was reported to the caller that selected the file"
 
 
-# What another file or a function adds to a list, behind set(files msg/A.msg): the list, and more.
+# Code of other files or functions that adds to a list, after set(files msg/A.msg).
 ADDED = {
     "a file of the package": "include(add.cmake)",
     "a file of the package, with its folder": 'include("${CMAKE_CURRENT_LIST_DIR}/add.cmake")',
@@ -271,7 +267,7 @@ ADDED = {
     "a function of a name that is harmless elsewhere": (
         "function(add_b x)\nset(files ${files} msg/B.msg PARENT_SCOPE)\nendfunction()\nset(files msg/A.msg)\nadd_b(files)"
     ),
-    "a variable of a name nobody can know": "list(APPEND ${CMAKE_ARGV0} msg/B.msg)",
+    "a variable with an unknown name": "list(APPEND ${CMAKE_ARGV0} msg/B.msg)",
     "a variable that a function is given": (
         "function(add_b x)\nlist(APPEND ${x} msg/B.msg)\nset(${x} ${${x}} PARENT_SCOPE)\nendfunction()\nadd_b(files)"
     ),
@@ -295,14 +291,14 @@ ADDING = {
 
 
 @pytest.mark.parametrize("case", ADDED)
-def test_what_is_added_where_it_cannot_be_followed_is_never_lost_without_a_note(tmp_path: Path, case: str) -> None:
+def test_files_added_by_untraceable_code_are_used_with_a_note(tmp_path: Path, case: str) -> None:
     cmake = f"project(a_msgs)\nset(files msg/A.msg)\n{ADDED[case]}\n{CALL}\n"
     found = package(tmp_path, cmake, ADDING)
     assert taken(found) == ALL
     assert [note.partition(": ")[2] for note in notes(found)] == [f"{TOO_MUCH}; {EVERYTHING}", TWICE]
 
 
-def test_other_files_that_do_not_name_a_list_leave_it_as_it_is(tmp_path: Path) -> None:
+def test_included_files_that_do_not_use_the_list_do_not_change_it(tmp_path: Path) -> None:
     more = {"add.cmake": "find_package(std_msgs)\n", "src/CMakeLists.txt": "add_library(b b.cpp)\n"}
     cmake = f"set(files msg/A.msg)\ninclude(add.cmake)\ninclude(CTest)\nadd_subdirectory(src)\n{CALL}"
     found = package(tmp_path, f"project(a_msgs)\n{cmake}\n", more)
@@ -364,7 +360,7 @@ UNCERTAIN = {
         {A},
         [],
     ),
-    "the call in a loop nobody can count": (
+    "the call in a loop of unknown length": (
         "while(x)\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendwhile()",
         {A},
         [],
@@ -447,7 +443,7 @@ UNCERTAIN = {
 
 
 @pytest.mark.parametrize("case", UNCERTAIN)
-def test_an_uncertain_list_means_all_files_and_a_note_without_problems(tmp_path: Path, case: str) -> None:
+def test_uncertain_list_means_all_files_and_a_note_but_no_error(tmp_path: Path, case: str) -> None:
     cmake, wanted, expected_notes = UNCERTAIN[case]
     found = package(tmp_path, f"project(a_msgs)\n{cmake}\n")
     assert (taken(found), notes(found)) == (wanted, expected_notes)
@@ -486,13 +482,13 @@ endif()
 """
 
 
-def test_the_lists_of_carla_msgs_are_those_of_its_branch_for_ros_2(tmp_path: Path) -> None:
+def test_files_of_carla_msgs_are_listed_by_its_ros_2_branch(tmp_path: Path) -> None:
     found = package(tmp_path / "in", CARLA)
     assert (taken(found), notes(found)) == ({A, B, ASK}, [])
     assert problems_of(tmp_path / "in") == []
 
 
-def test_a_listed_file_belongs_to_the_kind_its_suffix_says(tmp_path: Path) -> None:
+def test_kind_of_a_listed_file_is_determined_by_its_suffix(tmp_path: Path) -> None:
     found = package(tmp_path, "rosidl_generate_interfaces(a_msgs msg/ros2/A.msg elsewhere/msg/E.msg)")
     assert [str(name) for name in found.files] == ["a_msgs/msg/A", "a_msgs/msg/E"]
 
@@ -514,22 +510,22 @@ def test_a_listed_file_belongs_to_the_kind_its_suffix_says(tmp_path: Path) -> No
         ),
     ],
 )
-def test_a_wrong_entry_is_an_error_at_its_place(tmp_path: Path, cmake: str, problem: str) -> None:
+def test_wrong_list_entry_is_an_error_with_location(tmp_path: Path, cmake: str, problem: str) -> None:
     package(tmp_path / "in", cmake)
     assert problems_of(tmp_path / "in") == [problem]
 
 
-def test_a_wrong_entry_bothers_nobody_who_wants_another_interface(tmp_path: Path) -> None:
+def test_wrong_list_entry_does_not_affect_other_interfaces(tmp_path: Path) -> None:
     package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg msg/Missing.msg)")
     assert problems_of(tmp_path / "in", ["a_msgs/msg/A"]) == []
 
 
-def test_a_stray_file_that_is_wrong_does_no_harm(tmp_path: Path) -> None:
+def test_invalid_file_that_is_not_listed_is_ignored(tmp_path: Path) -> None:
     package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg)", {"msg/Stray.msg": "Header wrong\n"})
     assert [str(name) for name in run(tmp_path / "in", tmp_path / "out").names] == ["a_msgs/msg/A"]
 
 
-def test_who_uses_a_file_that_is_not_listed_is_told_so(tmp_path: Path) -> None:
+def test_use_of_an_unlisted_file_is_an_error_that_explains_it(tmp_path: Path) -> None:
     package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg)", {"msg/A.msg": "Stray x\n"})
     why = "msg/Stray.msg is there, but CMakeLists.txt does not list it"
     assert problems_of(tmp_path / "in") == [f'a_msgs/msg/A.msg:1:1: unknown type "a_msgs/Stray"; {why}']
@@ -537,7 +533,7 @@ def test_who_uses_a_file_that_is_not_listed_is_told_so(tmp_path: Path) -> None:
     assert problem.startswith(f"a_msgs/msg/Stray: no interface of this name; {why}")
 
 
-def test_links_in_msg_lead_elsewhere_as_they_do_without_a_list(tmp_path: Path) -> None:
+def test_links_directly_in_msg_may_lead_out_of_the_package(tmp_path: Path) -> None:
     shared = write(tmp_path / "shared", {"msg/L.msg": ""}) / "msg" / "L.msg"
     found = package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg msg/L.msg msg/ros2/L.msg)")
     for place in ("msg/L.msg", "msg/ros2/L.msg"):
@@ -546,7 +542,7 @@ def test_links_in_msg_lead_elsewhere_as_they_do_without_a_list(tmp_path: Path) -
     assert notes(found) == ['CMakeLists.txt:1:55: "msg/ros2/L.msg" is not in the package folder; skipped']
 
 
-def test_a_package_may_have_its_files_in_other_folders_only(tmp_path: Path) -> None:
+def test_all_listed_files_may_be_in_other_folders(tmp_path: Path) -> None:
     cmake = "rosidl_generate_interfaces(b_msgs topics/msg/T.msg)"
     files = {"package.xml": "<package><name>b_msgs</name></package>", "CMakeLists.txt": cmake, "topics/msg/T.msg": ""}
     found = scan_search_path([write(tmp_path / "b", files)], ament="", bundled=False)
@@ -554,12 +550,12 @@ def test_a_package_may_have_its_files_in_other_folders_only(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("cmake", ["add_message_files(FILES A.msg)", "# rosidl\n", ""])
-def test_without_a_list_the_folders_decide(tmp_path: Path, cmake: str) -> None:
+def test_without_a_list_all_files_of_the_interface_folders_count(tmp_path: Path, cmake: str) -> None:
     found = package(tmp_path, cmake)
     assert (found.listing, taken(found)) == (None, IN_FOLDERS)
 
 
-def test_installed_packages_and_folders_without_a_manifest_have_no_list(tmp_path: Path) -> None:
+def test_installed_packages_and_folders_without_manifest_ignore_cmake_lists(tmp_path: Path) -> None:
     cmake = "rosidl_generate_interfaces(a_msgs msg/A.msg)"
     installed = write(tmp_path / "prefix/share/a_msgs", {A: "", B: "", **MANIFEST, "CMakeLists.txt": cmake})
     plain = write(tmp_path / "plain/b_msgs", {A: "", B: "", "CMakeLists.txt": cmake})

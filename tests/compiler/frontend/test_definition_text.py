@@ -1,4 +1,4 @@
-"""Definitions written for bags: read again, they are the same type."""
+"""Definitions written for bags compile to the same type again."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ OTHERS = [name for name in message_names() if name.startswith(ELSEWHERE) and "/m
 
 
 @each_case("name", BUNDLED[::4])
-def test_a_bundled_type_comes_back_as_itself(name: str) -> None:
+def test_definition_text_of_a_bundled_type_compiles_to_the_same_class(name: str) -> None:
     cls = message(name)
     assert compile_definition(name, definition_text(cls)) is cls
 
 
 @each_case("name", OTHERS)
-def test_a_type_from_elsewhere_comes_back_with_its_fields_and_defaults(name: str) -> None:
+def test_definition_text_of_other_types_preserves_fields_and_defaults(name: str) -> None:
     cls = message(name)
     again = compile_definition(name, definition_text(cls))
     assert type_hash(again) == type_hash(cls)
     assert type_description(again) == type_description(cls)
 
 
-def test_a_class_that_no_file_defines_is_written_anew() -> None:
+def test_definition_text_of_a_run_time_class_compiles_to_an_equal_type() -> None:
     text = "uint8 ONE=1\nint32[3] fixed [1, 2, 3]\nstring<=5[<=4] few\nlocal/Inner inner\nwstring wide\n"
     inner = f"{'=' * 80}\nMSG: local/Inner\nstd_msgs/Header[] headers\nbool ok true\n"
     cls = compile_definition("local/msg/Outer", text + inner)
@@ -40,12 +40,12 @@ def test_a_class_that_no_file_defines_is_written_anew() -> None:
     assert type_description(again) == type_description(cls)
 
 
-def test_messages_that_ros_derives_are_written_anew() -> None:
+def test_definition_text_of_a_service_event_preserves_the_type_hash() -> None:
     event = get_service("std_srvs/srv/SetBool").Event
     again = compile_definition("std_srvs/srv/SetBool_Event", definition_text(event))
     assert type_hash(again) == type_hash(event)
 
 
-def test_what_is_no_message_is_refused() -> None:
+def test_definition_text_refuses_classes_that_are_not_messages() -> None:
     with pytest.raises(TypeNotFoundError):
         definition_text(int)

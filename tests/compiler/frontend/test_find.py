@@ -27,10 +27,10 @@ def only(folder: Path) -> SearchPath:
     return scan_search_path([folder], ament="", bundled=False)
 
 
-# --- what a --path may be -----------------------------------------------------------------------------------------------
+# --- folders for --path -------------------------------------------------------------------------------------------------
 
 
-def test_a_folder_of_packages_or_of_one(tmp_path: Path) -> None:
+def test_search_path_entry_may_be_a_folder_of_packages_or_one_package(tmp_path: Path) -> None:
     write(tmp_path, {**POINT, "b_msgs/srv/Ask.srv": "---", "c/action/Do.action": "---\n---"})
     assert set(packages(only(tmp_path))) == {"a_msgs", "b_msgs", "c"}
     assert packages(only(tmp_path / "a_msgs")) == {"a_msgs": str(tmp_path / "a_msgs")}
@@ -38,7 +38,7 @@ def test_a_folder_of_packages_or_of_one(tmp_path: Path) -> None:
         only(tmp_path / "nowhere")
 
 
-def test_a_workspace_with_packages_at_any_depth(tmp_path: Path) -> None:
+def test_workspace_packages_are_found_at_any_depth(tmp_path: Path) -> None:
     files = {
         "repository/interfaces/a_msgs/package.xml": "<package><name>a_msgs</name></package>",
         "repository/interfaces/a_msgs/msg/Point.msg": "float64 x",
@@ -60,17 +60,17 @@ def test_a_workspace_with_packages_at_any_depth(tmp_path: Path) -> None:
         {"web/action/__init__.py": "", "web/action/Handler.py": ""},
     ],
 )
-def test_copies_that_tools_make_are_no_packages(tmp_path: Path, copy: dict[str, str]) -> None:
+def test_copies_of_definitions_made_by_tools_are_not_packages(tmp_path: Path, copy: dict[str, str]) -> None:
     found = only(write(tmp_path, {**{f"src/{name}": text for name, text in POINT.items()}, **copy}))
     assert {name: one.folder for name, one in found.packages.items()} == {"a_msgs": tmp_path / "src" / "a_msgs"}
 
 
-def test_a_virtual_environment_may_be_named_itself(tmp_path: Path) -> None:
+def test_virtual_environment_given_as_search_path_is_searched(tmp_path: Path) -> None:
     write(tmp_path, {"pyvenv.cfg": "", **POINT})
     assert set(packages(only(tmp_path))) == {"a_msgs"}
 
 
-def test_the_manifest_names_the_package_not_the_folder(tmp_path: Path) -> None:
+def test_package_name_is_read_from_the_manifest_not_from_the_folder(tmp_path: Path) -> None:
     manifest = (
         "<?xml version='1.0'?><!-- <name>wrong</name> --><package format='3'>\n<name> real_msgs </name></package>"
     )
@@ -79,7 +79,7 @@ def test_the_manifest_names_the_package_not_the_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mark", ["COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE"])
-def test_ignored_folders_hold_nothing(tmp_path: Path, mark: str) -> None:
+def test_interface_packages_in_ignored_folders_are_not_found(tmp_path: Path, mark: str) -> None:
     found = only(write(tmp_path, {**POINT, "old/b_msgs/msg/Point.msg": "float64 x", f"old/{mark}": ""}))
     assert set(packages(found)) == {"a_msgs"}
 
@@ -94,26 +94,26 @@ def test_ignored_folders_hold_nothing(tmp_path: Path, mark: str) -> None:
         ({"pkg/package.xml": "<name>a__b</name>", "pkg/msg/A.msg": ""}, '"a__b" is not a legal package name'),
     ],
 )
-def test_a_folder_that_holds_no_usable_package_is_refused(tmp_path: Path, files: dict[str, str], text: str) -> None:
+def test_folder_without_a_usable_package_is_refused(tmp_path: Path, files: dict[str, str], text: str) -> None:
     with pytest.raises(DefinitionError) as caught:
         load(only(write(tmp_path, files)), [])
     assert text in str(caught.value)
 
 
-def test_a_package_with_an_illegal_name_stops_only_who_asks_for_it(tmp_path: Path) -> None:
+def test_package_with_an_illegal_name_is_an_error_only_if_it_is_selected(tmp_path: Path) -> None:
     found = only(write(tmp_path, {**POINT, "2bad/msg/A.msg": ""}))
     assert [str(name) for name in load(found, ["a_msgs"])[1]] == ["a_msgs/msg/Point"]
     with pytest.raises(DefinitionError, match="is not a legal package name"):
         load(found, ["2bad"])
 
 
-def test_two_packages_of_one_name_in_one_place_are_refused(tmp_path: Path) -> None:
+def test_two_packages_of_one_name_in_one_search_path_entry_are_refused(tmp_path: Path) -> None:
     write(tmp_path, {"one/a_msgs/msg/A.msg": "", "two/a_msgs/msg/A.msg": ""})
     with pytest.raises(DefinitionError, match='two packages are called "a_msgs"'):
         only(tmp_path)
 
 
-def test_loops_of_links_end(tmp_path: Path) -> None:
+def test_search_for_packages_ends_in_loops_of_symbolic_links(tmp_path: Path) -> None:
     write(tmp_path, POINT)
     (tmp_path / "loop").symlink_to(tmp_path)
     (tmp_path / "link").symlink_to(tmp_path / "a_msgs")
@@ -125,14 +125,14 @@ def test_loops_of_links_end(tmp_path: Path) -> None:
     assert [str(name) for name in found.packages["a_msgs"].files] == ["a_msgs/msg/Point"]
 
 
-def test_very_deep_folders_end(tmp_path: Path) -> None:
+def test_interface_packages_in_very_deep_folders_are_not_found(tmp_path: Path) -> None:
     deep = tmp_path / "/".join("d" * 120) / "a_msgs" / "msg"
     deep.mkdir(parents=True)
     write(tmp_path, {"b_msgs/msg/A.msg": ""})
     assert set(packages(only(tmp_path))) == {"b_msgs"}
 
 
-def test_files_of_other_kinds_are_no_interfaces(tmp_path: Path) -> None:
+def test_files_of_other_kinds_are_not_interfaces(tmp_path: Path) -> None:
     files = {
         "a_msgs/msg/Point.msg": "",
         "a_msgs/msg/Point.idl": "",  # hidden by the .msg
@@ -155,7 +155,7 @@ def test_files_of_other_kinds_are_no_interfaces(tmp_path: Path) -> None:
 # --- order ------------------------------------------------------------------------------------------------------------
 
 
-def test_first_hit_wins_paths_then_ament_then_bundled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_order_is_paths_then_ament_then_bundled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path, {"one/std_msgs/msg/A.msg": "", "two/std_msgs/msg/A.msg": "", "two/b_msgs/msg/A.msg": ""})
     for prefix in ("first", "second"):
         share = tmp_path / prefix / "share"
@@ -210,12 +210,12 @@ IMPLIED = ["action_msgs", "builtin_interfaces", "service_msgs", "unique_identifi
         ),
     ],
 )
-def test_a_selection_has_its_dependencies(tmp_path: Path, wanted: str, names: str) -> None:
+def test_selection_of_interfaces_includes_their_dependencies(tmp_path: Path, wanted: str, names: str) -> None:
     assert chosen(tmp_path, wanted) == {*names.split()}
     assert split_filter(f" {wanted} ; ;b:c/msg/D") == [wanted, "b", "c/msg/D"]
 
 
-def test_packages_of_actions_and_an_empty_selection(tmp_path: Path) -> None:
+def test_packages_implied_by_actions_are_selected_and_no_filter_selects_all(tmp_path: Path) -> None:
     assert {name.split("/")[0] for name in chosen(tmp_path, "d_msgs")} == {"d_msgs", *IMPLIED}
     found = {name.split("/")[0] for name in chosen(tmp_path)}
     assert found >= {"a_msgs", "b_msgs", "c_msgs", "d_msgs", "std_msgs", "sensor_msgs"}
@@ -230,7 +230,7 @@ def test_packages_of_actions_and_an_empty_selection(tmp_path: Path) -> None:
         ("..", "..: no package (searched: "),
     ],
 )
-def test_a_selection_that_stands_for_nothing_is_refused(tmp_path: Path, wanted: str, problem: str) -> None:
+def test_unknown_package_or_interface_in_a_selection_is_refused(tmp_path: Path, wanted: str, problem: str) -> None:
     with pytest.raises(DefinitionError) as caught:
         chosen(tmp_path, wanted)
     assert str(caught.value).startswith(problem)
@@ -261,7 +261,7 @@ BROKEN: list[tuple[dict[str, str | bytes], list[str]]] = [
         {"a_msgs/msg/A.msg": "B b", "a_msgs/msg/B.msg": "C c", "a_msgs/msg/C.msg": "A a"},
         ["a_msgs/msg/C.msg:1:3: a_msgs/msg/A contains itself through this field"],
     ),
-    # A broken file is reported where it is broken, not at everyone who uses it.
+    # A broken file is reported at its own location, not where other files use it.
     ({"a_msgs/msg/A.msg": "B b", "a_msgs/msg/B.msg": "int x"}, ['a_msgs/msg/B.msg:1:1: "int" is neither']),
     # Everything in one go, in file and line order.
     (
@@ -292,7 +292,7 @@ BROKEN: list[tuple[dict[str, str | bytes], list[str]]] = [
 
 
 @pytest.mark.parametrize(("files", "expected"), BROKEN, ids=range(len(BROKEN)))
-def test_what_is_broken_is_said_located_and_nothing_is_written(
+def test_invalid_packages_are_reported_with_location_and_without_output(
     tmp_path: Path, files: dict[str, str | bytes], expected: list[str]
 ) -> None:
     found = problems_of(write(tmp_path / "in", files))
@@ -305,7 +305,7 @@ def test_what_is_broken_is_said_located_and_nothing_is_written(
 # --- packages that are missing ----------------------------------------------------------------------------------------
 
 
-def test_errors_say_why_a_package_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_explain_why_a_package_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     manifest = "<package><name>{}</name></package>".format
     files = {
         "src/a_msgs/msg/A.msg": "x_msgs/Here a",
@@ -351,7 +351,7 @@ def test_errors_say_why_a_package_is_missing(tmp_path: Path, monkeypatch: pytest
     ]
 
 
-def test_an_explanation_takes_no_longer_in_a_large_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_for_the_reason_of_a_missing_package_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(60):
         (tmp_path / f"d{number}" / "e" / "f").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
@@ -364,7 +364,7 @@ def test_an_explanation_takes_no_longer_in_a_large_folder(tmp_path: Path, monkey
     assert len(visited) < 100
 
 
-def test_habits_of_ros_1_and_other_languages_get_the_ros_2_spelling(tmp_path: Path) -> None:
+def test_errors_suggest_ros_2_spelling_for_names_of_ros_1_and_other_languages(tmp_path: Path) -> None:
     lines = {
         "Header header": 'unknown type "a_msgs/Header"; use std_msgs/Header',
         "Time t": 'unknown type "a_msgs/Time"; use builtin_interfaces/Time',
@@ -409,6 +409,6 @@ def test_an_unreadable_folder_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
             raise PermissionError(13, "Permission denied", str(folder))
         return real(folder)
 
-    monkeypatch.setattr(os, "scandir", refuse)  # root, who runs CI, has all permissions
+    monkeypatch.setattr(os, "scandir", refuse)  # root, which runs CI, has all permissions
     with pytest.raises(DefinitionError, match="a_msgs/msg: the folder cannot be read: Permission denied"):
         _ = search.packages["a_msgs"].files

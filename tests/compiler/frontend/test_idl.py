@@ -98,7 +98,7 @@ def test_rosidl_agrees_about_services_and_actions_in_idl(rosidl: Rosidl) -> None
     compare(rosidl, do, "a_msgs/action/Do", "idl")
 
 
-def test_annotations_give_default_comment_and_unit() -> None:
+def test_annotations_set_default_comment_and_unit() -> None:
     text = struct(
         '@verbatim (language="comment", text="How far it went." "\\n" "Since the start.")\n'
         '@default (value=1.5)\n@unit (value="m")\n@key @range (min=0, max=9) double distance;'
@@ -122,12 +122,12 @@ FILES = [
 
 
 @pytest.mark.parametrize(("body", "found"), FILES)
-def test_constants_and_typedefs_are_resolved(body: str, found: dict[str, str]) -> None:
+def test_constants_and_typedefs_in_idl_types_are_resolved(body: str, found: dict[str, str]) -> None:
     assert fields(module(body)) == found
     assert fields('#include "b_msgs/msg/Other.idl" #include <c>' + module(body)) == found
 
 
-def test_a_typedef_may_be_repeated() -> None:
+def test_identical_typedef_may_be_repeated() -> None:
     other = "typedef b_msgs::msg::Other other; typedef other other__3[3];"
     text = module(
         f"{other} struct Ask_Request {{ other__3 a; }}; {other} struct Ask_Response {{ other__3 b; }};", "srv"
@@ -173,7 +173,7 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("text", "problem"), ERRORS, ids=range(len(ERRORS)))
-def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
+def test_invalid_definitions_are_reported_with_location(text: str, problem: str) -> None:
     _, problems = read(text, format="idl")
     assert len(problems) == 1
     assert problem in problems[0], problems
@@ -196,7 +196,7 @@ def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
         ("sequence<sequence<boolean> > t", "sequences of sequences or arrays are not supported"),
     ],
 )
-def test_a_typedef_that_nothing_uses_is_checked_as_rosidl_does(rosidl: Rosidl, unused: str, problem: str) -> None:
+def test_unused_typedef_is_checked_as_rosidl_checks_it(rosidl: Rosidl, unused: str, problem: str) -> None:
     text = f"module a_msgs {{ module msg {{ typedef {unused}; struct Sample {{ long x; }}; }}; }};"
     definition = ("a_msgs/msg/Sample", text, "idl")
     (mine,) = ours([definition], OTHERS)["refused"]
@@ -204,7 +204,7 @@ def test_a_typedef_that_nothing_uses_is_checked_as_rosidl_does(rosidl: Rosidl, u
     assert not any(accepted(reply) for reply in rosidl.compile([definition]).values())
 
 
-def test_a_byte_order_mark_and_a_union_are_reported_and_forward_declarations_are_not() -> None:
+def test_byte_order_mark_and_union_are_reported_but_forward_declarations_are_accepted() -> None:
     text = "module a_msgs { struct Later; module msg { struct Other; struct Sample; struct Sample { long x; }; }; };"
     assert [item.name for item in message(text, format="idl").fields] == ["x"]
     assert read(f"\ufeff{text}", format="idl")[1] == [

@@ -44,19 +44,19 @@ TYPES = [
 
 
 @pytest.mark.parametrize(("text", "kind"), TYPES)
-def test_a_type_is_read(text: str, kind: str) -> None:
+def test_field_type_is_parsed(text: str, kind: str) -> None:
     (item,) = message(f"{text} x").fields
     assert str(item.type) == kind
 
 
 @pytest.mark.parametrize("kind", ["srv", "action"])
-def test_names_without_package_mean_messages_of_the_own_package_everywhere(kind: str) -> None:
+def test_type_names_without_package_mean_messages_of_the_own_package(kind: str) -> None:
     interface = parse("Other x\n---\nOther y" + "\n---" * (kind == "action"), f"a_msgs/{kind}/Sample")
     first = messages_of(interface)[0]
     assert str(first.fields[0].type) == "a_msgs/msg/Other"
 
 
-def test_an_optional_field_is_an_ordinary_one() -> None:
+def test_optional_annotation_does_not_change_a_field() -> None:
     first = message('@optional string<=9 note "a"  # why\n@optional Other[] others\nstring s @optional\n')
     plain = message('string<=9 note "a"  # why\nOther[] others\nstring s @optional\n')
     assert [item._replace(location=None) for item in first.fields] == [
@@ -66,7 +66,7 @@ def test_an_optional_field_is_an_ordinary_one() -> None:
     assert first.fields[2].default == "@optional"
 
 
-# --- what is refused: text, where, what is said -----------------------------------------------------------------------
+# --- refused definitions, location, error texts -----------------------------------------------------------------------
 
 REFUSED = [
     # the shape of a line
@@ -136,7 +136,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "problem"), REFUSED, ids=[row[0][:40] for row in REFUSED])
-def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
+def test_invalid_definitions_are_reported_with_location(text: str, problem: str) -> None:
     _, problems = read(text)
     assert len(problems) == 1, problems
     assert problem in problems[0]
@@ -144,7 +144,7 @@ def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
         assert problems[0].startswith(problem)
 
 
-def test_every_problem_of_a_file_is_found_in_one_go() -> None:
+def test_all_errors_of_a_file_are_reported_together() -> None:
     _, problems = read("int a\nuint8 x\nuint8 B_=1\nuint8 x 300\n  uint8 y")
     assert [one.split(" ")[0] for one in problems] == ["1:1:", "3:7:", "4:9:", "5:1:"]
 
@@ -177,37 +177,37 @@ VALUES = [
 
 
 @pytest.mark.parametrize(("kind", "text", "value"), VALUES)
-def test_a_default_has_its_value(kind: str, text: str, value: object) -> None:
+def test_default_value_is_parsed(kind: str, text: str, value: object) -> None:
     (item,) = message(f"{kind} x  {text}").fields
     assert repr(item.default) == repr(value)
 
 
 @each_case(("kind", "text", "value"), [row for row in VALUES if "[" not in row[0] and "<=" not in row[0]])
 @each_case("equals", ["=", " = ", "= ", " ="])
-def test_a_constant_has_its_value(kind: str, text: str, value: object, equals: str) -> None:
+def test_constant_value_is_parsed(kind: str, text: str, value: object, equals: str) -> None:
     (item,) = message(f"{kind} X_1{equals}{text}").constants
     assert repr(item.value) == repr(value)
 
 
-def test_nan_is_a_default() -> None:
+def test_nan_is_accepted_as_a_default() -> None:
     (item,) = message("float32 x nan").fields
     assert isinstance(item.default, float)
     assert math.isnan(item.default)
 
 
-def test_no_default_is_not_an_empty_default() -> None:
+def test_missing_default_differs_from_an_empty_default() -> None:
     first, second, third = message('string x\nstring y ""\nuint8[] z []').fields
     assert (first.default, second.default, third.default) == (None, "", ())
 
 
-def test_locations_are_lines_and_columns_of_names() -> None:
+def test_locations_of_elements_are_line_and_column_of_their_names() -> None:
     found = message("# head\n\nuint8   first\nstring<=3[] second\nuint8 C = 3")
     elements: list[FieldDef | ConstantDef] = [*found.fields, *found.constants]
     places = [(one.name, one.location.line, one.location.column) for one in elements]
     assert places == [("first", 3, 9), ("second", 4, 13), ("C", 5, 7)]
 
 
-def test_tabs_count_as_one_column() -> None:
+def test_tabs_count_as_one_column_in_locations() -> None:
     (item,) = message("uint8\t\tx").fields
     assert item.location.column == 8
 
@@ -219,13 +219,13 @@ def field(text: str) -> FieldDef:
     return message(text).fields[-1]
 
 
-def test_the_leading_comment_is_the_messages() -> None:
+def test_leading_comment_belongs_to_the_message() -> None:
     found = message("# What it is.\n#   Indented.\n#\n# More.\n\n# Of x.\nuint8 x")
     assert found.comment == ("What it is.", "  Indented.", "", "More.")
     assert found.fields[0].comment == ("Of x.",)
 
 
-def test_a_comment_directly_above_the_first_field_is_the_messages() -> None:
+def test_comment_directly_above_the_first_field_belongs_to_the_message() -> None:
     found = message("# What it is.\nuint8 x")
     assert (found.comment, found.fields[0].comment) == (("What it is.",), ())
 
@@ -264,7 +264,7 @@ def test_a_constant_has_comment_and_unit_too() -> None:
     assert (item.comment, item.unit, item.value) == (("the most", "allowed"), "m", 2.5)
 
 
-def test_a_comment_before_the_first_element_is_not_lost_to_an_indented_one() -> None:
+def test_comment_after_an_indented_comment_belongs_to_the_first_field() -> None:
     found = message("\n   # belongs to nothing\n# of x\nuint8 x\n# of nothing")
     assert found.fields[0].comment == ("of x",)
 
@@ -304,7 +304,9 @@ NAMES = [
 
 
 @pytest.mark.parametrize(("text", "lower", "constant", "interface"), NAMES)
-def test_which_names_are_legal(text: str, lower: bool, constant: bool, interface: bool) -> None:
+def test_legal_names_of_each_kind_of_definition_element(
+    text: str, lower: bool, constant: bool, interface: bool
+) -> None:
     assert is_package_name(text) == is_field_name(text) == lower
     assert is_constant_name(text) == constant
     assert is_interface_name(text) == interface
@@ -336,7 +338,7 @@ def test_a_service_has_request_response_and_event() -> None:
     }
 
 
-def test_an_action_has_its_messages_and_two_services() -> None:
+def test_action_has_its_messages_and_two_services() -> None:
     action = parse("int32 order\n---\nint32[] sequence\n---\nint32[] partial", "a_msgs/action/Count")
     assert isinstance(action, ActionDef)
     uuid, info = "unique_identifier_msgs/msg/UUID goal_id", "service_msgs/msg/ServiceEventInfo info"
@@ -383,7 +385,7 @@ SEPARATORS = [
 
 
 @pytest.mark.parametrize(("kind", "text", "problem"), SEPARATORS)
-def test_separators_are_counted(kind: str, text: str, problem: str) -> None:
+def test_wrong_number_or_form_of_separators_is_reported(kind: str, text: str, problem: str) -> None:
     _, problems = read(text, f"a_msgs/{kind}/Sample")
     assert len(problems) == 1
     assert problems[0].startswith(problem)
@@ -407,6 +409,6 @@ def test_lines_of_later_sections_are_located_in_the_file() -> None:
         ("[\\x41]", "A"),
     ],
 )
-def test_escapes_in_arrays_mean_what_they_mean_without_warnings(text: str, value: str) -> None:
+def test_escapes_in_string_arrays_are_resolved_without_warnings(text: str, value: str) -> None:
     (item,) = message(f"string[] x {text}").fields
     assert item.default == (value,)

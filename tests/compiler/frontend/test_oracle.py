@@ -96,7 +96,7 @@ SAME = [
 
 
 @each_case("text", SAME)
-def test_rosidl_agrees_about_a_message(rosidl: Rosidl, text: str) -> None:
+def test_rosidl_agrees_about_handpicked_messages(rosidl: Rosidl, text: str) -> None:
     compare(rosidl, text)
 
 
@@ -176,7 +176,7 @@ _SCALARS = {
 
 @st.composite
 def _legal(draw: st.DrawFn) -> str:
-    """A field or constant that is mostly right."""
+    """Draw a field or constant that is valid in most cases."""
     base = draw(st.sampled_from(sorted(_SCALARS)))
     comment = draw(_COMMENT)
     if draw(st.integers(0, 3)) == 0:
@@ -212,7 +212,7 @@ _LINE = st.one_of(_FIELD, _FIELD, _CONSTANT, st.sampled_from(["", "# text", "   
 
 @settings(max_examples=examples(500), deadline=None, suppress_health_check=list(HealthCheck))
 @given(lines=st.lists(_legal(), min_size=1, max_size=3))
-def test_rosidl_agrees_about_messages_that_are_mostly_right(rosidl: Rosidl, lines: list[str]) -> None:
+def test_rosidl_agrees_about_generated_mostly_valid_messages(rosidl: Rosidl, lines: list[str]) -> None:
     text = "\n".join(lines)
     compare_or_explain(rosidl, ("a_msgs/msg/Sample", text, "msg"))
 

@@ -15,7 +15,7 @@ _EXAMPLES = [(row, text) for row in DEVIATIONS for text in row.examples]
 
 
 @pytest.mark.parametrize(("row", "text"), _EXAMPLES, ids=[f"{row.name}: {text}" for row, text in _EXAMPLES])
-def test_differences_on_purpose_are_still_true(rosidl: Rosidl, row: Deviation, text: str) -> None:
+def test_deliberate_differences_from_rosidl_still_exist(rosidl: Rosidl, row: Deviation, text: str) -> None:
     definition = (f"a_msgs/{row.kind}/Sample", text, row.kind)
     if row.format == "idl":
         definition = (definition[0], in_modules(text, row.kind), "idl")
@@ -29,7 +29,7 @@ def test_differences_on_purpose_are_still_true(rosidl: Rosidl, row: Deviation, t
 
 # --- at random --------------------------------------------------------------------------------------------------------
 
-# A file is a list of tokens, so that mistakes are made in its words and not in its letters.
+# A file is a list of tokens, so that mutations change whole tokens instead of letters.
 Tokens = list[str]
 
 _VALUES = {
@@ -66,7 +66,7 @@ _ANNOTATIONS = (
 
 
 def words(text: str) -> Tokens:
-    """The tokens of a piece that has no comment."""
+    """Return the tokens of a text without comments."""
     return re.findall(r'L?"(?:[^"\\]|\\.)*"|[A-Za-z_][A-Za-z0-9_]*|-?[0-9][0-9.eE+-]*|::|\S', text)
 
 
@@ -109,7 +109,7 @@ def _declared(kind: str, name: str) -> Tokens:
 
 @st.composite
 def files(draw: st.DrawFn, most: int = 4) -> tuple[str, Tokens]:
-    """A name and the tokens of a file that is right, with up to `most` members a struct."""
+    """Draw a name and the tokens of a valid file, with up to `most` members in each struct."""
     kind = draw(st.sampled_from(["msg", "msg", "msg", "srv", "action"]))
     tokens = words(f"module a_msgs {{ module {kind} {{")
     typedefs: list[str] = []
@@ -144,7 +144,7 @@ _ODD = (
 
 @st.composite
 def broken(draw: st.DrawFn) -> tuple[str, str]:
-    """A name and the text of a file in which up to three words are wrong."""
+    """Draw a name and the text of a file in which up to three tokens are wrong."""
     name, tokens = draw(files(most=2))
     for _ in range(draw(st.sampled_from([1, 1, 1, 2, 3]))):
         at = draw(st.integers(0, max(0, len(tokens) - 1)))

@@ -1,4 +1,4 @@
-"""Whole packages against the real rosidl tool chain: what is bundled, random worlds, services, and damaged files."""
+"""Whole packages against the real rosidl tool chain: bundled and random interfaces, and damaged files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_rosidl_agrees_about_every_interface_of_the_checkout(rosidl: Rosidl) -> 
 
 
 def test_rosidl_agrees_about_the_golden_interfaces(rosidl: Rosidl) -> None:
-    """Their constant as a size and their backslashes in comments are deviations."""
+    """A constant as a size and backslashes in comments are deviations, so both are replaced."""
     files = [
         (name, _no_backslash(text).replace("FromIdl_Constants::LIMIT", "4"), kind)
         for name, text, kind in _files(GOLDEN)
@@ -43,7 +43,7 @@ def test_rosidl_agrees_about_the_golden_interfaces(rosidl: Rosidl) -> None:
 
 
 def _no_backslash(text: str) -> str:
-    """Comments without them, which are a deviation of their own."""
+    """Replace backslashes in comments, which are a deviation."""
     lines = (line.partition("#") for line in text.splitlines())
     return "\n".join(code + sign + comment.replace("\\", "/") for code, sign, comment in lines)
 
@@ -68,7 +68,7 @@ NAMES = [
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_rosidl_agrees_about_a_name(rosidl: Rosidl, name: str) -> None:
+def test_rosidl_agrees_about_legal_interface_names(rosidl: Rosidl, name: str) -> None:
     kind = name.split("/")[1]
     compare_world(rosidl, [(name, {"msg": "", "srv": "---", "action": "---\n---"}[kind], kind)])
 
@@ -90,12 +90,12 @@ def test_rosidl_agrees_about_a_name(rosidl: Rosidl, name: str) -> None:
     ],
     ids=range(11),
 )
-def test_rosidl_agrees_about_types_that_need_each_other(rosidl: Rosidl, texts: dict[str, str]) -> None:
+def test_rosidl_agrees_about_types_that_refer_to_each_other(rosidl: Rosidl, texts: dict[str, str]) -> None:
     compare_world(rosidl, [(name, text, name.split("/")[1]) for name, text in texts.items()])
 
 
-def test_types_may_be_nested_a_hundred_deep_and_no_deeper(rosidl: Rosidl) -> None:
-    """The reference has no limit, and neither would we without generated code that calls itself."""
+def test_types_nested_deeper_than_a_hundred_levels_are_refused_unlike_in_rosidl(rosidl: Rosidl) -> None:
+    """rosidl has no limit; this package has one because its generated code is recursive."""
     texts = [(f"a_msgs/msg/M{n}", f"M{n - 1} x" if n else "uint8 x", "msg") for n in range(101)]
     assert "deeper than" in ours(texts)["unresolved"][0]
     assert all("refused" not in reply for reply in rosidl.compile(texts).values())
@@ -110,13 +110,13 @@ def _definitions(world: World) -> list[Definition]:
 
 @settings(max_examples=examples(60))
 @given(worlds())
-def test_rosidl_agrees_about_random_worlds(rosidl: Rosidl, world: World) -> None:
+def test_rosidl_agrees_about_random_packages_of_messages(rosidl: Rosidl, world: World) -> None:
     assert "types" in compare_world(rosidl, _definitions(world))
 
 
 @st.composite
 def _services(draw: st.DrawFn) -> list[Definition]:
-    """A world and a service or action whose sections are messages of it, of which each uses the next."""
+    """Draw messages, and a service or action whose sections have the text of one of the messages."""
     world = draw(worlds())
     package = world.top.split("/")[0]
     kind, count = draw(st.sampled_from([("srv", 2), ("action", 3)]))
@@ -146,7 +146,7 @@ _PIECES = (
 
 @st.composite
 def damaged(draw: st.DrawFn) -> Definition:
-    """A file in which up to three letters or pieces are wrong."""
+    """Draw a file in which up to three letters or tokens are wrong."""
     kind = draw(st.sampled_from(["msg", "msg", "msg", "srv", "action"]))
     lines = st.sampled_from(_LINES)
     parts = [draw(st.lists(lines, min_size=0, max_size=2)) for _ in range({"msg": 1, "srv": 2, "action": 3}[kind])]

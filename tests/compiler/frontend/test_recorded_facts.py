@@ -65,7 +65,7 @@ def qualified(kind: str, package: str) -> str:
 
 
 @each_case("name", FACTS)
-def test_a_definition_says_what_is_recorded(library: InterfaceRegistry, name: str) -> None:
+def test_definition_has_the_recorded_fields_and_constants(library: InterfaceRegistry, name: str) -> None:
     interface = library.interface(split_ros_name(name))
     assert interface is not None, library.diagnostics.items
     recorded = FACTS[name]
@@ -75,13 +75,13 @@ def test_a_definition_says_what_is_recorded(library: InterfaceRegistry, name: st
         assert repr(facts(message)) == repr(wanted)  # repr: 1 is not True, 1.0 is not 1
 
 
-def test_every_file_is_sound(library: InterfaceRegistry) -> None:
+def test_every_bundled_and_test_interface_is_valid(library: InterfaceRegistry) -> None:
     names = [name for package in library.search.packages.values() for name in package.files]
     check(library, names)
     assert library.diagnostics.items == []
     assert {str(name) for name in names} >= set(FACTS)
 
 
-def test_types_of_turtlesim_have_their_hashes(library: InterfaceRegistry) -> None:
+def test_hashes_of_turtlesim_types_equal_the_hashes_of_rosidl(library: InterfaceRegistry) -> None:
     names = map(str, library.search.packages["turtlesim"].files)
     assert {name: library.type_hash(name) for name in names} == TURTLESIM

@@ -49,7 +49,7 @@ async def until_canceled(goal: Any) -> Any:
     return goal.canceled(Fibonacci.Result(sequence=[1, 2]))
 
 
-async def test_a_goal_from_sending_to_its_cancelled_end(dds: World) -> None:
+async def test_bytes_of_a_cancelled_goal_match_ros(dds: World) -> None:
     watcher = dds.node("watcher")
     send = tap_service(watcher, "/fib/_action/send_goal", f"{ACTION}SendGoal_")
     result = tap_service(watcher, "/fib/_action/get_result", f"{ACTION}GetResult_")
@@ -79,7 +79,7 @@ async def test_a_goal_from_sending_to_its_cancelled_end(dds: World) -> None:
     assert status.take(service=False) == [wire(*row, number) for number in ("02", "03", "05")]
 
 
-async def test_cancel_all_and_cancel_before_select_by_zeros(dds: World) -> None:
+async def test_cancel_all_and_cancel_before_send_zero_goal_id(dds: World) -> None:
     cancel = tap_service(dds.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
     dds.node("server").create_action_server(Fibonacci, "fib", until_canceled)
     client = dds.node("client").create_action_client(Fibonacci, "fib")
@@ -89,30 +89,30 @@ async def test_cancel_all_and_cancel_before_select_by_zeros(dds: World) -> None:
     assert cancel[1].take() == [wire("00 00 00 00", "00 00 00 00")] * 2
 
 
-async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(dds: World) -> None:
+async def test_result_request_for_unknown_goal_returns_unknown_and_default_result(dds: World) -> None:
     result = tap_service(dds.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
     dds.node("server").create_action_server(Fibonacci, "fib", until_canceled)
-    ask = dds.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
-    await ask.call(Fibonacci.GetResult.Request(), timeout_s=5)
+    result_client = dds.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
+    await result_client.call(Fibonacci.GetResult.Request(), timeout_s=5)
     assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
 
 
 @pytest.mark.every_transport
-def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
+def test_action_topic_names_types_and_qos_match_ros(world: World) -> None:
     node = world.node("server")
     node.create_action_server(Fibonacci, "fib", until_canceled)
     node._scope.discovery.refresh()
     endpoints = [e for e in node._scope.graph.endpoints.values() if "/_action/" in e.wire_name]
-    found = {
+    profiles = {
         (e.topic_key, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth)
         for e in endpoints
     }
-    names = {topic for topic, _, _ in found}
+    names = {topic for topic, _, _ in profiles}
     services = [f"/fib/_action/{one}" for one in ("send_goal", "cancel_goal", "get_result")]
     feedback, status = TopicKey("topic", "/fib/_action/feedback"), TopicKey("topic", "/fib/_action/status")
     assert names == {feedback, status, *(TopicKey(half, one) for one in services for half in ("request", "reply"))}
     send = service_type(Fibonacci.SendGoal).request.ros_name
-    assert found[TopicKey("request", services[0]), send, False][:2] == ("RELIABLE", "VOLATILE")
-    assert found[status, "action_msgs/msg/GoalStatusArray", True] == ("RELIABLE", "TRANSIENT_LOCAL", 1)
+    assert profiles[TopicKey("request", services[0]), send, False][:2] == ("RELIABLE", "VOLATILE")
+    assert profiles[status, "action_msgs/msg/GoalStatusArray", True] == ("RELIABLE", "TRANSIENT_LOCAL", 1)
     feedback_type = "example_interfaces/action/Fibonacci_FeedbackMessage"
-    assert found[feedback, feedback_type, True] == ("RELIABLE", "VOLATILE", 10)
+    assert profiles[feedback, feedback_type, True] == ("RELIABLE", "VOLATILE", 10)

@@ -45,7 +45,7 @@ async def fifty(handle: Any) -> Any:
 
 
 @pytest.mark.every_transport
-async def test_feedback_published_at_once_arrives_completely(world: World) -> None:
+async def test_feedback_published_in_a_burst_arrives_completely(world: World) -> None:
     _, client = await pair(world, fifty)
     handles = await asyncio.gather(*(client.send_goal(goal(number)) for number in range(4)))
     for number, handle in enumerate(handles):
@@ -55,7 +55,7 @@ async def test_feedback_published_at_once_arrives_completely(world: World) -> No
 
 
 @pytest.mark.parametrize(("is_known", "after_s"), [(True, 0.1), (False, 2.0)])
-async def test_handlers_wait_for_feedback_subscriptions_longer_while_a_client_is_not_wholly_known(
+async def test_handler_start_waits_longer_while_client_endpoints_are_incomplete(
     memory: World, monkeypatch: pytest.MonkeyPatch, is_known: bool, after_s: float
 ) -> None:
     monkeypatch.setattr(Graph, "endpoints_complete", lambda self, of: is_known)
@@ -73,18 +73,18 @@ async def test_handlers_wait_for_feedback_subscriptions_longer_while_a_client_is
     assert began[0] - asked == pytest.approx(after_s, abs=0.05)
 
 
-async def test_a_client_that_comes_while_another_is_waited_for_has_its_own_time(
+async def test_feedback_readiness_timeout_is_counted_for_each_client(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Graph, "endpoints_complete", lambda self, of: False)
     monkeypatch.setattr(Graph, "participant_of", lambda self, guid: guid)
-    loop, clients, hears = asyncio.get_running_loop(), [b"a"], list[bytes]()
+    loop, clients, connected_subscriptions = asyncio.get_running_loop(), [b"a"], list[bytes]()
     goals = SimpleNamespace(matched_clients=lambda: [*clients])
-    ends: Any = goals, SimpleNamespace(matched_subscriptions=lambda: [*hears])
+    ends: Any = goals, SimpleNamespace(matched_subscriptions=lambda: [*connected_subscriptions])
     readiness, began = FeedbackReadiness(memory.node("server")._scope, *ends), loop.time()
     loop.call_later(1.0, clients.append, b"b")
-    loop.call_later(1.2, hears.append, b"a")
-    loop.call_later(2.5, hears.append, b"b")
+    loop.call_later(1.2, connected_subscriptions.append, b"a")
+    loop.call_later(2.5, connected_subscriptions.append, b"b")
     for connected_s in (1.2, 2.5):
         assert not readiness.is_satisfied()
         await readiness.wait()
@@ -92,7 +92,7 @@ async def test_a_client_that_comes_while_another_is_waited_for_has_its_own_time(
     assert readiness.is_satisfied()
 
 
-async def test_feedback_that_nobody_takes_is_dropped_oldest_first_and_counted(world: World) -> None:
+async def test_unread_feedback_is_dropped_oldest_first_and_counted(world: World) -> None:
     world.node().create_action_server(Fibonacci, "fib", fifty)
     client = world.node().create_action_client(Fibonacci, "fib", feedback_depth=3)
     handle = await client.send_goal(goal(1), timeout_s=5)
@@ -102,7 +102,7 @@ async def test_feedback_that_nobody_takes_is_dropped_oldest_first_and_counted(wo
 
 
 @pytest.mark.every_transport
-async def test_a_goal_waits_until_all_endpoints_of_a_server_are_connected(world: World) -> None:
+async def test_goal_is_not_sent_until_all_server_endpoints_are_connected(world: World) -> None:
     half = world.node()
     served: list[Any] = []
 
@@ -118,7 +118,7 @@ async def test_a_goal_waits_until_all_endpoints_of_a_server_are_connected(world:
     assert "/fib/_action/feedback" in str(e.value) and "send_goal" not in str(e.value)
     assert served == [] and client._goals == {}
     with pytest.raises(EncodeError):
-        await client.send_goal(goal(2**40))  # at once, although nobody is there
+        await client.send_goal(goal(2**40))  # raised at once, without a server
     with pytest.raises(TypeError, match="expected a Fibonacci_Goal"):
         await client.send_goal(result())
 
@@ -127,9 +127,9 @@ async def test_a_goal_waits_until_all_endpoints_of_a_server_are_connected(world:
 
 
 @pytest.mark.every_transport
-async def test_unknown_from_another_server_is_not_the_answer(world: World) -> None:
+async def test_unknown_reply_from_another_server_is_ignored(world: World) -> None:
     async def execute(handle: Any) -> Any:
-        await until(lambda: bool(asked) and stranger._transport_server.all_acknowledged())  # UNKNOWN has arrived
+        await until(lambda: bool(asked) and second_server._transport_server.all_acknowledged())  # UNKNOWN has arrived
         return result(5)
 
     _, client = await pair(world, execute)
@@ -139,15 +139,15 @@ async def test_unknown_from_another_server_is_not_the_answer(world: World) -> No
         asked.append(request)
         return Fibonacci.GetResult.Response()
 
-    stranger = world.node().create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
+    second_server = world.node().create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
     await until(lambda: len(client._result.client._servers()) == 2)
     handle = await client.send_goal(goal(), timeout_s=5)
     status, got = await handle.result(timeout_s=5)
     assert (status, list(got.sequence), len(asked)) == (S.SUCCEEDED, [5], 1)
-    stranger.close()
+    second_server.close()
 
 
-async def test_an_unknown_return_code_is_an_error_of_its_own(world: World) -> None:
+async def test_unknown_cancel_return_code_raises_plain_cancel_error(world: World) -> None:
     node = world.node()
     node.create_service(CancelGoal, "fib/_action/cancel_goal", lambda r: CancelGoal.Response(return_code=77))
     client = world.node().create_action_client(Fibonacci, "fib")
@@ -160,7 +160,7 @@ async def test_an_unknown_return_code_is_an_error_of_its_own(world: World) -> No
 # ---------------------------------------------------------------------------------------------------- ids and stamps
 
 
-async def test_the_id_of_a_running_goal_is_refused_before_anything_is_sent(world: World) -> None:
+async def test_duplicate_goal_id_is_refused_before_sending(world: World) -> None:
     _, client = await pair(world, until_canceled)
     one = bytes(range(16))
     first = await client.send_goal(goal(), goal_id=one)
@@ -183,7 +183,7 @@ async def test_the_id_of_a_running_goal_is_refused_before_anything_is_sent(world
         (16, TypeError, "goal_id must be 16 bytes"),
     ],
 )
-async def test_what_is_no_goal_id_is_refused(world: World, goal_id: Any, error: type[Exception], words: str) -> None:
+async def test_invalid_goal_id_is_refused(world: World, goal_id: Any, error: type[Exception], words: str) -> None:
     _, client = await pair(world, until_canceled)
     running = await client.send_goal(goal())
     with pytest.raises(error, match=words):
@@ -193,7 +193,7 @@ async def test_what_is_no_goal_id_is_refused(world: World, goal_id: Any, error: 
     assert list(client._goals) == [running.goal_id] and not running.is_done
 
 
-async def test_a_zero_stamp_does_not_cancel_everything(world: World) -> None:
+async def test_cancel_before_refuses_zero_stamp(world: World) -> None:
     server, client = await pair(world, until_canceled)
     await client.send_goal(goal())
     for stamp in (Time(), TimeMessage()):
@@ -229,7 +229,9 @@ async def test_a_zero_stamp_does_not_cancel_everything(world: World) -> None:
         ({"server_lost_timeout_s": "x"}, TypeError, "server_lost_timeout_s must be a number of seconds"),
     ],
 )
-def test_wrong_arguments_leave_no_endpoint(world: World, options: Any, error: type[Exception], words: str) -> None:
+def test_invalid_action_arguments_raise_and_create_no_endpoint(
+    world: World, options: Any, error: type[Exception], words: str
+) -> None:
     node = world.node()
     is_of_client = options.keys() & {"feedback_depth", "server_lost_timeout_s"}
     make: Any = node.create_action_client if is_of_client else node.create_action_server
@@ -242,7 +244,9 @@ def test_wrong_arguments_leave_no_endpoint(world: World, options: Any, error: ty
 @pytest.mark.parametrize(
     ("timeout_s", "error"), [("x", TypeError), (math.nan, ValueError), (False, TypeError), (-0.1, ValueError)]
 )
-async def test_wrong_timeouts_leave_nothing_behind(world: World, timeout_s: Any, error: type[Exception]) -> None:
+async def test_invalid_timeouts_raise_and_leave_no_pending_requests(
+    world: World, timeout_s: Any, error: type[Exception]
+) -> None:
     _, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
     calls: list[Callable[[], Any]] = [
@@ -261,7 +265,7 @@ async def test_wrong_timeouts_leave_nothing_behind(world: World, timeout_s: Any,
     assert [entity(client, name).in_flight_count for name in ("/send_goal", "/cancel_goal")] == [0, 0]
 
 
-async def test_infinite_times_are_for_ever(world: World) -> None:
+async def test_infinite_timeouts_never_expire(world: World) -> None:
     server, client = await pair(world, result_timeout_s=math.inf)
     handle = await client.send_goal(goal(1), timeout_s=math.inf)
     assert (await handle.result(timeout_s=math.inf))[0] is S.SUCCEEDED
@@ -269,8 +273,8 @@ async def test_infinite_times_are_for_ever(world: World) -> None:
     clock.enable_ros_time_override()
     clock.set_ros_time_override(clock.now() + Duration(seconds=9e9))
     assert len(server._goals.table) == 1
-    patient = world.node().create_action_client(Fibonacci, "fib", server_lost_timeout_s=math.inf)
-    assert await patient.wait_for_server(timeout_s=math.inf)
+    patient_client = world.node().create_action_client(Fibonacci, "fib", server_lost_timeout_s=math.inf)
+    assert await patient_client.wait_for_server(timeout_s=math.inf)
 
 
 # --------------------------------------------------------------------------------------------------------- remains
@@ -280,14 +284,14 @@ def sizes(thing: Any) -> dict[str, int]:
     return {name: len(value) for name, value in vars(thing).items() if hasattr(value, "__len__") and name != "name"}
 
 
-def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
+def test_memory_does_not_grow_after_a_thousand_goals(world: World) -> None:
     async def main() -> None:
         def accept(request: Any) -> GoalDecision:
             return GoalDecision.REJECT if request.order == 1 else GoalDecision.ACCEPT
 
         server, client = await pair(world, goal_callback=accept, result_timeout_s=0.3)
         clock = world.nodes[0].clock
-        clock.enable_ros_time_override()  # no result ends before it was asked for
+        clock.enable_ros_time_override()  # no result expires before the test requests it
         ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
         request = Fibonacci.GetResult.Request()
         scopes = server._scope, client._scope
@@ -318,7 +322,7 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
     run(main, 60)
 
 
-def test_nothing_is_pending_when_a_client_of_plain_code_closes(world: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_no_task_is_pending_after_sync_action_client_closes(world: World, caplog: pytest.LogCaptureFixture) -> None:
     with served_in_thread(world, until_canceled):
         node = world.node()
         client = node.create_action_client(Fibonacci, "fib")
@@ -335,18 +339,18 @@ def test_nothing_is_pending_when_a_client_of_plain_code_closes(world: World, cap
 
 
 @pytest.mark.every_transport
-async def test_servers_that_keep_few_requests_get_the_questions_in_turn(
+async def test_result_requests_respect_the_queue_depth_of_the_server(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """rclpy's services keep ten requests and overwrite older ones."""
+    """Services of rclpy queue ten requests and overwrite older ones."""
 
     _, client = await pair(world, until_canceled)
-    questions = client._result.client
-    servers = questions._transport_client.servers
-    monkeypatch.setattr(questions._transport_client, "servers", lambda: replace(servers(), request_queue_depth=3))
+    result_client = client._result.client
+    servers = result_client._transport_client.servers
+    monkeypatch.setattr(result_client._transport_client, "servers", lambda: replace(servers(), request_queue_depth=3))
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))
-    await until(lambda: not questions._window.waiting)
+    await until(lambda: not result_client._window.waiting)
     await client.cancel_all(timeout_s=5)
     assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}

@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime import (
 S = GoalStatus
 
 
-# ------------------------------------------------------------------------------------------------- what answers mean
+# ------------------------------------------------------------------------------------- return values of callbacks
 
 
 AGREE = (None, True, 1, np.True_, "yes", GoalDecision.ACCEPT)
@@ -41,7 +41,7 @@ def deciding(answer: object) -> Any:
 
 
 @pytest.mark.parametrize(("answer", "agreed"), ANSWERS)
-async def test_answers_to_a_goal(world: World, answer: object, agreed: bool) -> None:
+async def test_goal_callback_return_value_accepts_or_rejects(world: World, answer: object, agreed: bool) -> None:
     server, client = await pair(world, goal_callback=deciding(answer))
     if agreed:
         assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
@@ -52,7 +52,7 @@ async def test_answers_to_a_goal(world: World, answer: object, agreed: bool) -> 
 
 
 @pytest.mark.parametrize(("answer", "agreed"), ANSWERS)
-async def test_answers_to_a_cancel(world: World, answer: object, agreed: bool) -> None:
+async def test_cancel_callback_return_value_accepts_or_rejects(world: World, answer: object, agreed: bool) -> None:
     callback = answer if answer is False else deciding(answer)
     _, client = await pair(world, until_canceled, cancel_callback=callback)
     handle = await client.send_goal(goal())
@@ -71,12 +71,12 @@ async def test_answers_to_a_cancel(world: World, answer: object, agreed: bool) -
 
 @pytest.mark.parametrize("agreed", [True, False])
 @pytest.mark.parametrize("by_id", [True, False])
-async def test_goals_that_end_while_their_cancel_is_decided(world: World, by_id: bool, agreed: bool) -> None:
+async def test_cancel_reply_for_goal_that_ends_during_cancel_decision(world: World, by_id: bool, agreed: bool) -> None:
     """docs/internals/protocol.md 8.4: GOAL_TERMINATED for a goal named by its id, else code 0 with an empty list."""
-    asked, decide = asyncio.Event(), asyncio.Event()
+    callback_entered, decide = asyncio.Event(), asyncio.Event()
 
     async def on_cancel(handle: Any) -> bool:
-        asked.set()
+        callback_entered.set()
         await decide.wait()
         return agreed
 
@@ -85,7 +85,7 @@ async def test_goals_that_end_while_their_cancel_is_decided(world: World, by_id:
     accepted = [(await take(server.__aiter__())).accept() for _ in sent]
     handles = [await one for one in sent]
     waiting = asyncio.ensure_future(handles[0].cancel(timeout_s=5) if by_id else client.cancel_all(timeout_s=5))
-    await asyncio.wait_for(asked.wait(), 5)
+    await asyncio.wait_for(callback_entered.wait(), 5)
     for handle in accepted:
         handle.succeed(result(1))
     decide.set()
@@ -101,7 +101,7 @@ async def test_goals_that_end_while_their_cancel_is_decided(world: World, by_id:
 
 
 @pytest.mark.parametrize("policy", ["queue", "preempt"])
-async def test_deferred_goals_keep_to_the_policy(world: World, policy: str) -> None:
+async def test_executing_deferred_goal_follows_goal_policy(world: World, policy: str) -> None:
     running: list[int] = []
     most: list[int] = []
     release = asyncio.Event()
@@ -131,7 +131,7 @@ async def test_deferred_goals_keep_to_the_policy(world: World, policy: str) -> N
     assert most == [1, 1]
 
 
-async def test_a_deferred_goal_that_is_never_executed_does_not_hold_up_the_line(world: World) -> None:
+async def test_deferred_goal_does_not_block_queued_goals(world: World) -> None:
     def accept(request: Any) -> GoalDecision:
         return GoalDecision.DEFER if request.order == 13 else GoalDecision.ACCEPT
 
@@ -142,7 +142,7 @@ async def test_a_deferred_goal_that_is_never_executed_does_not_hold_up_the_line(
     assert [one.status for one in server.goals] == [S.ACCEPTED]
 
 
-async def test_a_stream_learns_when_its_goals_start(world: World) -> None:
+async def test_started_reports_when_queued_stream_goals_start(world: World) -> None:
     server, client = await pair(world, None, goal_policy="queue")
     requests = server.__aiter__()
     sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(3)]
@@ -163,7 +163,7 @@ async def test_a_stream_learns_when_its_goals_start(world: World) -> None:
     assert statuses == [S.SUCCEEDED, S.SUCCEEDED, S.CANCELED]
 
 
-async def test_whoever_waits_for_a_start_is_told_when_the_server_closes(world: World) -> None:
+async def test_started_returns_false_when_server_closes(world: World) -> None:
     server, client = await pair(world, None, goal_policy="queue")
     requests = server.__aiter__()
     sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(2)]
@@ -177,7 +177,7 @@ async def test_whoever_waits_for_a_start_is_told_when_the_server_closes(world: W
 
 
 @pytest.mark.parametrize("by", ["defer", "accept"])
-async def test_a_cancelled_goal_that_never_started_ends_by_itself(world: World, by: str) -> None:
+async def test_cancelling_a_deferred_goal_finishes_it_as_canceled(world: World, by: str) -> None:
     if by == "accept":
         server, client = await pair(world, fibonacci, goal_callback=lambda request: GoalDecision.DEFER)
         handle = await client.send_goal(goal())

@@ -1,4 +1,4 @@
-"""Handlers of action servers: threads, ends, and closing."""
+"""Handlers of action servers: threads, completion and closing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ S = GoalStatus
     ("style", "handler"),
     [("run", "until_cancelled"), ("run", "for_ever"), ("asyncio", "until_cancelled"), ("spin", "for_ever")],
 )
-def test_ctrl_c_ends_a_program_whose_handler_runs_in_a_thread(style: str, handler: str) -> None:
+def test_ctrl_c_stops_program_whose_handler_runs_in_a_thread(style: str, handler: str) -> None:
     script = Path(__file__).with_name("ctrl_c_process.py")
     root = str(ROOT)
     env = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
@@ -40,13 +40,13 @@ def test_ctrl_c_ends_a_program_whose_handler_runs_in_a_thread(style: str, handle
         process.kill()
     if style != "asyncio":  # which lets KeyboardInterrupt through
         assert b"KeyboardInterrupt" not in errors
-        # Python 3.10 cannot tell who cancelled a task; what was under way is logged.
+        # Python 3.10 does not report who cancelled a task, so interrupted handlers are logged.
         assert b"Traceback" not in errors or sys.version_info < (3, 11)
     assert process.returncode == (0 if style != "asyncio" else -signal.SIGINT)
     assert b"Task was destroyed" not in errors and b"Fatal" not in errors
 
 
-async def test_closing_asks_plain_handlers_to_end(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_closing_server_requests_cancel_of_plain_handlers(world: World, caplog: pytest.LogCaptureFixture) -> None:
     outcomes: list[Any] = []
     entered = threading.Event()
 
@@ -72,7 +72,7 @@ async def test_closing_asks_plain_handlers_to_end(world: World, caplog: pytest.L
 
 
 @pytest.mark.every_transport
-async def test_closing_asks_async_handlers_to_end(world: World) -> None:
+async def test_closing_server_cancels_async_handlers(world: World) -> None:
     seen: list[bool] = []
     entered = asyncio.Event()
 
@@ -106,14 +106,16 @@ def stop_iteration(handle: Any) -> Any:
 
 
 @pytest.mark.parametrize("execute", [cancelled_future, cancelled_error, stop_iteration])
-async def test_a_handler_that_raises_aborts(world: World, caplog: pytest.LogCaptureFixture, execute: Any) -> None:
+async def test_handler_that_raises_aborts_its_goal(
+    world: World, caplog: pytest.LogCaptureFixture, execute: Any
+) -> None:
     server, client = await pair(world, execute)
     status, got = await (await client.send_goal(goal())).result(timeout_s=5)
     assert (status, list(got.sequence), server.goals) == (S.ABORTED, [], [])
     assert "the execute function of action /fib failed" in caplog.text and "Traceback" in caplog.text
 
 
-async def test_plain_handlers_do_not_wait_for_a_thread(world: World) -> None:
+async def test_forty_plain_handlers_run_in_parallel(world: World) -> None:
     """asyncio's own pool has six threads on two processors: the seventh goal was EXECUTING and did not run."""
 
     together = threading.Barrier(40)
@@ -128,25 +130,25 @@ async def test_plain_handlers_do_not_wait_for_a_thread(world: World) -> None:
     assert [(status, list(got.sequence)) for status, got in ends] == [(S.SUCCEEDED, [n]) for n in range(40)]
 
 
-async def test_a_result_is_sent_as_it_was_when_the_goal_ended(world: World) -> None:
-    kept: list[Any] = []
+async def test_result_modified_after_goal_end_is_sent_unmodified(world: World) -> None:
+    results: list[Any] = []
 
     async def execute(handle: Any) -> Any:
-        kept.append(result(1, 2))
-        handle.succeed(kept[0])
-        kept[0].sequence = [9]
+        results.append(result(1, 2))
+        handle.succeed(results[0])
+        results[0].sequence = [9]
 
     _, client = await pair(world, execute)
     handle = await client.send_goal(goal())
     assert list((await handle.result(timeout_s=5))[1].sequence) == [1, 2]
-    ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
+    result_client = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
     request = Fibonacci.GetResult.Request()
     request.goal_id.uuid = handle.goal_id
-    again = await ask.call(request, timeout_s=5)
+    again = await result_client.call(request, timeout_s=5)
     assert (again.status, list(again.result.sequence)) == (4, [1, 2])
 
 
-async def test_a_result_that_does_not_fit_is_an_error_that_names_the_result(world: World) -> None:
+async def test_unencodable_result_raises_error_with_field_name(world: World) -> None:
     errors: list[str] = []
 
     async def execute(handle: Any) -> Any:
@@ -161,7 +163,7 @@ async def test_a_result_that_does_not_fit_is_an_error_that_names_the_result(worl
     assert errors[0].startswith("example_interfaces/action/Fibonacci_Result.sequence")
 
 
-async def test_a_thread_can_use_the_goal_while_the_loop_runs(world: World) -> None:
+async def test_plain_handler_can_publish_feedback_and_succeed_from_its_thread(world: World) -> None:
     main_thread = threading.get_ident()
 
     def execute(handle: Any) -> Any:

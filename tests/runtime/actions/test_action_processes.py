@@ -20,7 +20,7 @@ def loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[Context]:
         yield context
 
 
-async def test_an_action_with_feedback_and_cancel(loopback: Context) -> None:
+async def test_feedback_result_and_cancel_work_across_two_processes(loopback: Context) -> None:
     with server_process({}):
         node = Node("here", context=loopback)
         client = node.create_action_client(Fibonacci, "fib")
@@ -41,14 +41,14 @@ async def test_an_action_with_feedback_and_cancel(loopback: Context) -> None:
         assert {(await h.result(timeout_s=10))[0] for h in handles} == {GoalStatus.CANCELED}
 
 
-async def test_a_goal_ends_when_its_killed_server_was_started_again(loopback: Context) -> None:
+async def test_goal_becomes_unknown_after_its_killed_server_restarts(loopback: Context) -> None:
     lease = "<CycloneDDS><Domain><Discovery><LeaseDuration>60s</LeaseDuration></Discovery></Domain></CycloneDDS>"
     node = Node("here", context=loopback)
     client = node.create_action_client(Fibonacci, "fib")
     with server_process({"CYCLONEDDS_URI": lease}) as process:
         handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
         old = client._result.client._servers()
-        await until(node.node_names_complete)  # comes behind the endpoints
+        await until(node.node_names_complete)  # node names arrive after the endpoints
         process.kill()
         process.wait()
         with server_process({}):

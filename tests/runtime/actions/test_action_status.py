@@ -41,7 +41,7 @@ async def at_once(handle: Any) -> Any:
 
 
 @pytest.mark.every_transport
-async def test_every_transition_of_immediate_goals_is_published_in_order(world: World) -> None:
+async def test_status_topic_publishes_every_transition_in_order(world: World) -> None:
     server, client = await pair(world, at_once)
     seen = await statuses_of(world, server)
     for _ in range(3):
@@ -52,7 +52,7 @@ async def test_every_transition_of_immediate_goals_is_published_in_order(world: 
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("accept", [None, lambda request: True])
-async def test_the_response_is_sent_before_the_status(
+async def test_goal_response_is_sent_before_first_status(
     world: World, monkeypatch: pytest.MonkeyPatch, accept: Any
 ) -> None:
     server, client = await pair(world, at_once, goal_callback=accept)
@@ -63,23 +63,27 @@ async def test_the_response_is_sent_before_the_status(
     assert sorted(written[2:]) == ["get_result", "status 4"]
 
 
-async def test_feedback_follows_the_status_before_it(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_feedback_is_sent_after_earlier_status_and_before_later_status(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     server, client = await pair(world, None)
     written = record(monkeypatch, server)
-    asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
+    sending = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
     handle = (await take(server.__aiter__())).accept()
     handle.publish_feedback(Fibonacci.Feedback(sequence=[1]))
     handle.succeed(result(1))
-    await (await asked).result(timeout_s=5)
+    await (await sending).result(timeout_s=5)
     await until(lambda: "status 4" in written)
     assert [one for one in written if one[0] in "sf" and one != "send_goal"] == ["status 2", "feedback", "status 4"]
 
 
-async def test_other_threads_return_when_the_status_is_published(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_succeed_in_another_thread_returns_after_status_is_published(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     server, client = await pair(world, None)
-    asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
+    sending = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
     handle = (await take(server.__aiter__())).accept()
-    await asked
+    await sending
     written = record(monkeypatch, server)
     at_return: list[str] = []
 
@@ -94,11 +98,11 @@ async def test_other_threads_return_when_the_status_is_published(world: World, m
 
 
 @pytest.mark.every_transport
-async def test_closing_publishes_what_is_on_its_way(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_closing_node_publishes_pending_status(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     server, client = await pair(world, None)
-    asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
+    sending = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
     handle = (await take(server.__aiter__())).accept()
-    await asked
+    await sending
     written = record(monkeypatch, server)
     handle.succeed(result(1))
     assert handle.status is S.SUCCEEDED and "status 4" not in written
@@ -120,7 +124,7 @@ def expected(rows: list[tuple[bytes, int, int]]) -> bytes:
 
 
 @given(IDS, st.data())
-def test_rows_are_the_generated_bytes_after_every_change(ids: list[bytes], data: st.DataObject) -> None:
+def test_incremental_status_array_equals_encoded_message(ids: list[bytes], data: st.DataObject) -> None:
     rows = StatusArray()
     model: dict[bytes, tuple[int, int]] = {}
     assert rows.message() == expected([])
@@ -143,7 +147,7 @@ def test_rows_are_the_generated_bytes_after_every_change(ids: list[bytes], data:
         assert find_status(memoryview(message), goal_id) == find_status(message, goal_id)
 
 
-def test_an_id_is_only_found_where_a_row_begins() -> None:
+def test_find_status_matches_goal_ids_only_at_row_starts() -> None:
     rows = StatusArray()
     rows.add(bytes(16), 0, 3)
     rows.add(bytes(15) + b"\x01", 0, 2)

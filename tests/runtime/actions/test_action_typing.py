@@ -133,7 +133,7 @@ def three_arguments(goal: ServerGoal[Fibonacci.Goal, Fibonacci.Result, int]) -> 
 
 
 @pytest.mark.needs("mypy")
-def test_actions_and_wrong_uses_of_them_under_strict_mypy(tmp_path: Path) -> None:
+def test_strict_mypy_accepts_actions_and_reports_wrong_uses(tmp_path: Path) -> None:
     path = tmp_path / "program.py"
     path.write_text(PROGRAM)
     command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--follow-imports=silent", str(path)]

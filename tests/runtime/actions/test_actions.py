@@ -47,7 +47,7 @@ from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 S = GoalStatus
 
 
-async def test_what_a_server_must_not_send_is_an_action_error_or_left_out(world: World) -> None:
+async def test_invalid_result_status_raises_action_error_and_invalid_stamp_becomes_none(world: World) -> None:
     node, status = world.node("raw"), 0
     stamp = StampMessage(sec=-1)
     node.create_publisher(Fibonacci.FeedbackMessage, "fib/_action/feedback")
@@ -69,7 +69,7 @@ async def test_what_a_server_must_not_send_is_an_action_error_or_left_out(world:
 
 
 @pytest.mark.every_transport
-async def test_goal_feedback_result(world: World) -> None:
+async def test_goal_yields_feedback_and_result(world: World) -> None:
     _, client = await pair(world)
     handle = await client.send_goal(goal(3), timeout_s=5)
     feedback = [list(item.sequence) async for item in handle.feedback()]
@@ -80,7 +80,7 @@ async def test_goal_feedback_result(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_introspection_publishes_the_events_of_all_three_services(world: World) -> None:
+async def test_introspection_publishes_events_of_all_three_action_services(world: World) -> None:
     server, client = await pair(world, until_canceled)
     node, events = world.node("watcher"), dict[str, list[Any]]()
     services = {"send_goal": Fibonacci.SendGoal, "cancel_goal": CancelGoal, "get_result": Fibonacci.GetResult}
@@ -110,7 +110,7 @@ async def test_introspection_publishes_the_events_of_all_three_services(world: W
         server.configure_introspection(node.clock, 10, IntrospectionState.CONTENTS)
 
 
-async def test_feedback_before_the_acceptance_is_kept(world: World) -> None:
+async def test_feedback_received_before_acceptance_is_delivered(world: World) -> None:
     node = world.node("raw")
     feedback = node.create_publisher(Fibonacci.FeedbackMessage, "fib/_action/feedback")
     node.create_publisher(GoalStatusArray, "fib/_action/status", ACTION_STATUS)
@@ -140,10 +140,10 @@ async def test_feedback_before_the_acceptance_is_kept(world: World) -> None:
         (lambda handle: result(1), S.SUCCEEDED),
         (lambda handle: "no result at all", S.ABORTED),
         (lambda handle: result(2**40), S.ABORTED),
-        (lambda handle: handle.canceled(result(1)), S.ABORTED),  # nobody asked for it: the error aborts
+        (lambda handle: handle.canceled(result(1)), S.ABORTED),  # no cancel was requested: the error aborts
     ],
 )
-async def test_how_a_handler_ends_its_goal(world: World, finish: Any, status: GoalStatus) -> None:
+async def test_handler_outcome_determines_goal_status(world: World, finish: Any, status: GoalStatus) -> None:
     async def execute(handle: Any) -> Any:
         return finish(handle)
 
@@ -152,7 +152,7 @@ async def test_how_a_handler_ends_its_goal(world: World, finish: Any, status: Go
 
 
 @pytest.mark.every_transport
-async def test_cancel_reaches_canceled_and_status_shows_every_step(world: World) -> None:
+async def test_cancelled_goal_publishes_executing_canceling_canceled(world: World) -> None:
     """r2r: the status stays CANCELING forever."""
 
     server, client = await pair(world, until_canceled)
@@ -166,7 +166,7 @@ async def test_cancel_reaches_canceled_and_status_shows_every_step(world: World)
     assert seen == [[2], [3], [5]]
 
 
-async def test_cancel_outcomes_are_typed(world: World) -> None:
+async def test_each_cancel_failure_raises_its_own_exception(world: World) -> None:
     server, client = await pair(world, until_canceled, cancel_callback=lambda handle: handle.request.order != 13)
     handle = await client.send_goal(goal(13))
     with pytest.raises(CancelRejectedError, match="refused to cancel"):
@@ -184,7 +184,7 @@ async def test_cancel_outcomes_are_typed(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_cancel_all_lists_every_goal(world: World) -> None:
+async def test_cancel_all_returns_every_goal_id(world: World) -> None:
     """r2r answers REJECTED with an empty list as soon as there are two goals."""
 
     _, client = await pair(world, until_canceled)
@@ -194,7 +194,7 @@ async def test_cancel_all_lists_every_goal(world: World) -> None:
     assert await client.cancel_all() == []
 
 
-async def test_cancel_before_a_stamp(world: World) -> None:
+async def test_cancel_before_cancels_only_goals_accepted_until_stamp(world: World) -> None:
     _, client = await pair(world, until_canceled)
     clock = world.nodes[0].clock
     clock.enable_ros_time_override()
@@ -208,11 +208,11 @@ async def test_cancel_before_a_stamp(world: World) -> None:
     assert handles[2].status in (S.ACCEPTED, S.EXECUTING)
 
 
-async def test_a_goal_keeps_when_it_was_accepted(world: World) -> None:
-    told = []
+async def test_accepted_stamp_remains_after_goal_expired(world: World) -> None:
+    stamps = []
 
     async def execute(handle: Any) -> Any:
-        told.append(handle.accepted_stamp)
+        stamps.append(handle.accepted_stamp)
         return result(1)
 
     server, client = await pair(world, execute, goal_callback=lambda request: GoalDecision.DEFER, result_timeout_s=0)
@@ -227,12 +227,12 @@ async def test_a_goal_keeps_when_it_was_accepted(world: World) -> None:
     await handle.result()
     clock.set_ros_time_override(much_later)
     assert (len(server._goals.table), waiting.status) == (0, S.UNKNOWN)
-    assert told == [accepted]
+    assert stamps == [accepted]
     assert waiting.accepted_stamp == handle.accepted_stamp == accepted
 
 
 @pytest.mark.every_transport
-async def test_results_are_kept_for_their_time_and_unknown_goals_are_unknown(world: World) -> None:
+async def test_results_are_retained_until_result_timeout(world: World) -> None:
     server, client = await pair(world, result_timeout_s=60)
     clock = world.nodes[0].clock
     clock.enable_ros_time_override()
@@ -250,7 +250,7 @@ async def test_results_are_kept_for_their_time_and_unknown_goals_are_unknown(wor
     assert (got.status, list(got.result.sequence)) == (0, []) and len(server._goals.table) == 0
 
 
-async def test_results_of_short_goals_arrive_without_a_result_timeout(network: World) -> None:
+async def test_short_goals_return_results_with_zero_result_timeout(network: World) -> None:
     server, client = await pair(network, lambda handle: result(1), result_timeout_s=0)
     ask = network.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
     await ask.wait_for_service(5)
@@ -263,7 +263,7 @@ async def test_results_of_short_goals_arrive_without_a_result_timeout(network: W
     await until(lambda: len(server._goals.table) == 0)
 
 
-async def test_results_expire_in_real_time_too(world: World) -> None:
+async def test_results_expire_in_real_time(world: World) -> None:
     async def execute(handle: Any) -> Any:
         await until(lambda: is_awaited(handle))
         return result(1)
@@ -317,7 +317,7 @@ async def test_policy_preempt_cancels_the_running_goal_for_the_newest(world: Wor
     assert started == [1, 3]
 
 
-async def test_stream_style(world: World) -> None:
+async def test_goals_can_be_served_by_iterating_over_the_server(world: World) -> None:
     server, client = await pair(world, None)
 
     async def serve() -> None:
@@ -342,22 +342,24 @@ async def test_stream_style(world: World) -> None:
     await asyncio.wait_for(task, 5)
 
 
-def test_a_request_the_program_drops_is_rejected_with_a_warning(world: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_goal_request_dropped_by_the_program_is_rejected_with_warning(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     """r2r: nothing is sent, and the client waits forever."""
 
     async def main() -> None:
         server, client = await pair(world, None, goal_policy="reject")
 
-        held: list[Any] = []
+        retained: list[Any] = []
 
         async def serve() -> None:
             async for request in server:
                 if request.goal.order == 1:
-                    continue  # neither accepted nor rejected; forgotten when the next one comes
+                    continue  # neither accepted nor rejected; released when the next request arrives
                 if request.goal.order == 3:
-                    held.append(request)
+                    retained.append(request)
                     continue
-                held.append(request.accept())
+                retained.append(request.accept())
 
         task = asyncio.ensure_future(serve())
         forgotten = asyncio.ensure_future(client.send_goal(goal(1), timeout_s=5))
@@ -366,12 +368,12 @@ def test_a_request_the_program_drops_is_rejected_with_a_warning(world: World, ca
             await forgotten
         accepted = await client.send_goal(goal(2), timeout_s=5)
         with pytest.raises(AlreadyRespondedError, match="another goal is active"):
-            held[0].accept()
+            retained[0].accept()
         with pytest.raises(GoalRejectedError):
             await late
         with pytest.raises(GoalRejectedError):
             await client.send_goal(goal(2), timeout_s=5)
-        held[1].succeed(result(8))
+        retained[1].succeed(result(8))
         assert list((await accepted.result(timeout_s=5))[1].sequence) == [8]
         assert not server._undecided
         server.close()
@@ -382,7 +384,7 @@ def test_a_request_the_program_drops_is_rejected_with_a_warning(world: World, ca
 
 
 @pytest.mark.every_transport
-async def test_cancel_requests_as_a_stream(world: World) -> None:
+async def test_cancel_requests_can_be_accepted_and_rejected_one_by_one(world: World) -> None:
     """r2r: `is_cancelling` and `succeed` fail after an accepted cancel."""
 
     server, client = await pair(world, None)
@@ -403,7 +405,7 @@ async def test_cancel_requests_as_a_stream(world: World) -> None:
     task.cancel()
 
 
-async def test_a_cancel_request_without_a_decision_ends_with_its_goal(world: World) -> None:
+async def test_undecided_cancel_request_is_answered_when_its_goal_ends(world: World) -> None:
     server, client = await pair(world, None)
     cancels = server.cancel_requests()
     sending = asyncio.ensure_future(client.send_goal(goal()))
@@ -423,7 +425,7 @@ async def _accept_all(server: Any) -> None:
 
 
 @pytest.mark.every_transport
-async def test_untyped_client_and_server(world: World) -> None:
+async def test_action_named_by_text_uses_dicts(world: World) -> None:
     name = "example_interfaces/action/Fibonacci"
 
     async def execute(handle: Any) -> Any:
@@ -443,7 +445,7 @@ async def test_untyped_client_and_server(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_no_server_is_a_timeout(world: World) -> None:
+async def test_calls_without_action_server_time_out(world: World) -> None:
     client = world.node().create_action_client(Fibonacci, "fib")
     with pytest.raises(WaitTimeoutError, match=r"no server of action /fib \(.*Fibonacci\) appeared at .* in 0.05 s"):
         await client.wait_for_server(timeout_s=0.05)
@@ -454,7 +456,7 @@ async def test_no_server_is_a_timeout(world: World) -> None:
     assert client._goals == {} and entity(client, "/send_goal").in_flight_count == 0
 
 
-async def test_waiting_for_a_result_may_time_out_and_go_on(world: World) -> None:
+async def test_result_can_be_awaited_again_after_timeout(world: World) -> None:
     _, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
     with pytest.raises(ActionTimeoutError, match=r"in 0.05 s; it is (ACCEPTED|EXECUTING)"):
@@ -464,7 +466,7 @@ async def test_waiting_for_a_result_may_time_out_and_go_on(world: World) -> None
 
 
 @pytest.mark.every_transport
-async def test_a_server_that_goes_away_is_noticed(world: World) -> None:
+async def test_closed_server_raises_server_lost_error_for_running_goal(world: World) -> None:
     server, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
     server.close()
@@ -477,7 +479,7 @@ async def test_a_server_that_goes_away_is_noticed(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_a_server_that_comes_back_does_not_know_the_goal(world: World) -> None:
+async def test_goal_of_replaced_server_raises_unknown_goal_error(world: World) -> None:
     server, client = await pair(world, until_canceled, lost_after_s=30)
     handle = await client.send_goal(goal())
     server.close()
@@ -488,7 +490,7 @@ async def test_a_server_that_comes_back_does_not_know_the_goal(world: World) -> 
 
 
 @pytest.mark.every_transport
-async def test_closing_the_client_wakes_whoever_waits(world: World) -> None:
+async def test_closing_action_client_wakes_pending_waits_with_closed_error(world: World) -> None:
     _, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
     waiting = asyncio.ensure_future(handle.result())
@@ -504,7 +506,7 @@ async def test_closing_the_client_wakes_whoever_waits(world: World) -> None:
 
 
 @pytest.mark.every_transport
-def test_plain_code(world: World) -> None:
+def test_sync_calls_work_in_plain_code(world: World) -> None:
     with served_in_thread(world, fibonacci):
         client = world.node().create_action_client(Fibonacci, "fib")
         handle = client.send_goal_sync(goal(4), timeout_s=5)
@@ -514,7 +516,7 @@ def test_plain_code(world: World) -> None:
             handle.cancel_sync(timeout_s=5)
 
 
-def test_names_are_remapped_one_by_one(world: World) -> None:
+def test_single_action_topic_can_be_remapped(world: World) -> None:
     node = world.node(args="--ros-args -r fib/_action/feedback:=/elsewhere")
     node.create_action_server(Fibonacci, "fib", fibonacci)
     names = [name for name, _ in node.get_topic_names_and_types()]
@@ -522,25 +524,25 @@ def test_names_are_remapped_one_by_one(world: World) -> None:
 
 
 @pytest.mark.every_transport
-def test_two_hundred_goals_with_random_cancels_each_end_once(world: World) -> None:
-    dice = random.Random(5)
+def test_two_hundred_goals_with_random_cancels_each_finish_once(world: World) -> None:
+    generator = random.Random(5)
 
     async def execute(handle: Any) -> Any:
         if handle.request.order < 3:
             await handle.wait_for_cancel()  # however long that takes to come
-        for _ in range(dice.randrange(1, 30)):
+        for _ in range(generator.randrange(1, 30)):
             if handle.is_cancel_requested:
                 return handle.canceled(result(handle.request.order))
             handle.publish_feedback(Fibonacci.Feedback(sequence=[handle.request.order]))
             await asyncio.sleep(0)
-        if dice.random() < 0.1:
+        if generator.random() < 0.1:
             raise RuntimeError("some fail")
         return result(handle.request.order)
 
     async def one(client: Any, number: int) -> tuple[GoalStatus, int]:
         handle = await client.send_goal(goal(number), timeout_s=20)
-        cancel = number < 3 or dice.random() < 0.4
-        for _ in range(dice.randrange(0, 10)):
+        cancel = number < 3 or generator.random() < 0.4
+        for _ in range(generator.randrange(0, 10)):
             await asyncio.sleep(0)
         outcome = "none"
         if cancel:

@@ -48,7 +48,7 @@ def test_statuses_have_the_numbers_of_action_msgs() -> None:
 
 
 @each_case(("status", "event"), list(itertools.product(S, E)))
-def test_every_pair_of_status_and_event(status: GoalStatus, event: GoalEvent) -> None:
+def test_next_goal_status_allows_only_the_transitions_of_ros(status: GoalStatus, event: GoalEvent) -> None:
     expected = ALLOWED.get((status, event))
     if expected is not None:
         assert next_goal_status(status, event) is expected
@@ -58,7 +58,7 @@ def test_every_pair_of_status_and_event(status: GoalStatus, event: GoalEvent) ->
     assert caught.value.code == 2301
 
 
-def test_the_table_is_public_and_cannot_be_changed() -> None:
+def test_goal_transitions_are_public_and_read_only() -> None:
     assert runtime.GOAL_TRANSITIONS == ALLOWED
     with pytest.raises(TypeError, match="does not support item assignment"):
         runtime.GOAL_TRANSITIONS[S.SUCCEEDED, E.EXECUTE] = S.EXECUTING  # type: ignore[index]
@@ -66,7 +66,7 @@ def test_the_table_is_public_and_cannot_be_changed() -> None:
 
 
 @pytest.mark.parametrize(("status", "event"), [(1, E.EXECUTE), (S.ACCEPTED, "execute"), ([], {})])
-def test_numbers_and_texts_are_no_status_and_no_event(status: Any, event: Any) -> None:
+def test_next_goal_status_refuses_values_of_wrong_type(status: Any, event: Any) -> None:
     with pytest.raises(TypeError, match="expected a GoalStatus and a GoalEvent, got "):
         next_goal_status(status, event)
 
@@ -75,19 +75,19 @@ def gid(number: int) -> bytes:
     return number.to_bytes(16, "big")
 
 
-Book = GoalTable[str]
+Table = GoalTable[str]
 
 
-def book(*stamps: int, timeout_ns: int = 100) -> Book:
-    made = Book(timeout_ns)
+def goal_table(*stamps: int, timeout_ns: int = 100) -> Table:
+    new_table = Table(timeout_ns)
     for number, stamp in enumerate(stamps, 1):
-        assert made.accept(gid(number), stamp) == GoalInfo(gid(number), stamp)
-    return made
+        assert new_table.accept(gid(number), stamp) == GoalInfo(gid(number), stamp)
+    return new_table
 
 
-def test_results_are_forgotten_when_their_time_is_over() -> None:
-    """r2r keeps every result for ever."""
-    goals = book(0, 0, timeout_ns=100)
+def test_finished_goals_expire_after_result_timeout() -> None:
+    """r2r retains every result forever."""
+    goals = goal_table(0, 0, timeout_ns=100)
     assert goals.next_expiry_ns() is None
     for number in (1, 2):
         goals.apply(gid(number), E.EXECUTE)
@@ -99,16 +99,16 @@ def test_results_are_forgotten_when_their_time_is_over() -> None:
     assert goals.accept(gid(1), 2000) is not None
 
 
-def test_without_end_a_finished_goal_is_kept_for_ever() -> None:
-    goals = Book(None)
+def test_finished_goal_without_timeout_never_expires() -> None:
+    goals = Table(None)
     goals.accept(gid(1), 0)
     goals.apply(gid(1), E.EXECUTE)
     goals.finish(gid(1), E.SUCCEED, "r", 5)
     assert goals.expire(10**30) == [] and goals.next_expiry_ns() is None
 
 
-def mixed() -> Book:
-    goals = book(10, 20, 30, 40, 50)
+def mixed() -> Table:
+    goals = goal_table(10, 20, 30, 40, 50)
     for number in (2, 3, 4):
         goals.apply(gid(number), E.EXECUTE)
     goals.apply(gid(3), E.CANCEL_GOAL)
@@ -133,7 +133,7 @@ def mixed() -> Book:
         (9, 20, 0, [1, 2]),
     ],
 )
-def test_who_is_cancelled_with_which_code(goal: int, stamp: int, code: int, chosen: list[int]) -> None:
+def test_cancel_request_selects_goals_and_code(goal: int, stamp: int, code: int, chosen: list[int]) -> None:
     got = mixed().select_for_cancel(gid(goal), stamp)
     assert (int(got.code), [int.from_bytes(info.goal_id, "big") for info in got.goals]) == (code, chosen)
     assert all(info.stamp_ns for info in got.goals)
@@ -144,7 +144,7 @@ def test_who_is_cancelled_with_which_code(goal: int, stamp: int, code: int, chos
     [
         (0, [1, 2], [], 0, [1, 2]),
         (0, [1], [], 0, [1]),
-        (0, [], [], 1, []),  # rclcpp's REJECTED; rclpy says 0
+        (0, [], [], 1, []),  # REJECTED as in rclcpp; rclpy returns 0
         (0, [1, 2], [2], 0, [1]),
         (0, [2], [2], 1, []),  # 1 is left, and was refused
         (0, [1, 2], [1, 2], 0, []),  # zero ids always get 0 when nothing is left
@@ -156,9 +156,11 @@ def test_who_is_cancelled_with_which_code(goal: int, stamp: int, code: int, chos
         (9, [], [], 2, []),
     ],
 )
-def test_the_answer_to_a_cancel(goal: int, agreed: list[int], ended: list[int], code: int, chosen: list[int]) -> None:
+def test_cancel_response_code_and_goals(
+    goal: int, agreed: list[int], ended: list[int], code: int, chosen: list[int]
+) -> None:
     """r2r answers REJECTED with an empty list for every request that hits two goals."""
-    goals = book(1, 2)
+    goals = goal_table(1, 2)
     for number in (1, 2):
         goals.apply(gid(number), E.EXECUTE)
     selection = goals.select_for_cancel(gid(goal), 0)
@@ -169,7 +171,7 @@ def test_the_answer_to_a_cancel(goal: int, agreed: list[int], ended: list[int], 
     assert answer == (code, tuple(infos[number] for number in chosen))
 
 
-def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
+def test_cancel_by_id_and_stamp_is_answered_like_cancel_of_many() -> None:
     goals = mixed()
     selection = goals.select_for_cancel(gid(5), 20)
     for number in (1, 2, 5):
@@ -180,7 +182,7 @@ def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
     assert goals.answer_cancel(only, ()) == (CancelCode.GOAL_TERMINATED, ())
 
 
-class BookAgainstModel(RuleBasedStateMachine):
+class GoalTableAgainstModel(RuleBasedStateMachine):
     ids = st.integers(1, 4)
 
     @initialize(timeout=st.sampled_from([0, 10, 50]))
@@ -251,5 +253,5 @@ class BookAgainstModel(RuleBasedStateMachine):
         assert ZERO_ID not in self.table
 
 
-TestBookAgainstModel = BookAgainstModel.TestCase
-TestBookAgainstModel.settings = settings(max_examples=examples(80), stateful_step_count=40, deadline=None)
+TestGoalTableAgainstModel = GoalTableAgainstModel.TestCase
+TestGoalTableAgainstModel.settings = settings(max_examples=examples(80), stateful_step_count=40, deadline=None)

@@ -25,7 +25,7 @@ S = GoalStatus
 
 
 def replace_handlers(monkeypatch: pytest.MonkeyPatch, **replacements: Callable[[Any, Any], Any]) -> None:
-    """Call functions with handler and request instead of the handlers of the server that is created next."""
+    """Replace service handlers of the next created server by functions of handler and request."""
 
     def create(parts: Any, types: Any, name: str, handler: Any, qos: Any) -> Any:
         replacement = replacements.get(name.rpartition("/")[2])
@@ -53,7 +53,7 @@ def lose(monkeypatch: pytest.MonkeyPatch, count: int, *, deny: bool = False) -> 
 
 
 @pytest.mark.every_transport
-async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
+async def test_lost_result_request_is_repeated_after_its_goal_ended(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost = lose(monkeypatch, 3)
@@ -65,9 +65,7 @@ async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
     assert not client._result._pending and client._result.client.in_flight_count == 0
 
 
-async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
-    memory: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_result_of_running_goal_is_requested_only_once(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.RETRY_DELAY_S", 0.001)
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.001)
     lost = lose(monkeypatch, 100)
@@ -78,7 +76,7 @@ async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
     assert lost == [handle.goal_id]
 
 
-async def test_a_server_that_forgot_an_ended_goal_is_asked_again(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_result_request_denied_for_ended_goal_is_repeated(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     denied = 0
 
     def on_get_result(get_result: Any, request: Any) -> Any:
@@ -99,7 +97,7 @@ async def test_a_server_that_forgot_an_ended_goal_is_asked_again(world: World, m
     assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED and denied == 1
 
 
-async def test_a_server_that_always_denies_an_ended_goal_ends_it(
+async def test_repeated_denial_of_ended_goal_raises_unknown_goal_error(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.RETRY_DELAY_S", 0.001)
@@ -112,7 +110,7 @@ async def test_a_server_that_always_denies_an_ended_goal_ends_it(
     assert not client._result._pending and client._result.client.in_flight_count == 0
 
 
-async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_again(
+async def test_requests_are_repeated_until_server_has_registered_accepted_goal(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Simulate a reentrant server of rclcpp: a result request or cancel that arrives early finds no goal."""
@@ -147,7 +145,9 @@ async def test_a_server_that_registers_a_goal_after_its_acceptance_is_asked_agai
     assert not client._result._pending and client._result.client.in_flight_count == 0
 
 
-async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_unknown_reply_of_second_node_with_same_name_ends_no_goal(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.ACK_TIMEOUT_S", 0.05)
     monkeypatch.setattr("rosidl_py_gen.runtime.actions.result_requests.CHECK_INTERVAL_S", 0.02)
     _, client = await pair(dds, until_canceled)

@@ -41,15 +41,15 @@ def succeed_later(handle: ServerGoal[Fibonacci]) -> Any:
     return succeed_async(handle)
 
 
-def say_nothing(handle: ServerGoal[Fibonacci]) -> Any:
+def succeed_without_result(handle: ServerGoal[Fibonacci]) -> Any:
     handle.succeed()
 
 
-def as_ours(handle: ServerGoal[Fibonacci]) -> Any:
+def return_succeed(handle: ServerGoal[Fibonacci]) -> Any:
     return handle.succeed()
 
 
-def twice_the_same(handle: ServerGoal[Fibonacci]) -> Any:
+def succeed_and_return_same_result(handle: ServerGoal[Fibonacci]) -> Any:
     handle.succeed(result(7))
     return result(7)
 
@@ -61,12 +61,12 @@ def twice_the_same(handle: ServerGoal[Fibonacci]) -> Any:
         (abort, S.ABORTED, [4, 5]),
         (succeed_async, S.SUCCEEDED, [6]),
         (succeed_later, S.SUCCEEDED, [6]),
-        (say_nothing, S.SUCCEEDED, []),
-        (as_ours, S.SUCCEEDED, []),
-        (twice_the_same, S.SUCCEEDED, [7]),
+        (succeed_without_result, S.SUCCEEDED, []),
+        (return_succeed, S.SUCCEEDED, []),
+        (succeed_and_return_same_result, S.SUCCEEDED, [7]),
     ],
 )
-async def test_the_returned_result_of_an_ended_goal_is_sent(
+async def test_result_returned_after_goal_end_is_sent(
     world: World,
     caplog: pytest.LogCaptureFixture,
     handler: Callable[[ServerGoal[Fibonacci]], Any],
@@ -80,7 +80,7 @@ async def test_the_returned_result_of_an_ended_goal_is_sent(
     assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
 
 
-async def test_a_canceled_goal_takes_its_result_from_the_handler_too(world: World) -> None:
+async def test_result_returned_after_canceled_is_sent(world: World) -> None:
     def execute(handle: ServerGoal[Fibonacci]) -> Any:
         while not handle.is_cancel_requested:
             threading.Event().wait(0.001)
@@ -94,42 +94,42 @@ async def test_a_canceled_goal_takes_its_result_from_the_handler_too(world: Worl
     assert (got, list(answer.sequence)) == (S.CANCELED, [8])
 
 
-async def test_the_status_changes_at_once_and_the_result_comes_when_the_handler_returns(world: World) -> None:
-    go_on = asyncio.Event()
+async def test_status_changes_at_succeed_and_result_follows_when_handler_returns(world: World) -> None:
+    may_continue = asyncio.Event()
     seen: list[GoalStatus] = []
 
     async def execute(handle: ServerGoal[Fibonacci]) -> Any:
         handle.succeed()
         seen.append(handle.status)
-        await go_on.wait()
+        await may_continue.wait()
         return result(9)
 
     server, client = await pair(world, execute)
     handle = await client.send_goal(goal(), timeout_s=5)
     await until(lambda: handle.status is S.SUCCEEDED)
     assert seen == [S.SUCCEEDED] and server.goals == [] and not handle.is_done
-    go_on.set()
+    may_continue.set()
     assert list((await handle.result(timeout_s=5))[1].sequence) == [9]
     assert list((await handle.result(timeout_s=5))[1].sequence) == [9]
 
 
-async def raise_behind_the_end(handle: ServerGoal[Fibonacci]) -> Any:
+async def raise_after_succeed(handle: ServerGoal[Fibonacci]) -> Any:
     handle.succeed()
     raise ValueError("too late")
 
 
-def return_no_result(handle: ServerGoal[Fibonacci]) -> Any:
+def return_wrong_type(handle: ServerGoal[Fibonacci]) -> Any:
     handle.succeed()
     return 5
 
 
-def return_what_cannot_be_sent(handle: ServerGoal[Fibonacci]) -> Any:
+def return_unencodable_result(handle: ServerGoal[Fibonacci]) -> Any:
     handle.succeed()
     return result("one", None)
 
 
-@pytest.mark.parametrize("execute", [raise_behind_the_end, return_no_result, return_what_cannot_be_sent])
-async def test_a_handler_that_fails_behind_the_end_aborts_its_goal(world: World, execute: Callable[..., Any]) -> None:
+@pytest.mark.parametrize("execute", [raise_after_succeed, return_wrong_type, return_unencodable_result])
+async def test_handler_that_fails_after_succeed_sends_aborted_result(world: World, execute: Callable[..., Any]) -> None:
     server, client = await pair(world, execute)
     sent = await client.send_goal(goal(), timeout_s=5)
     got, answer = await sent.result(timeout_s=5)
@@ -138,18 +138,18 @@ async def test_a_handler_that_fails_behind_the_end_aborts_its_goal(world: World,
     assert server is not None
 
 
-async def test_whoever_else_ends_a_goal_sends_its_result_and_what_is_returned_is_warned_about(
+async def test_result_returned_after_goal_was_aborted_elsewhere_is_ignored_with_warning(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    go_on = asyncio.Event()
+    may_continue = asyncio.Event()
 
     async def execute(handle: ServerGoal[Fibonacci]) -> Any:
-        await go_on.wait()
+        await may_continue.wait()
         return result(1)
 
     server, client = await pair(world, execute)
     handle = await client.send_goal(goal(), timeout_s=5)
     server.goals[0].abort()
     assert await handle.result(timeout_s=5) == (S.ABORTED, result())
-    go_on.set()
+    may_continue.set()
     await until(lambda: "is ignored, because the goal had ended" in caplog.text)

@@ -23,7 +23,7 @@ def three() -> np.ndarray[Any, Any]:
     return points
 
 
-async def test_services_and_their_clients_get_arrays_when_they_ask(world: World) -> None:
+async def test_service_and_client_receive_arrays_with_arrays_option(world: World) -> None:
     alice, bob = world.pair()
     kinds = []
 
@@ -42,7 +42,7 @@ async def test_services_and_their_clients_get_arrays_when_they_ask(world: World)
     assert kinds == [np.ndarray, np.ndarray]
 
 
-async def test_actions_and_their_clients_get_arrays_when_they_ask(world: World) -> None:
+async def test_action_server_and_client_receive_arrays_with_arrays_option(world: World) -> None:
     alice, bob = world.pair()
 
     async def sweep(goal: ServerGoal[Any]) -> Any:
@@ -57,7 +57,7 @@ async def test_actions_and_their_clients_get_arrays_when_they_ask(world: World) 
     assert (await goal.result(timeout_s=10))[1].points["x"].tolist() == [3, 2, 1]
 
 
-def test_types_given_as_text_have_no_arrays(memory: World) -> None:
+def test_arrays_option_is_refused_for_types_named_by_text(memory: World) -> None:
     node = memory.node("n")
     with pytest.raises(TypeError, match="arrays=True needs a"):
         node.create_client("std_srvs/srv/SetBool", "a", arrays=True)  # type: ignore[call-overload]

@@ -14,20 +14,20 @@ if TYPE_CHECKING:
 
 
 class Slow:
-    """Async callbacks that end on request."""
+    """Async callbacks that finish when the test allows it."""
 
     def __init__(self) -> None:
-        self.go_on = asyncio.Event()
-        self.begun: list[int] = []
-        self.most = self.now = 0
+        self.may_continue = asyncio.Event()
+        self.started: list[int] = []
+        self.max_running = self.running = 0
 
     async def callback(self, message: Int64) -> None:
-        self.begun.append(message.data)
-        self.now += 1
-        self.most = max(self.most, self.now)
-        await self.go_on.wait()
+        self.started.append(message.data)
+        self.running += 1
+        self.max_running = max(self.max_running, self.running)
+        await self.may_continue.wait()
         await asyncio.sleep(0)
-        self.now -= 1
+        self.running -= 1
 
 
 def forms(slow: Slow) -> dict[str, Callable[[Int64], Any]]:
@@ -36,7 +36,9 @@ def forms(slow: Slow) -> dict[str, Callable[[Int64], Any]]:
 
 @pytest.mark.parametrize("form", ["async", "lambda"])
 @pytest.mark.parametrize("concurrency", [1, 3])
-async def test_so_many_calls_run_at_once_and_begin_in_order(world: World, form: str, concurrency: int) -> None:
+async def test_concurrency_limits_parallel_callbacks_and_order_is_preserved(
+    world: World, form: str, concurrency: int
+) -> None:
     slow = Slow()
     node = world.node()
     publisher = node.create_publisher(Int64, "t", 20)
@@ -44,14 +46,14 @@ async def test_so_many_calls_run_at_once_and_begin_in_order(world: World, form: 
     await publisher.wait_for_subscribers(5)
     for number in range(8):
         publisher.publish(Int64(data=number))
-    await until(lambda: len(slow.begun) == concurrency)
-    slow.go_on.set()
-    await until(lambda: len(slow.begun) == 8 and slow.now == 0)
-    assert slow.begun == list(range(8)) and slow.most == concurrency and subscription.dropped == 0
+    await until(lambda: len(slow.started) == concurrency)
+    slow.may_continue.set()
+    await until(lambda: len(slow.started) == 8 and slow.running == 0)
+    assert slow.started == list(range(8)) and slow.max_running == concurrency and subscription.dropped == 0
 
 
 @pytest.mark.parametrize("form", ["async", "lambda"])
-async def test_the_first_messages_that_are_dropped_are_warned_about_once_and_all_are_counted(
+async def test_dropped_messages_are_counted_and_warned_about_once(
     world: World, caplog: pytest.LogCaptureFixture, form: str
 ) -> None:
     slow = Slow()
@@ -60,21 +62,19 @@ async def test_the_first_messages_that_are_dropped_are_warned_about_once_and_all
     subscription = node.create_subscription(Int64, "t", forms(slow)[form], 2)
     await publisher.wait_for_subscribers(5)
     publisher.publish(Int64(data=0))
-    await until(lambda: slow.begun == [0])
+    await until(lambda: slow.started == [0])
     for number in range(1, 9):
         publisher.publish(Int64(data=number))
         await publisher.wait_for_acknowledged(5)
         await asyncio.sleep(0.001)
     await until(lambda: subscription.dropped == 6)
-    slow.go_on.set()
-    await until(lambda: slow.begun == [0, 7, 8])
+    slow.may_continue.set()
+    await until(lambda: slow.started == [0, 7, 8])
     [warning] = [record.getMessage() for record in caplog.records if "dropped" in record.getMessage()]
     assert "/t" in warning and "concurrency=1" in warning and "2 are waiting" in warning
 
 
-async def test_a_depth_of_one_wants_only_the_newest_and_what_keeps_up_says_nothing(
-    world: World, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_drops_with_queue_depth_one_are_not_warned_about(world: World, caplog: pytest.LogCaptureFixture) -> None:
     slow, quick = Slow(), list[Int64]()
     node = world.node()
     publisher = node.create_publisher(Int64, "t", 100)
@@ -89,13 +89,13 @@ async def test_a_depth_of_one_wants_only_the_newest_and_what_keeps_up_says_nothi
 
 
 @pytest.mark.parametrize(("value", "error"), [(0, ValueError), (-1, ValueError), (2.0, TypeError), (True, TypeError)])
-async def test_what_is_no_number_of_calls_is_refused(memory: World, value: Any, error: type[Exception]) -> None:
+async def test_invalid_concurrency_is_refused(memory: World, value: Any, error: type[Exception]) -> None:
     with pytest.raises(error, match="concurrency must be"):
         memory.node().create_subscription(Int64, "t", print, concurrency=value)
 
 
 @pytest.mark.every_transport
-async def test_latest_is_the_newest_message_whoever_took_it(world: World) -> None:
+async def test_latest_returns_newest_message_regardless_of_how_it_was_received(world: World) -> None:
     node = world.node()
     publisher, subscription = node.create_publisher(Int64, "t"), node.create_subscription(Int64, "t")
     await publisher.wait_for_subscribers(5)

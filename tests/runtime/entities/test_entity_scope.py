@@ -29,7 +29,7 @@ def parameters_with_events(node: Node) -> Any:
     return client
 
 
-WHOLES: dict[str, Callable[[Node], Any]] = {
+COMPOSITES: dict[str, Callable[[Node], Any]] = {
     "action server": lambda node: node.create_action_server(Fibonacci, "fib", lambda goal: None),
     "action client": lambda node: node.create_action_client(Fibonacci, "fib"),
     "parameter client": parameters_with_events,
@@ -44,35 +44,35 @@ def in_thread(function: Callable[[], object]) -> None:
 
 
 @pytest.mark.parametrize("call", [lambda function: function(), in_thread], ids=["here", "in a thread"])
-@pytest.mark.parametrize("name", WHOLES)
-async def test_what_is_made_of_parts_takes_all_of_them_along(world: World, name: str, call: Any) -> None:
+@pytest.mark.parametrize("name", COMPOSITES)
+async def test_closing_composite_entity_closes_all_its_endpoints(world: World, name: str, call: Any) -> None:
     node = world.node("n")
     scope = node._scope
     owned, endpoints = list(scope.owned.values()), scope.discovery.endpoints_of(scope.number)
-    whole = WHOLES[name](node)
+    composite = COMPOSITES[name](node)
     assert scope.discovery.endpoints_of(scope.number) - endpoints
-    call(whole.close)
-    call(whole.close)
+    call(composite.close)
+    call(composite.close)
     assert list(scope.owned.values()) == owned
     assert scope.discovery.endpoints_of(scope.number) == endpoints
     assert not scope.closed and node.create_publisher(Int32, "still_alive")
 
 
 @pytest.mark.parametrize("closed_first", [False, True])
-def test_a_node_goes_with_one_message_whatever_it_has(
+def test_closing_node_announces_its_end_in_one_message(
     memory: World, monkeypatch: pytest.MonkeyPatch, closed_first: bool
 ) -> None:
     node = memory.node("n")
-    wholes = [make(node) for make in WHOLES.values()]
+    composites = [make(node) for make in COMPOSITES.values()]
     if closed_first:
-        wholes[0].close()
+        composites[0].close()
     participant, announced = node.context._core.participant, []
     monkeypatch.setattr(participant, "announce", lambda nodes: announced.append(len(nodes)))
     node.close()
     assert announced == [0]
 
 
-def test_what_is_being_made_while_its_node_closes_leaves_nothing_behind(
+def test_entity_creation_during_node_close_raises_and_leaves_no_endpoints(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node, other = memory.node("n"), memory.node("other")
@@ -91,19 +91,21 @@ def test_what_is_being_made_while_its_node_closes_leaves_nothing_behind(
     assert other.count_subscribers("/fib/_action/feedback") == other.count_clients("/fib/_action/get_result") == 0
 
 
-async def test_a_handler_that_closes_its_own_server_goes_on(world: World, caplog: pytest.LogCaptureFixture) -> None:
-    went_on = asyncio.Event()
+async def test_handler_that_closes_its_own_server_runs_to_completion(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    has_continued = asyncio.Event()
 
-    async def close_and_go_on(goal: Any) -> Any:
+    async def close_and_continue(goal: Any) -> Any:
         server.close()
         await asyncio.sleep(0)
-        went_on.set()
+        has_continued.set()
         return Fibonacci.Result()
 
-    server = world.node("server").create_action_server(Fibonacci, "fib", close_and_go_on)
+    server = world.node("server").create_action_server(Fibonacci, "fib", close_and_continue)
     client = world.node("client").create_action_client(Fibonacci, "fib")
     asked = asyncio.ensure_future(client.send_goal(Fibonacci.Goal(), timeout_s=5))
-    await asyncio.wait_for(went_on.wait(), 5)
+    await asyncio.wait_for(has_continued.wait(), 5)
     asked.cancel()
     with contextlib.suppress(asyncio.CancelledError, Exception):
         await asked
@@ -111,7 +113,7 @@ async def test_a_handler_that_closes_its_own_server_goes_on(world: World, caplog
 
 
 @pytest.mark.parametrize("what", ["node", "action server"])
-async def test_tasks_end_when_another_thread_closes_what_they_belong_to(world: World, what: str) -> None:
+async def test_tasks_end_when_another_thread_closes_their_owner(world: World, what: str) -> None:
     began, ended = asyncio.Event(), asyncio.Event()
 
     async def wait(_: Any) -> None:
@@ -146,7 +148,7 @@ async def test_tasks_end_when_another_thread_closes_what_they_belong_to(world: W
     assert failures == []
 
 
-async def test_whoever_waits_for_another_thread_to_close_is_told(memory: World) -> None:
+async def test_pending_waits_end_when_another_thread_closes_server_and_client(memory: World) -> None:
     asyncio.get_running_loop().set_debug(True)
     node, other = memory.node("n"), memory.node("other")
     server = other.create_action_server(Fibonacci, "fib")
@@ -165,6 +167,6 @@ async def test_whoever_waits_for_another_thread_to_close_is_told(memory: World) 
         with pytest.raises(AlreadyRespondedError):
             request.accept()
     await asyncio.to_thread(client.close)
-    for waiting in (asked[1], cancelling):  # whichever they hear of first
+    for waiting in (asked[1], cancelling):  # whichever event arrives first
         with pytest.raises((ClosedError, ActionServerLostError)):
             await asyncio.wait_for(waiting, 5)

@@ -34,7 +34,7 @@ Bool: Any = get_message("std_msgs/msg/Bool")
 
 
 @pytest.mark.every_transport
-async def test_matches_come_and_go(world: World) -> None:
+async def test_matched_events_report_new_and_lost_matches(world: World) -> None:
     alice, bob = world.pair()
     heard: list[MatchedStatus] = []
     published: list[MatchedStatus] = []
@@ -54,7 +54,7 @@ async def test_matches_come_and_go(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_async_callbacks_hear_of_other_types_and_qualities(world: World) -> None:
+async def test_incompatible_type_and_qos_events_call_sync_and_async_callbacks(world: World) -> None:
     alice, bob = world.pair()
     types: list[IncompatibleStatus] = []
     qualities: list[IncompatibleStatus] = []
@@ -68,7 +68,7 @@ async def test_async_callbacks_hear_of_other_types_and_qualities(world: World) -
     alice.create_publisher(Bool, "t")
     await until(lambda: bool(types))
     assert types == [IncompatibleStatus(1, 1, "types differ, std_msgs/msg/Bool and std_msgs/msg/String")]
-    if world.kind != "zenoh":  # nobody looks at profiles there
+    if world.kind != "zenoh":  # Zenoh does not compare QoS profiles
         alice.create_publisher(String, "t", QoSProfile().best_effort())
         await until(lambda: bool(qualities))
         assert (qualities[0].total_count, "Best effort" in qualities[0].reason) == (1, True)
@@ -94,19 +94,21 @@ DDS_POLICIES = {Kind.DURABILITY: 2, Kind.DEADLINE: 4, Kind.LIVELINESS: 8, Kind.R
 
 
 @pytest.mark.every_transport
-@pytest.mark.without_zenoh("nobody looks at profiles there")
+@pytest.mark.without_zenoh("Zenoh does not compare QoS profiles")
 @pytest.mark.parametrize(("offered", "requested", "kind"), KINDS)
-async def test_both_sides_learn_which_policy_it_is(
+async def test_incompatible_qos_events_name_the_policy_on_both_sides(
     world: World, offered: QoSProfile, requested: QoSProfile, kind: Kind
 ) -> None:
     alice, bob = world.pair()
-    asked: list[IncompatibleStatus] = []
-    told: list[IncompatibleStatus] = []
-    callbacks = SubscriptionEventCallbacks(incompatible_qos=asked.append)
+    subscription_events: list[IncompatibleStatus] = []
+    publisher_events: list[IncompatibleStatus] = []
+    callbacks = SubscriptionEventCallbacks(incompatible_qos=subscription_events.append)
     subscription = bob.create_subscription(String, "t", qos=requested, event_callbacks=callbacks)
-    alice.create_publisher(String, "t", offered, event_callbacks=PublisherEventCallbacks(incompatible_qos=told.append))
-    await until(lambda: bool(asked and told))
-    for status in (*asked, *told):
+    alice.create_publisher(
+        String, "t", offered, event_callbacks=PublisherEventCallbacks(incompatible_qos=publisher_events.append)
+    )
+    await until(lambda: bool(subscription_events and publisher_events))
+    for status in (*subscription_events, *publisher_events):
         assert (status.total_count, status.total_count_change, status.last_policy_kind) == (1, 1, kind)
     if world.kind == "dds":  # as Cyclone itself sees it
         reader: Any = subscription._reader
@@ -118,7 +120,7 @@ async def test_both_sides_learn_which_policy_it_is(
         assert found[2] == DDS_POLICIES[kind]
 
 
-async def test_totals_go_on_and_the_kind_is_that_of_the_last(memory: World) -> None:
+async def test_incompatible_events_accumulate_totals_and_report_last_policy(memory: World) -> None:
     alice, bob = memory.pair()
     heard: list[IncompatibleStatus] = []
     types: list[IncompatibleStatus] = []
@@ -138,12 +140,12 @@ async def test_totals_go_on_and_the_kind_is_that_of_the_last(memory: World) -> N
     assert [(one.total_count, one.last_policy_kind) for one in types] == [(1, Kind.INVALID)]
 
 
-def test_kinds_have_the_numbers_of_rmw() -> None:
+def test_policy_kinds_have_the_numbers_of_rmw() -> None:
     assert [int(kind) for kind in Kind] == [1 << bit for bit in range(10)]
     assert (Kind.INVALID, Kind.RELIABILITY, Kind.AVOID_ROS_NAMESPACE_CONVENTIONS) == (1, 16, 512)
 
 
-async def test_endpoints_that_were_replaced_or_have_left_between_two_polls_are_reported(dds: World) -> None:
+async def test_matched_events_report_endpoints_replaced_between_two_polls(dds: World) -> None:
     alice, bob = dds.pair()
     received: list[MatchedStatus] = []
     sent: list[MatchedStatus] = []
@@ -178,7 +180,7 @@ async def test_endpoints_that_were_replaced_or_have_left_between_two_polls_are_r
     assert received[5] == MatchedStatus(4, 0, 0, -2)
 
 
-async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(dds: World) -> None:
+async def test_liveliness_is_lost_without_assert_liveliness(dds: World) -> None:
     statuses: list[LivelinessStatus] = []
     publisher, subscription = await dds.connected(
         String,
@@ -208,7 +210,7 @@ async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(d
         publisher.assert_liveliness()
 
 
-async def test_dds_tells_of_deadlines_and_liveliness(dds: World) -> None:
+async def test_dds_reports_missed_deadlines_and_lost_liveliness(dds: World) -> None:
     alice, bob = dds.pair()
     qos = QoSProfile(deadline_ns=100_000_000, liveliness=Liveliness.MANUAL_BY_TOPIC, liveliness_lease_ns=2_000_000_000)
     late: list[CountStatus] = []
@@ -228,7 +230,7 @@ async def test_dds_tells_of_deadlines_and_liveliness(dds: World) -> None:
     assert alive[-1].alive_count_change + alive[-1].not_alive_count_change == 0 or alive[0].alive_count == 1
 
 
-async def test_lost_messages_are_counted_by_dds(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_message_lost_events_follow_the_counter_of_dds(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     node = dds.node()
     lost: list[CountStatus] = []
     callbacks = SubscriptionEventCallbacks(message_lost=lost.append)
@@ -241,7 +243,7 @@ async def test_lost_messages_are_counted_by_dds(dds: World, monkeypatch: pytest.
     assert lost == [CountStatus(3, 3), CountStatus(5, 2)]
 
 
-def test_what_a_middleware_does_not_tell_is_refused(memory: World) -> None:
+def test_unsupported_event_callbacks_are_refused(memory: World) -> None:
     node = memory.node("n")
     with pytest.raises(UnsupportedEventError, match="subscription on /t: this middleware does not report deadline"):
         node.create_subscription(String, "t", event_callbacks=SubscriptionEventCallbacks(deadline=print))

@@ -22,25 +22,25 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-def enter(window: RequestFlowControl, numbers: Iterable[int], kept: int, sent: list[int]) -> None:
-    """Enqueue requests; `sent` gets the numbers of those that are sent."""
+def enqueue(window: RequestFlowControl, numbers: Iterable[int], depth: int, sent: list[int]) -> None:
+    """Enqueue requests and append the numbers of sent requests to `sent`."""
 
-    def send(number: int, turn: int) -> bool:
+    def send(number: int, sequence_number: int) -> bool:
         sent.append(number)
-        assert turn == len(sent)
+        assert sequence_number == len(sent)
         return True
 
     for number in numbers:
-        window.acquire(partial(send, number), kept)
+        window.acquire(partial(send, number), depth)
 
 
-async def test_an_answer_makes_room_for_as_many_as_were_sent_before_it() -> None:
+async def test_reply_frees_window_slots_of_its_request_and_all_earlier_ones() -> None:
     window, sent = RequestFlowControl("/add"), list[int]()
-    enter(window, range(10), 3, sent)
+    enqueue(window, range(10), 3, sent)
     assert sent == [0, 1, 2]
     window.on_response(1)
     assert sent == [0, 1, 2, 3]
-    window.on_response(3)  # so the one between them has been taken, too
+    window.on_response(3)  # so the server has taken request 2, too
     assert sent == [0, 1, 2, 3, 4, 5]
     window.on_response(2)
     assert sent == [0, 1, 2, 3, 4, 5]
@@ -48,12 +48,12 @@ async def test_an_answer_makes_room_for_as_many_as_were_sent_before_it() -> None
     assert sent == list(range(9))
 
 
-async def test_an_answer_says_nothing_of_what_others_sent() -> None:
+async def test_reply_frees_only_window_slots_of_its_own_client() -> None:
     window, sent = RequestFlowControl("/add"), list[str]()
     for client in ("a", "b"):
         for number in range(3):
 
-            def send(turn: int, name: str = f"{client}{number}") -> bool:
+            def send(sequence_number: int, name: str = f"{client}{number}") -> bool:
                 sent.append(name)
                 return True
 
@@ -63,16 +63,16 @@ async def test_an_answer_says_nothing_of_what_others_sent() -> None:
     assert sent[3:] == ["b0", "b1"]
     window.on_response(5, "b")  # b1, and b0 before it, but not a2
     assert sent[5:] == ["b2"]
-    window.acquire(lambda turn: sent.append("b3") is None, 3, "b")
-    window.acquire(lambda turn: sent.append("b4") is None, 3, "b")
+    window.acquire(lambda sequence_number: sent.append("b3") is None, 3, "b")
+    window.acquire(lambda sequence_number: sent.append("b4") is None, 3, "b")
     assert sent[6:] == ["b3"]
     window.on_response(3, "a")
     assert sent[7:] == ["b4"]
 
 
-async def test_what_is_given_up_makes_room_for_one() -> None:
+async def test_released_request_frees_one_window_slot_only_once() -> None:
     window, sent = RequestFlowControl("/add"), list[int]()
-    enter(window, range(6), 3, sent)
+    enqueue(window, range(6), 3, sent)
     window.release(2)
     assert sent == [0, 1, 2, 3]
     window.release(2)
@@ -80,14 +80,14 @@ async def test_what_is_given_up_makes_room_for_one() -> None:
     assert sent == [0, 1, 2, 3, 4]
 
 
-async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
+async def test_stalled_window_sends_one_more_request_and_warns(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(windows, "STALL_TIMEOUT_S", 0.2)
     window, sent = RequestFlowControl("/add"), list[int]()
     loop = asyncio.get_running_loop()
     began_s = loop.time()
-    enter(window, range(6), 3, sent)
+    enqueue(window, range(6), 3, sent)
     with caplog.at_level(logging.WARNING):
         await until(lambda: len(sent) == 5)
     assert loop.time() - began_s >= 0.6 and sent == list(range(5)), "each takes twice as long as the last"
@@ -96,9 +96,9 @@ async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
     assert sent == list(range(6)) and window.stall_timeout_s == 0.2
 
 
-async def test_answers_make_a_slow_server_one_that_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_slow_replies_reset_the_stall_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     window, sent = RequestFlowControl("/add"), list[int]()
-    enter(window, range(9), 3, sent)
+    enqueue(window, range(9), 3, sent)
     loop, passed_s = asyncio.get_running_loop(), 0.0
     now = loop.time
     monkeypatch.setattr(loop, "time", lambda: now() + passed_s)
@@ -109,21 +109,21 @@ async def test_answers_make_a_slow_server_one_that_is_waited_for(monkeypatch: py
         assert len(sent) == 3 + number
 
 
-async def test_servers_that_only_note_requests_get_them_after_a_pause() -> None:
+async def test_window_with_interval_sends_waiting_requests_without_replies() -> None:
     window, sent = RequestFlowControl("/result", 0.02), list[int]()
     loop = asyncio.get_running_loop()
     began_s = loop.time()
-    enter(window, range(5), 2, sent)
+    enqueue(window, range(5), 2, sent)
     assert sent == [0, 1]
     await until(lambda: len(sent) == 5)
     assert loop.time() - began_s >= 0.039
 
 
-async def test_a_request_that_nobody_wants_any_more_takes_nobodys_place() -> None:
+async def test_cancelled_request_frees_its_window_slot() -> None:
     window, sent = RequestFlowControl("/add"), list[int]()
 
-    def send(number: int, turn: int) -> bool:
-        sent.append(turn)
+    def send(number: int, sequence_number: int) -> bool:
+        sent.append(sequence_number)
         return number != 1
 
     for number in range(4):
@@ -134,11 +134,11 @@ async def test_a_request_that_nobody_wants_any_more_takes_nobodys_place() -> Non
     assert sent == [1, 2, 3, 4]
 
 
-def test_what_waited_on_a_loop_that_ended_stands_in_nobodys_way() -> None:
+def test_requests_of_ended_loop_do_not_block_the_window() -> None:
     window, sent = RequestFlowControl("/add"), list[int]()
 
     async def two(number: int) -> None:
-        enter(window, [number] * 2, 1, sent)
+        enqueue(window, [number] * 2, 1, sent)
 
     asyncio.run(two(0))
     asyncio.run(two(1))
@@ -146,7 +146,7 @@ def test_what_waited_on_a_loop_that_ended_stands_in_nobodys_way() -> None:
 
 
 @pytest.mark.every_transport
-async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
+async def test_request_queue_of_server_is_shared_between_client_nodes(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
@@ -164,9 +164,9 @@ async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
     server.close()
 
 
-async def test_room_grows_with_answers_once_others_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_window_grows_with_replies_after_discovery_settled(monkeypatch: pytest.MonkeyPatch) -> None:
     window, sent = RequestFlowControl("/add"), list[int]()
-    enter(window, range(40), 10, sent)
+    enqueue(window, range(40), 10, sent)
     assert len(sent) == 3
     window.on_response(1)
     assert len(sent) - 1 == 3

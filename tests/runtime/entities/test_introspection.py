@@ -37,7 +37,7 @@ async def exchange(world: World, client_state: IntrospectionState, server_state:
 
 
 @pytest.mark.every_transport
-async def test_contents_show_all_four_steps(world: World) -> None:
+async def test_introspection_contents_publish_all_four_events(world: World) -> None:
     events, *_ = await exchange(world, STATE.CONTENTS, STATE.CONTENTS)
     await until(lambda: len(events) == 4)
     by_type = {event.info.event_type: event for event in events}
@@ -48,20 +48,20 @@ async def test_contents_show_all_four_steps(world: World) -> None:
     for kind in (2, 3):
         assert [r.sum for r in by_type[kind].response] == [5] and by_type[kind].request == []
     gids = [bytes(by_type[kind].info.client_gid) for kind in range(4)]
-    # The two sides do not agree about the client's id, as under rmw_cyclonedds; elsewhere it comes with the request.
+    # Client and server report different client GIDs, as under rmw_cyclonedds; on Zenoh the request contains it.
     assert gids[0] == gids[3] != bytes(16) and gids[1] == gids[2] != bytes(16)
     assert (gids[0] == gids[1]) is (world.kind == "zenoh")
     assert by_type[1].info.stamp.sec == 77 and by_type[0].info.stamp.sec > 1_000_000_000
 
 
-async def test_metadata_shows_no_contents(world: World) -> None:
+async def test_introspection_metadata_omits_contents(world: World) -> None:
     events, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
     await until(lambda: len(events) == 2)
     assert [event.info.event_type for event in events] == [1, 2]
     assert all(event.request == [] and event.response == [] for event in events)
 
 
-async def test_it_can_be_changed_and_switched_off(world: World) -> None:
+async def test_introspection_state_can_be_changed_and_switched_off(world: World) -> None:
     events, client, server, node, caller = await exchange(world, STATE.METADATA, STATE.METADATA)
     server.configure_introspection(node.clock, SYSTEM_DEFAULT, STATE.OFF)
     client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.CONTENTS)
@@ -75,7 +75,7 @@ async def test_it_can_be_changed_and_switched_off(world: World) -> None:
     assert len(events) == 6
 
 
-async def test_wrong_arguments_change_nothing(world: World) -> None:
+async def test_invalid_introspection_arguments_raise_and_change_no_state(world: World) -> None:
     events, client, server, node, _ = await exchange(world, STATE.OFF, STATE.METADATA)
     await until(lambda: len(events) == 2)
     wrong: Any
@@ -89,7 +89,7 @@ async def test_wrong_arguments_change_nothing(world: World) -> None:
     with pytest.raises(InvalidQoSError):
         client.configure_introspection(Clock(), "deep", STATE.METADATA)
     assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
-    await until(lambda: len(events) == 4)  # the server goes on as it was
+    await until(lambda: len(events) == 4)  # the server keeps its state
     assert all(event.request == [] for event in events)
     for endpoint in (client, server):
         endpoint.close()
@@ -98,7 +98,7 @@ async def test_wrong_arguments_change_nothing(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_the_publisher_of_events_goes_with_its_client_or_server(world: World) -> None:
+async def test_introspection_publisher_closes_with_its_client_or_server(world: World) -> None:
     _, client, server, node, caller = await exchange(world, STATE.CONTENTS, STATE.METADATA)
     topic = "/add/_service_event"
     await until(lambda: node.count_publishers(topic) == caller.count_publishers(topic) == 2)
@@ -108,7 +108,7 @@ async def test_the_publisher_of_events_goes_with_its_client_or_server(world: Wor
     await until(lambda: node.count_publishers(topic) == caller.count_publishers(topic) == 0)
 
 
-async def test_another_clock_counts_from_the_next_event_on(world: World) -> None:
+async def test_new_introspection_clock_stamps_later_events(world: World) -> None:
     events, client, server, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
     await until(lambda: len(events) == 2)
     later = Clock(system_ns=lambda: 99_000_000_000)
@@ -118,7 +118,7 @@ async def test_another_clock_counts_from_the_next_event_on(world: World) -> None
     assert [event.info.stamp.sec for event in events] == [77, 77, 99, 99]
 
 
-async def test_services_compiled_from_text_can_be_watched(world: World) -> None:
+async def test_introspection_works_for_services_compiled_from_text(world: World) -> None:
     ask: Any = compile_definition("my_pkg/srv/Ask", "string question\n---\nint8 answer")
     events: list[Any] = []
     node = world.node("n")

@@ -63,7 +63,7 @@ async def asked(world: World, count: int = 1, timeout_s: float | None = None) ->
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("timeout_s", [None, 60], ids=["without limit", "with limit"])
-async def test_calls_end_at_once_when_their_server_closes(world: World, timeout_s: float | None) -> None:
+async def test_pending_calls_raise_server_lost_error_when_server_closes(world: World, timeout_s: float | None) -> None:
     server, client, calls = await asked(world, 3, timeout_s)
     server.close()
     for call in calls:
@@ -73,7 +73,7 @@ async def test_calls_end_at_once_when_their_server_closes(world: World, timeout_
 
 
 @pytest.mark.every_transport
-async def test_a_server_in_place_of_the_lost_one_never_got_the_request(world: World) -> None:
+async def test_pending_call_fails_although_a_new_server_replaced_the_lost_one(world: World) -> None:
     server, client, (call,) = await asked(world)
     world.node("next").create_service(AddTwoInts, "add", add)
     await until(lambda: len(client._servers()) == 2)
@@ -85,7 +85,7 @@ async def test_a_server_in_place_of_the_lost_one_never_got_the_request(world: Wo
 
 
 @pytest.mark.every_transport
-async def test_a_call_goes_on_while_one_of_its_servers_is_left(world: World) -> None:
+async def test_call_stays_pending_while_one_of_its_servers_remains(world: World) -> None:
     first, second = (world.node(name).create_service(AddTwoInts, "add") for name in ("first", "second"))
     client = world.node("caller").create_client(AddTwoInts, "add")
     await until(lambda: len(client._servers()) == 2)
@@ -99,7 +99,7 @@ async def test_a_call_goes_on_while_one_of_its_servers_is_left(world: World) -> 
 
 
 @pytest.mark.every_transport
-async def test_what_a_server_answered_before_it_closed_counts(world: World) -> None:
+async def test_reply_sent_before_server_closed_is_received(world: World) -> None:
     server = world.node("server").create_service(AddTwoInts, "add")
     client = world.node("caller").create_client(AddTwoInts, "add")
     for number in range(10):
@@ -112,7 +112,7 @@ async def test_what_a_server_answered_before_it_closed_counts(world: World) -> N
 
 
 @pytest.mark.every_transport
-async def test_a_call_that_was_made_before_any_server_waits_for_one(world: World) -> None:
+async def test_call_made_before_any_server_exists_waits_for_a_server(world: World) -> None:
     passer_by, client = world.node("passer_by"), world.node("caller").create_client(AddTwoInts, "add")
     call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
     other = passer_by.create_service(AddTwoInts, "other", add)
@@ -123,7 +123,7 @@ async def test_a_call_that_was_made_before_any_server_waits_for_one(world: World
     assert (await asyncio.wait_for(call, 5)).sum == 3
 
 
-async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_next(
+async def test_requests_waiting_in_the_window_go_to_the_next_server(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, client, (call,) = await asked(memory)
@@ -141,7 +141,9 @@ async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_nex
     assert (await third).sum == 4
 
 
-async def test_a_killed_server_is_missed_after_its_lease(network: World, mortal: subprocess.Popen[str]) -> None:
+async def test_call_to_killed_server_fails_after_its_lease_expires(
+    network: World, mortal: subprocess.Popen[str]
+) -> None:
     node = network.node("caller")
     client = node.create_client(AddTwoInts, "add")
     call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
@@ -155,7 +157,7 @@ async def test_a_killed_server_is_missed_after_its_lease(network: World, mortal:
 
 
 @pytest.mark.every_transport
-async def test_a_goal_whose_server_leaves_before_it_accepts_ends_at_once(world: World) -> None:
+async def test_goal_fails_at_once_if_server_closes_before_accepting(world: World) -> None:
     async def on_goal(goal: Any) -> bool:
         entered.set()
         try:

@@ -62,8 +62,8 @@ def lyrical_event() -> Any:
     return event
 
 
-async def reach(subscription: Any, publisher: Any, message: Any) -> None:
-    """Send a message until one arrives; Zenoh loses the first ones while the other key is new. None is left."""
+async def publish_until_received(subscription: Any, publisher: Any, message: Any) -> None:
+    """Publish until a message arrives, then drain the queue; Zenoh loses the first messages on a new key."""
     publisher.publish(message)
     while subscription.take() is None:
         await asyncio.sleep(0.05)
@@ -82,12 +82,14 @@ def expect_event(event: Any) -> None:
 
 
 @pytest.mark.every_transport
-async def test_an_event_of_lyrical_is_not_misread(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_message_of_lyrical_definition_is_converted_and_logged(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     alice, bob = world.pair()
     subscription = bob.create_subscription(Event, "events")
     publisher = alice.create_publisher(LyricalEvent, "events")
     await until(lambda: subscription.publisher_count == 1)
-    await reach(subscription, publisher, lyrical_event())
+    await publish_until_received(subscription, publisher, lyrical_event())
     before = subscription.converted
     for _ in range(3):
         publisher.publish(lyrical_event())
@@ -107,13 +109,13 @@ async def test_an_event_of_lyrical_is_not_misread(world: World, caplog: pytest.L
 
 
 @pytest.mark.every_transport
-async def test_writers_of_both_definitions_are_read_side_by_side(world: World) -> None:
+async def test_one_subscription_reads_publishers_of_both_definitions(world: World) -> None:
     alice, bob = world.pair()
     subscription = bob.create_subscription(Range, "range")
     old, new = alice.create_publisher(HumbleRange, "range"), alice.create_publisher(Range, "range")
     await until(lambda: subscription.publisher_count == 2)
-    await reach(subscription, old, HumbleRange())
-    await reach(subscription, new, Range())
+    await publish_until_received(subscription, old, HumbleRange())
+    await publish_until_received(subscription, new, Range())
     before = subscription.converted
     for number in range(3):
         old.publish(HumbleRange(range=number))
@@ -124,7 +126,7 @@ async def test_writers_of_both_definitions_are_read_side_by_side(world: World) -
 
 
 @pytest.mark.every_transport
-async def test_a_late_subscription_gets_what_was_latched(world: World) -> None:
+async def test_latched_sample_of_another_definition_reaches_late_subscription(world: World) -> None:
     alice, bob = world.pair()
     publisher = alice.create_publisher(HumbleRange, "range", LATCHED)
     publisher.publish(HumbleRange(max_range=2.5))
@@ -134,7 +136,7 @@ async def test_a_late_subscription_gets_what_was_latched(world: World) -> None:
 
 
 @pytest.mark.parametrize("form", ["callback", "dict", "raw", "latest", "take"])
-async def test_every_way_to_read_gets_the_own_definition(memory: World, form: str) -> None:
+async def test_every_way_to_receive_returns_the_local_definition(memory: World, form: str) -> None:
     alice, bob = memory.pair()
     publisher, received = alice.create_publisher(HumbleRange, "range"), list[Any]()
     options: dict[str, Any] = {"raw": True} if form == "raw" else {}
@@ -152,7 +154,7 @@ async def test_every_way_to_read_gets_the_own_definition(memory: World, form: st
     assert got == {"dict": to_dict(expected), "raw": expected.encode()}.get(form, expected)
 
 
-async def test_a_type_that_contains_the_changed_one_is_known_as_well(memory: World) -> None:
+async def test_type_containing_a_changed_type_is_converted(memory: World) -> None:
     ours, theirs = two("msg", "sensor_msgs/Range[] all\nint32 number\n")
     alice, bob = memory.pair()
     subscription, publisher = bob.create_subscription(ours, "t", arrays=True), alice.create_publisher(theirs, "t")
@@ -163,7 +165,9 @@ async def test_a_type_that_contains_the_changed_one_is_known_as_well(memory: Wor
 
 
 @pytest.mark.parametrize(("mode", "is_received"), [("error", False), ("warn", True), ("convert", True)])
-async def test_the_mode_decides(memory: World, mode: Any, is_received: bool, caplog: pytest.LogCaptureFixture) -> None:
+async def test_type_hash_check_mode_selects_conversion_or_refusal(
+    memory: World, mode: Any, is_received: bool, caplog: pytest.LogCaptureFixture
+) -> None:
     alice, bob = memory.pair()
     subscription = bob.create_subscription(Event, "t", type_hash_check=mode)
     publisher = alice.create_publisher(LyricalEvent, "t")
@@ -181,7 +185,7 @@ async def test_the_mode_decides(memory: World, mode: Any, is_received: bool, cap
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize(("mode", "is_reported"), [("error", True), ("convert", False), ("warn", False)])
-async def test_publishers_whose_messages_are_converted_are_not_reported_as_incompatible(
+async def test_converted_publishers_are_not_reported_as_incompatible(
     world: World, mode: Any, is_reported: bool
 ) -> None:
     alice, bob = world.pair()
@@ -196,7 +200,7 @@ async def test_publishers_whose_messages_are_converted_are_not_reported_as_incom
     assert types[-1].total_count == 1 + is_reported and types[-1].reason.startswith("types differ")
 
 
-async def test_bytes_that_the_peers_definition_does_not_have_are_counted(
+async def test_undecodable_sample_of_peer_definition_is_counted_and_logged(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     alice, bob = memory.pair()
@@ -211,7 +215,7 @@ async def test_bytes_that_the_peers_definition_does_not_have_are_counted(
     )
 
 
-def test_a_definition_that_cannot_be_converted_is_refused_by_name(
+def test_unconvertible_definition_is_dropped_and_logged_with_its_field(
     memory: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours, theirs = known_pair(monkeypatch, "string x\nint32 y", "int32 x\nint32 y")
@@ -242,7 +246,7 @@ def known_pair(monkeypatch: pytest.MonkeyPatch, ours: str, theirs: str) -> tuple
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh
-async def test_a_range_of_humble_without_hash_is_known_by_its_size(world: World) -> None:
+async def test_definition_of_writer_without_hash_is_detected_by_sample_size(world: World) -> None:
     alice, bob = world.pair()
     subscription = bob.create_subscription(Range, "range")
     publisher = alice.create_publisher(without_hash(HumbleRange), "range")
@@ -253,7 +257,7 @@ async def test_a_range_of_humble_without_hash_is_known_by_its_size(world: World)
     assert await subscription.receive(5) == Range(range=1.5, variance=2.0)
 
 
-async def test_a_participant_of_humble_is_known_by_its_graph_messages(
+async def test_humble_participant_is_detected_by_its_graph_messages(
     dds: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     alice = humble_node(dds, "alice")
@@ -270,7 +274,7 @@ async def test_a_participant_of_humble_is_known_by_its_graph_messages(
     await until(lambda: caplog.text.count("a node of ROS 2 Humble is in this domain") == 2)  # bob's and carol's
 
 
-async def test_a_writer_of_humble_with_the_definition_of_the_reader_is_examined_once(
+async def test_humble_writer_with_same_definition_is_examined_only_once(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     publisher = humble_node(dds, "alice").create_publisher(without_hash(Event), "t")
@@ -290,7 +294,7 @@ async def test_a_writer_of_humble_with_the_definition_of_the_reader_is_examined_
 
 
 async def served(world: World, ours: Any, theirs: Any, *, is_ours: bool, respond: Any) -> tuple[Any, Any]:
-    """Return a server and a client of the two definitions; one of both is ours.
+    """Return a server and a client of two definitions; `is_ours` selects which of them has our definition.
 
     On Zenoh both convert, as the key of each contains its hash. On DDS a client calls no other server, and a peer of
     ROS calls any.
@@ -305,11 +309,15 @@ async def served(world: World, ours: Any, theirs: Any, *, is_ours: bool, respond
 
 
 @pytest.mark.every_transport
-async def test_a_service_serves_clients_that_send_another_definition(world: World) -> None:
+async def test_server_converts_requests_of_another_definition(world: World) -> None:
     ours, theirs = two("srv", "sensor_msgs/Range seen\nint32 a\n---\nint32 b\n")
-    asked: list[Any] = []
+    requests: list[Any] = []
     server, other = await served(
-        world, ours, theirs, is_ours=True, respond=lambda request: asked.append(request) or ours.Response(b=request.a)
+        world,
+        ours,
+        theirs,
+        is_ours=True,
+        respond=lambda request: requests.append(request) or ours.Response(b=request.a),
     )
     same = world.node("carol").create_client(ours, "s")
     assert await same.wait_for_service(5)
@@ -317,12 +325,12 @@ async def test_a_service_serves_clients_that_send_another_definition(world: Worl
     assert (await same.call(request, 5)).b == 4
     assert server.converted == 0
     assert (await other.call(theirs.Request(seen=HumbleRange(range=3.0), a=5), 5)).b == 5
-    assert asked == [request, ours.Request(seen=Range(range=3.0), a=5)]
+    assert requests == [request, ours.Request(seen=Range(range=3.0), a=5)]
     assert (server.converted + other.converted > 0, server.incompatible_dropped) == (True, 0)
 
 
 @pytest.mark.every_transport
-async def test_a_client_reads_responses_of_another_definition(world: World) -> None:
+async def test_client_converts_responses_of_another_definition(world: World) -> None:
     ours, theirs = two("srv", "int32 a\n---\nsensor_msgs/Range seen\n")
     respond = lambda request: theirs.Response(seen=HumbleRange(range=request.a))  # noqa: E731
     server, client = await served(world, ours, theirs, is_ours=False, respond=respond)
@@ -332,7 +340,7 @@ async def test_a_client_reads_responses_of_another_definition(world: World) -> N
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh("each key has one definition there")
-async def test_a_server_that_would_have_to_convert_is_called_on_demand_only(world: World) -> None:
+async def test_client_calls_server_of_another_definition_only_in_warn_mode(world: World) -> None:
     ours, theirs = two("srv", "sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
     alice, bob = world.pair()
     alice.create_service(theirs, "s", lambda request: theirs.Response(seen=request.seen))
@@ -405,7 +413,7 @@ def expect_converted(got: dict[str, Any], sent: dict[str, Any], default: dict[st
 
 
 @pytest.mark.parametrize(("name", "our_hash", "their_hash"), PAIRS, ids=lambda one: one.rpartition("/")[2][:14])
-def test_all_values_of_each_pair_of_distributions_arrive(
+def test_common_fields_arrive_unchanged_between_all_pairs_of_distributions(
     memory: World, name: str, our_hash: str, their_hash: str
 ) -> None:
     ours, theirs = by_hash(name, our_hash), by_hash(name, their_hash)
@@ -424,7 +432,7 @@ def test_all_values_of_each_pair_of_distributions_arrive(
 
 @settings(max_examples=examples(100), deadline=None)
 @given(changed_worlds())
-def test_a_random_change_of_a_random_definition_is_delivered_right_or_refused(
+def test_messages_after_a_random_definition_change_are_converted_correctly_or_refused(
     case: tuple[Any, Any, Reference, dict[str, Any]],
 ) -> None:
     old_world, new_world, reference, value = case
@@ -454,16 +462,16 @@ def test_a_random_change_of_a_random_definition_is_delivered_right_or_refused(
             converter_from(definition, new).convert(message).encode()
         return
     assert counted == (0, 0)
-    received, sent, otherwise = to_dict(got), to_dict(message), to_dict(new())
+    received, sent, defaults = to_dict(got), to_dict(message), to_dict(new())
     old_types = {field.ros_name: field.type for field in old._TYPE.fields}
     for field in new._TYPE.fields:
         if field.ros_name not in sent:
-            assert repr(received[field.ros_name]) == repr(otherwise[field.ros_name])
+            assert repr(received[field.ros_name]) == repr(defaults[field.ros_name])
         elif field.cls is None and field.type == old_types[field.ros_name]:
             assert repr(received[field.ros_name]) == repr(sent[field.ros_name])
 
 
-async def test_a_conversion_is_logged_at_the_latest_when_the_context_closes(
+async def test_unlogged_conversion_is_logged_when_context_closes(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     reader, peer = memory.node("reader", context=memory.context()), memory.node("peer", context=memory.context())
@@ -478,10 +486,10 @@ async def test_a_conversion_is_logged_at_the_latest_when_the_context_closes(
     assert "messages on /t from an unknown node are converted" in caplog.text
 
 
-# -------------------------------------------------------------------------------------------- writers that have left
+# ------------------------------------------------------------------------------------------------- closed writers
 
 
-async def take_after_the_peer_left(world: World, ours: Any, theirs: Any, message: Any) -> tuple[Any, Any]:
+async def take_after_peer_closed(world: World, ours: Any, theirs: Any, message: Any) -> tuple[Any, Any]:
     subscription = world.node("reader").create_subscription(ours, "left", qos=LATCHED)
     node = world.node("peer", context=world.context())
     publisher = node.create_publisher(theirs, "left", qos=LATCHED)
@@ -495,22 +503,20 @@ async def take_after_the_peer_left(world: World, ours: Any, theirs: Any, message
     return subscription, subscription.take()
 
 
-async def test_a_converted_sample_of_a_writer_that_left_is_logged(
-    memory: World, caplog: pytest.LogCaptureFixture
-) -> None:
-    subscription, message = await take_after_the_peer_left(memory, Range, HumbleRange, HumbleRange(range=4.0))
+async def test_converted_sample_of_closed_writer_is_logged(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+    subscription, message = await take_after_peer_closed(memory, Range, HumbleRange, HumbleRange(range=4.0))
     assert (message.range, message.variance, subscription.converted) == (4.0, 0.0, 1)
     await until(lambda: "messages on /left" in caplog.text and "converted" in caplog.text)
 
 
-async def test_a_sample_of_an_unknown_definition_is_dropped_after_its_writer_left(memory: World) -> None:
+async def test_sample_of_unknown_definition_is_dropped_after_its_writer_closed(memory: World) -> None:
     name = f"sonar_msgs/msg/Numbers{next(_numbers)}"
     ours, theirs = compile_definition(name, "int32 a\n"), compile_definition(name, "float32 a\n")
-    subscription, message = await take_after_the_peer_left(memory, ours, theirs, theirs(a=1.0))
+    subscription, message = await take_after_peer_closed(memory, ours, theirs, theirs(a=1.0))
     assert (message, subscription.incompatible_dropped) == (None, 1)
 
 
-async def test_bytes_of_the_new_definition_from_a_node_of_humble_keep_their_values(memory: World) -> None:
+async def test_new_definition_published_by_humble_node_is_not_converted(memory: World) -> None:
     """A bag of a newer distribution is played on Humble."""
     reader, peer = memory.node("reader"), memory.node("peer", context=memory.context())
     subscription = reader.create_subscription(Range, "played")
@@ -525,10 +531,10 @@ async def test_bytes_of_the_new_definition_from_a_node_of_humble_keep_their_valu
     assert (message.range, message.variance) == (1.0, 9.0)
 
 
-async def test_a_sample_on_the_key_of_another_definition_is_converted_without_its_writer(
+async def test_sample_on_key_of_another_definition_is_converted_without_its_writer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """On Zenoh a token may disappear before the last samples of its writer are taken, and the key tells the hash."""
+    """On Zenoh a token may disappear before the last samples of its writer are taken; the key contains the hash."""
     for key, value in zenoh_environment().items():
         monkeypatch.setenv(key, value)
     monkeypatch.setattr(ZenohReader, "writer_guid", lambda self, handle: bytes(16))
@@ -537,7 +543,7 @@ async def test_a_sample_on_the_key_of_another_definition_is_converted_without_it
         alice, bob = world.pair()
         subscription, publisher = bob.create_subscription(Range, "t"), alice.create_publisher(HumbleRange, "t")
         same = alice.create_publisher(Range, "t")
-        await reach(subscription, publisher, HumbleRange())
+        await publish_until_received(subscription, publisher, HumbleRange())
         reader, received = subscription._reader, list[Any]()
         for sender, message in ((publisher, HumbleRange(range=1.0)), (same, Range(range=2.0, variance=3.0))):
             sender.publish(message)

@@ -28,23 +28,23 @@ def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
 
 async def add_slowly(request: AddTwoInts.Request) -> AddTwoInts.Response:
     """Reply faster to bigger numbers, so that responses arrive in another order than the requests."""
-    await asyncio.sleep(0.05 - request.a * 0.001)  # stands for work; nothing depends on how long it takes
+    await asyncio.sleep(0.05 - request.a * 0.001)  # simulates work; the duration does not matter
     return add(request)
 
 
 @pytest.mark.parametrize("late_s", [3.0, 8.0])
-async def test_a_response_waits_for_the_reader_of_its_client(
+async def test_response_is_delayed_until_client_reader_is_matched(
     memory: World, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, late_s: float
 ) -> None:
     alice, bob = memory.pair()
     server: Any = alice.create_service(AddTwoInts, "add", add)
     client = bob.create_client(AddTwoInts, "add")
     time_s = asyncio.get_running_loop().time
-    there_s = time_s() + late_s
-    monkeypatch.setattr(server._transport_server, "can_reach_client", lambda _: time_s() >= there_s)
+    reachable_s = time_s() + late_s
+    monkeypatch.setattr(server._transport_server, "can_reach_client", lambda _: time_s() >= reachable_s)
     call = client.call(Request(a=1, b=2), timeout_s=10)
     if late_s < 5:
-        assert (await call).sum == 3 and time_s() >= there_s and not caplog.records
+        assert (await call).sum == 3 and time_s() >= reachable_s and not caplog.records
         return
     with pytest.raises(CallTimeoutError):
         await call
@@ -52,7 +52,7 @@ async def test_a_response_waits_for_the_reader_of_its_client(
 
 
 @pytest.mark.every_transport
-async def test_many_calls_at_once_find_their_own_responses(world: World) -> None:
+async def test_each_of_many_parallel_calls_receives_its_own_response(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add", add_slowly)
     clients = [bob.create_client(AddTwoInts, "add") for _ in range(3)]
@@ -62,7 +62,7 @@ async def test_many_calls_at_once_find_their_own_responses(world: World) -> None
 
 
 @pytest.mark.every_transport
-async def test_requests_can_be_answered_later_from_another_task(world: World) -> None:
+async def test_requests_can_be_answered_out_of_order_from_another_task(world: World) -> None:
     alice, bob = world.pair()
     server = alice.create_service(AddTwoInts, "add")
     waiting: list[ServiceRequest[AddTwoInts.Request, AddTwoInts.Response]] = []
@@ -86,7 +86,7 @@ async def test_requests_can_be_answered_later_from_another_task(world: World) ->
 
 
 @pytest.mark.every_transport
-async def test_replies_that_wait_are_sent_when_their_server_closes(memory: World, monkeypatch: Any) -> None:
+async def test_delayed_replies_are_sent_when_their_server_closes(memory: World, monkeypatch: Any) -> None:
     server, client = memory.node().create_service(AddTwoInts, "add"), memory.node().create_client(AddTwoInts, "add")
     transport_server, is_released = server._transport_server, False
 
@@ -114,7 +114,7 @@ async def test_a_call_without_server_times_out(world: World) -> None:
         await client.call(Request(), timeout_s=0.1)
 
 
-def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_call_timeout_is_measured_on_the_loop_that_made_the_call(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "silent")  # never answers
     client = bob.create_client(AddTwoInts, "silent")
@@ -129,7 +129,7 @@ def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World, monkeypa
 
     call = loop.run_until_complete(begin())
     loop.run_until_complete(until(lambda: client.in_flight_count == 1))
-    with pytest.raises(CallTimeoutError, match=r"/silent .*in 0\.05 s"):  # on a loop of its own
+    with pytest.raises(CallTimeoutError, match=r"/silent .*in 0\.05 s"):  # on a separate loop
         client.call_sync(Request(), timeout_s=0.05)
     assert client.in_flight_count == 1
     now = loop.time
@@ -141,7 +141,7 @@ def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World, monkeypa
 
 
 @pytest.mark.parametrize("held_up_s", [0, 0.3])
-async def test_calls_with_different_time_limits_end_in_their_order(
+async def test_calls_time_out_in_order_of_their_timeouts(
     world: World, monkeypatch: pytest.MonkeyPatch, held_up_s: float
 ) -> None:
     _, client = await world.served(AddTwoInts, "silent")
@@ -155,7 +155,7 @@ async def test_calls_with_different_time_limits_end_in_their_order(
     loop = asyncio.get_running_loop()
     loop.call_later(0.01, time.sleep, held_up_s)
     now_s, now_ns = loop.time(), time.monotonic_ns()
-    with monkeypatch.context() as stopped:  # all begin at the same time
+    with monkeypatch.context() as stopped:  # all start at the same time
         stopped.setattr(loop, "time", lambda: now_s)
         stopped.setattr(time, "monotonic_ns", lambda: now_ns)
         calls = [asyncio.ensure_future(call(limit_s)) for limit_s in (0.2, 0.05, 0, 0.1)]
@@ -226,7 +226,7 @@ async def test_a_service_can_be_called_inside_callbacks(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_types_given_as_text_are_dicts(world: World) -> None:
+async def test_service_named_by_text_uses_dicts(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service("example_interfaces/srv/AddTwoInts", "add", lambda request: {"sum": request["a"]})
     client = bob.create_client("example_interfaces/srv/AddTwoInts", "add")
@@ -241,11 +241,11 @@ async def test_empty_requests_and_responses_work(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_a_service_that_comes_later_is_waited_for(world: World) -> None:
+async def test_call_waits_for_a_server_created_later(world: World) -> None:
     alice, bob = world.pair()
     client = bob.create_client(AddTwoInts, "add")
     waiting = asyncio.create_task(client.call(Request(a=1, b=2), timeout_s=5))
-    await asyncio.sleep(0)  # it waits by now
+    await asyncio.sleep(0)  # the call is waiting now
     server = alice.create_service(AddTwoInts, "add", add)
     assert (await waiting).sum == 3
     server.close()
@@ -256,7 +256,7 @@ async def test_a_service_that_comes_later_is_waited_for(world: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh("there clients and servers announce their service, not its messages")
-async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None:
+async def test_service_endpoints_announce_service_id_and_type_hashes(world: World) -> None:
     alice, bob = world.pair()
     server = alice.create_service(AddTwoInts, "add", add)
     client = bob.create_client(AddTwoInts, "add")

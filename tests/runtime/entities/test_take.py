@@ -1,4 +1,4 @@
-"""Taking received data without waiting: subscriptions, services and timers, from any thread."""
+"""Non-blocking `take()` of subscriptions, services and timers, from any thread."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ Server = ServiceServer[AddTwoInts.Request, AddTwoInts.Response]
 
 
 @pytest.fixture
-def driver() -> Iterator[LoopRunner]:
+def runner() -> Iterator[LoopRunner]:
     with LoopRunner() as made:
         yield made
 
 
 @pytest.mark.every_transport
-def test_a_script_without_loop_takes_what_arrived(world: World) -> None:
+def test_take_returns_received_messages_without_event_loop(world: World) -> None:
     node = world.node("polled")
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t", qos=3)
     assert subscription.take() is None
@@ -64,7 +64,7 @@ def test_a_script_without_loop_takes_what_arrived(world: World) -> None:
 
 
 @pytest.mark.every_transport
-def test_where_a_message_came_from_is_taken_with_it(world: World) -> None:
+def test_take_with_info_returns_publisher_gid_and_timestamps(world: World) -> None:
     node = world.node("polled")
     publishers = [node.create_publisher(String, "t") for _ in range(2)]
     subscription = node.create_subscription(String, "t")
@@ -87,7 +87,7 @@ def test_where_a_message_came_from_is_taken_with_it(world: World) -> None:
     assert subscription.take_with_info() is None
 
 
-async def test_taking_and_awaiting_share_what_there_is(memory: World) -> None:
+async def test_take_and_receive_deliver_each_message_once(memory: World) -> None:
     node = memory.node("n")
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     receiving = asyncio.ensure_future(subscription.receive())
@@ -100,8 +100,8 @@ async def test_taking_and_awaiting_share_what_there_is(memory: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("ends", ["endpoint", "node", "context"])
-def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, driver: LoopRunner) -> None:
-    context = world.context(loop_runner=driver)
+def test_take_in_another_thread_raises_closed_error_after_close(world: World, ends: str, runner: LoopRunner) -> None:
+    context = world.context(loop_runner=runner)
     node = world.node("n", context=context)
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     server, timer = node.create_service(AddTwoInts, "add"), node.create_timer(0.0)
@@ -119,9 +119,9 @@ def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, dri
     threads = [threading.Thread(target=take, args=(one,)) for one in (subscription, subscription, server, timer)]
     for thread in threads:
         thread.start()
-    driver.wait(lambda: publisher.subscription_count, timeout_s=10)
+    runner.wait(lambda: publisher.subscription_count, timeout_s=10)
     publisher.publish(String())
-    driver.wait(lambda: String() in taken, timeout_s=10)
+    runner.wait(lambda: String() in taken, timeout_s=10)
     for one in {"endpoint": (subscription, server, timer), "node": (node,), "context": (context,)}[ends]:
         one.close()
     for thread in threads:
@@ -130,14 +130,14 @@ def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, dri
 
 
 @pytest.mark.every_transport
-def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driver: LoopRunner) -> None:
-    nodes = [world.node(name, context=world.context(loop_runner=driver)) for name in ("server", "caller")]
+def test_requests_are_sent_taken_and_answered_without_asyncio_code(world: World, runner: LoopRunner) -> None:
+    nodes = [world.node(name, context=world.context(loop_runner=runner)) for name in ("server", "caller")]
     server, client = nodes[0].create_service(AddTwoInts, "add"), nodes[1].create_client(AddTwoInts, "add")
     assert server.take() is None
-    assert driver.wait(client.service_is_available, timeout_s=10)
+    assert runner.wait(client.service_is_available, timeout_s=10)
     before_ns = time.time_ns()
     futures = [client.send_request(AddTwoInts.Request(a=number, b=1)) for number in range(2)]
-    requests = [driver.wait(server.take, timeout_s=10) for _ in futures]
+    requests = [runner.wait(server.take, timeout_s=10) for _ in futures]
     infos = [request.info for request in requests if request is not None]
     assert [info.sequence_number for info in infos] == [1, 2]
     assert len({info.client_gid for info in infos}) == 1
@@ -153,14 +153,14 @@ def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driv
     assert requests[0] is not None
     with pytest.raises(AlreadyRespondedError, match="/add"):
         requests[0].respond(AddTwoInts.Response())
-    driver.wait(lambda: all(future.done() for future in futures), timeout_s=10)
+    runner.wait(lambda: all(future.done() for future in futures), timeout_s=10)
     assert [future.result().sum for future in futures] == [1, 2]
     assert threads == [threading.get_ident()]
     assert client.in_flight_count == 0
 
 
 @pytest.mark.every_transport
-async def test_a_request_is_sent_from_the_loop_and_from_another_thread(world: World) -> None:
+async def test_send_request_works_from_the_loop_and_from_another_thread(world: World) -> None:
     server, caller = world.pair()
     server.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))
     client = caller.create_client(AddTwoInts, "add")
@@ -170,7 +170,7 @@ async def test_a_request_is_sent_from_the_loop_and_from_another_thread(world: Wo
     assert (await asyncio.wrap_future(future)).sum == 2
 
 
-def test_a_script_without_loop_sends_a_request_and_gets_the_response_while_it_waits(memory: World) -> None:
+def test_response_to_send_request_arrives_during_a_later_blocking_call(memory: World) -> None:
     node = memory.node("both")
     node.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))
     future = node.create_client(AddTwoInts, "add").send_request(AddTwoInts.Request(a=5))
@@ -179,26 +179,26 @@ def test_a_script_without_loop_sends_a_request_and_gets_the_response_while_it_wa
 
 
 @pytest.mark.every_transport
-def test_nobody_waits_for_a_server(world: World, driver: LoopRunner) -> None:
-    node = world.node("n", context=world.context(loop_runner=driver))
+def test_send_request_does_not_wait_for_a_server(world: World, runner: LoopRunner) -> None:
+    node = world.node("n", context=world.context(loop_runner=runner))
     client = node.create_client(AddTwoInts, "add")
     lost = client.send_request(AddTwoInts.Request(a=1))
     given_up = client.send_request(AddTwoInts.Request(a=2))
     assert client.in_flight_count == 2
     assert given_up.cancel()
-    driver.wait(lambda: client.in_flight_count == 1, timeout_s=10)
+    runner.wait(lambda: client.in_flight_count == 1, timeout_s=10)
     server: Server = node.create_service(AddTwoInts, "add")
-    assert driver.wait(client.service_is_available, timeout_s=10)
+    assert runner.wait(client.service_is_available, timeout_s=10)
     last = client.send_request(AddTwoInts.Request(a=3))
     arrived: list[int] = []
     while not arrived or arrived[-1] != 3:
-        request = driver.wait(server.take, timeout_s=10)
+        request = runner.wait(server.take, timeout_s=10)
         assert request is not None
         arrived.append(request.message.a)
         request.respond(AddTwoInts.Response(sum=request.message.a))
-    driver.wait(last.done, timeout_s=10)
+    runner.wait(last.done, timeout_s=10)
     assert last.result().sum == 3
-    assert arrived == ([1, 3] if world.kind == "zenoh" else [3])  # there it waits for the first server
+    assert arrived == ([1, 3] if world.kind == "zenoh" else [3])  # on Zenoh the request waits for the first server
     if world.kind == "zenoh":
         assert lost.result().sum == 1
     client.close()
@@ -208,27 +208,27 @@ def test_nobody_waits_for_a_server(world: World, driver: LoopRunner) -> None:
 
 
 @pytest.mark.every_transport
-def test_the_future_of_a_request_tells_what_went_wrong(world: World, driver: LoopRunner) -> None:
-    nodes = [world.node(name, context=world.context(loop_runner=driver)) for name in ("server", "caller")]
+def test_send_request_failures_are_raised_or_set_in_its_future(world: World, runner: LoopRunner) -> None:
+    nodes = [world.node(name, context=world.context(loop_runner=runner)) for name in ("server", "caller")]
     server: Server = nodes[0].create_service(AddTwoInts, "add")
     client = nodes[1].create_client(AddTwoInts, "add")
-    assert driver.wait(client.service_is_available, timeout_s=10)
+    assert runner.wait(client.service_is_available, timeout_s=10)
     with pytest.raises(TypeError, match="expected a AddTwoInts_Request"):
         client.send_request(String())  # type: ignore[arg-type]
     with pytest.raises(EncodeError):
         client.send_request(AddTwoInts.Request(a=2**70))
     assert client.in_flight_count == 0
     future = client.send_request(AddTwoInts.Request(a=1))
-    request = driver.wait(server.take, timeout_s=10)
+    request = runner.wait(server.take, timeout_s=10)
     assert request is not None
     server.close()
     with pytest.raises(ClosedError):
         request.respond(AddTwoInts.Response())
-    driver.wait(future.done, timeout_s=10)
+    runner.wait(future.done, timeout_s=10)
     assert isinstance(future.exception(), ServerLostError)
 
 
-async def test_a_tick_is_taken_when_it_is_due(memory: World) -> None:
+async def test_timer_take_returns_elapsed_time_only_when_due(memory: World) -> None:
     timer = memory.node("n").create_timer(0.5)
     assert timer.take() is None
     await asyncio.sleep(0.5)
@@ -247,10 +247,10 @@ async def test_a_tick_is_taken_when_it_is_due(memory: World) -> None:
         timer.take()
 
 
-def test_each_tick_is_taken_by_one_thread(memory: World) -> None:
+def test_concurrent_takes_return_each_timer_tick_once(memory: World) -> None:
     timer = memory.node("n").create_timer(0.001)
     ticks: list[int] = []
-    threads = [threading.Thread(target=lambda: wait_until(lambda: _note(timer, ticks))) for _ in range(4)]
+    threads = [threading.Thread(target=lambda: wait_until(lambda: take_tick(timer, ticks))) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -259,50 +259,50 @@ def test_each_tick_is_taken_by_one_thread(memory: World) -> None:
     assert sum(ticks) <= (timer.call_count + timer.missed + 1) * 1_000_000 + 500_000
 
 
-def _note(timer: Any, ticks: list[int]) -> bool:
+def take_tick(timer: Any, ticks: list[int]) -> bool:
     if (tick := timer.take()) is not None:
         ticks.append(tick.nanoseconds)
     return len(ticks) >= 20
 
 
 @pytest.mark.every_transport
-def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: LoopRunner) -> None:
-    node = world.node("n", context=world.context(loop_runner=driver))
+def test_on_ready_is_called_when_an_item_is_available(world: World, runner: LoopRunner) -> None:
+    node = world.node("n", context=world.context(loop_runner=runner))
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
     server, client = node.create_service(AddTwoInts, "add"), node.create_client(AddTwoInts, "add")
     timer = node.create_timer(0.01)
     ready: list[Any] = []
 
-    def note(one: Any) -> Any:
-        def tell() -> None:
+    def register(one: Any) -> Any:
+        def notify() -> None:
             ready.append(one)
-            driver.wake()
+            runner.wake()
 
-        return one.on_ready(tell)
+        return one.on_ready(notify)
 
-    registrations = [note(one) for one in (subscription, server)]
-    driver.wait(lambda: publisher.subscription_count and client.service_is_available(), timeout_s=10)
+    registrations = [register(one) for one in (subscription, server)]
+    runner.wait(lambda: publisher.subscription_count and client.service_is_available(), timeout_s=10)
     assert not subscription.is_ready and not server.is_ready
     publisher.publish(String(data="a"))
-    driver.wait(lambda: ready, timeout_s=10)
+    runner.wait(lambda: ready, timeout_s=10)
     assert ready == [subscription] and subscription.is_ready
     assert subscription.take() == String(data="a") and not subscription.is_ready
     ready.clear()
     client.send_request(AddTwoInts.Request())
-    driver.wait(lambda: ready, timeout_s=10)
+    runner.wait(lambda: ready, timeout_s=10)
     assert ready == [server] and server.is_ready
     assert server.take() is not None and not server.is_ready
     ready.clear()
-    timer.cancel()  # one that is due when it is asked would tell so, and once more when the loop comes to it
-    registrations.append(note(timer))
+    timer.cancel()  # a timer that is already due would notify at once, and again when the loop handles it
+    registrations.append(register(timer))
     assert ready == []
     timer.reset()
-    driver.wait(lambda: ready, timeout_s=10)
-    assert ready == [timer]  # it stays due, and tells that once
-    driver.wait(timeout_s=0.03)
+    runner.wait(lambda: ready, timeout_s=10)
+    assert ready == [timer]  # the timer stays due and calls only once
+    runner.wait(timeout_s=0.03)
     assert ready == [timer]
     assert timer.take() is not None
-    driver.wait(lambda: len(ready) == 2, timeout_s=10)
+    runner.wait(lambda: len(ready) == 2, timeout_s=10)
     assert ready == [timer, timer]
     for one in registrations:
         one.close()
@@ -310,26 +310,26 @@ def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: Loop
     assert timer.take() is not None
     publisher.publish(String(data="b"))
     client.send_request(AddTwoInts.Request())
-    driver.wait(server.take, timeout_s=10)
-    driver.wait(timer.take, timeout_s=10)
-    assert driver.wait(subscription.take, timeout_s=10) == String(data="b")
+    runner.wait(server.take, timeout_s=10)
+    runner.wait(timer.take, timeout_s=10)
+    assert runner.wait(subscription.take, timeout_s=10) == String(data="b")
     assert ready == []
     publisher.publish(String(data="c"))
-    assert driver.wait(lambda: subscription.is_ready, timeout_s=10)
+    assert runner.wait(lambda: subscription.is_ready, timeout_s=10)
     subscription.close()
     assert not subscription.is_ready
 
 
 @pytest.mark.every_transport
-async def test_it_is_ready_on_an_asyncio_loop_as_well(world: World) -> None:
+async def test_on_ready_is_called_on_an_asyncio_loop(world: World) -> None:
     node = world.node("n")
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
-    told = threading.Event()
-    subscription.on_ready(told.set)
+    calls = threading.Event()
+    subscription.on_ready(calls.set)
     await publisher.wait_for_subscribers(timeout_s=10)
     await subscription.wait_for_publishers(timeout_s=10)
     publisher.publish(String(data="a"))
-    await until(told.is_set)
+    await until(calls.is_set)
     assert subscription.is_ready
     assert await asyncio.to_thread(subscription.take) == String(data="a") and not subscription.is_ready
     publisher.publish(String())
@@ -339,7 +339,7 @@ async def test_it_is_ready_on_an_asyncio_loop_as_well(world: World) -> None:
     assert [endpoint.endpoint_gid for endpoint in node.get_publishers_info_by_topic("t")] == [publisher.gid]
 
 
-async def test_what_has_a_callback_is_not_taken_from(memory: World) -> None:
+async def test_take_is_refused_for_entities_with_a_callback(memory: World) -> None:
     node = memory.node("n")
     timer, subscription = node.create_timer(1.0, print), node.create_subscription(String, "t", print)
     server: Any = node.create_service(AddTwoInts, "add", print)
@@ -355,29 +355,29 @@ async def test_what_has_a_callback_is_not_taken_from(memory: World) -> None:
             await waiting
 
 
-async def test_what_is_there_already_is_told_at_once(memory: World) -> None:
+async def test_on_ready_is_called_at_once_for_existing_items(memory: World) -> None:
     node = memory.node("n")
-    publisher, subscription, told = node.create_publisher(String, "t"), node.create_subscription(String, "t"), []
-    with subscription.on_ready(lambda: told.append(1)):
-        assert told == []
+    publisher, subscription, calls = node.create_publisher(String, "t"), node.create_subscription(String, "t"), []
+    with subscription.on_ready(lambda: calls.append(1)):
+        assert calls == []
         publisher.publish(String())
-        await until(lambda: told)
-        subscription.on_ready(lambda: told.append(2))
-    assert told == [1, 2]
+        await until(lambda: calls)
+        subscription.on_ready(lambda: calls.append(2))
+    assert calls == [1, 2]
     publisher.publish(String())
-    await until(lambda: len(told) == 3)
-    assert told == [1, 2, 2]
+    await until(lambda: len(calls) == 3)
+    assert calls == [1, 2, 2]
 
 
-async def test_an_on_ready_function_that_fails_is_reported_and_disturbs_nobody(
+async def test_failing_on_ready_function_is_logged_and_others_are_called(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = memory.node("n")
-    publisher, subscription, told = node.create_publisher(String, "t"), node.create_subscription(String, "t"), []
+    publisher, subscription, calls = node.create_publisher(String, "t"), node.create_subscription(String, "t"), []
     subscription.on_ready(lambda: 1 / 0)
-    subscription.on_ready(lambda: told.append(1))
+    subscription.on_ready(lambda: calls.append(1))
     publisher.publish(String())
-    await until(lambda: told)
+    await until(lambda: calls)
     assert "the on_ready function of the subscription on /t" in caplog.text
     for wrong in (None, 3):
         with pytest.raises(TypeError, match="the on_ready function of the subscription on /t must be a function"):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-async def test_ticks_come_at_the_period_and_do_not_drift(memory: World) -> None:
+async def test_timer_ticks_at_its_period_without_drift(memory: World) -> None:
     now_s = asyncio.get_running_loop().time
     began = now_s()
     timer = memory.node("n").create_wall_timer(0.02)
@@ -32,7 +32,7 @@ async def test_ticks_come_at_the_period_and_do_not_drift(memory: World) -> None:
     assert timer.missed == 0
 
 
-async def test_missed_ticks_are_skipped_and_counted(memory: World) -> None:
+async def test_missed_timer_ticks_are_skipped_and_counted(memory: World) -> None:
     timer = memory.node("n").create_timer(0.01)
     loop: Any = asyncio.get_running_loop()
     loop.advance_s(0.055)  # something holds it up
@@ -40,7 +40,7 @@ async def test_missed_ticks_are_skipped_and_counted(memory: World) -> None:
     assert (round(since_last.seconds, 6), timer.missed, timer.call_count) == (0.055, 4, 1)
 
 
-async def test_a_timer_follows_a_system_clock_that_somebody_sets(memory: World) -> None:
+async def test_timer_follows_a_system_clock_that_is_set_forward(memory: World) -> None:
     now_s, set_ns = asyncio.get_running_loop().time, 0
     clock = Clock(ClockType.SYSTEM_TIME, system_ns=lambda: round(now_s() * NS_PER_S) + set_ns)
     timer = memory.node("n").create_timer(3600.0, clock=clock)
@@ -52,7 +52,7 @@ async def test_a_timer_follows_a_system_clock_that_somebody_sets(memory: World) 
     assert now_s() - began <= 1.0
 
 
-async def test_the_iterator_ends_and_tick_raises_when_the_timer_closes(memory: World) -> None:
+async def test_closing_timer_ends_iteration_and_raises_in_tick(memory: World) -> None:
     timer = memory.node("n").create_timer(100)
 
     async def iterate() -> int:
@@ -68,7 +68,7 @@ async def test_the_iterator_ends_and_tick_raises_when_the_timer_closes(memory: W
         await ticking
 
 
-async def test_the_period_can_change(memory: World) -> None:
+async def test_timer_period_can_be_changed(memory: World) -> None:
     timer = memory.node("n").create_timer(100)
     assert timer.period == Duration(seconds=100)
     timer.change_period(0.01)
@@ -76,20 +76,20 @@ async def test_the_period_can_change(memory: World) -> None:
     await asyncio.wait_for(timer.tick(), 10)
 
 
-async def test_closing_the_node_cancels_a_callback_without_a_word(
+async def test_closing_node_cancels_running_timer_callback_silently(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = memory.node("n")
     ends: list[str] = []
 
-    async def waits() -> None:
+    async def wait_forever() -> None:
         try:
             await asyncio.sleep(60)
         except asyncio.CancelledError:
             ends.append("cancelled")
             raise
 
-    timer = node.create_timer(0.01, waits)
+    timer = node.create_timer(0.01, wait_forever)
     await until(lambda: timer.missed > 0)
     node.close()
     await until(lambda: bool(ends))
@@ -122,7 +122,7 @@ async def test_a_plain_callback_that_returns_a_coroutine_is_awaited(
 
 
 @pytest.mark.real_time("the thread is over before the timer is due")
-async def test_a_timer_of_another_thread_is_called_in_time_and_on_the_loop(world: World) -> None:
+async def test_timer_created_in_another_thread_calls_back_on_the_loop_in_time(world: World) -> None:
     node = world.node("n")
     await node.create_timer(0.001).tick()  # the loop is attached
     calls: list[tuple[float, int]] = []
@@ -147,7 +147,7 @@ async def test_a_timer_of_another_thread_is_called_in_time_and_on_the_loop(world
     assert calls[0][0] - made[0] >= 0.05
 
 
-async def test_closing_in_another_thread_wakes_who_waits(world: World) -> None:
+async def test_closing_timer_in_another_thread_wakes_pending_tick(world: World) -> None:
     node = world.node("n")
     timer = node.create_timer(100)
     start = time.monotonic()
@@ -161,7 +161,7 @@ async def test_closing_in_another_thread_wakes_who_waits(world: World) -> None:
 
 
 @pytest.mark.real_time("the thread is over before the timer is due")
-async def test_cancel_and_reset_in_another_thread(world: World) -> None:
+async def test_timer_can_be_cancelled_and_reset_in_another_thread(world: World) -> None:
     node = world.node("n")
     done = asyncio.get_running_loop().create_future()
     timer = node.create_timer(0.05, lambda: done.done() or done.set_result(time.monotonic()))

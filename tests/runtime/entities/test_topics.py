@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.every_transport
-async def test_messages_arrive_in_order_through_the_iterator(world: World) -> None:
+async def test_iterating_over_subscription_yields_messages_in_order(world: World) -> None:
     publisher, subscription = await world.connected(String, "chatter")
     for number in range(5):
         publisher.publish(String(data=str(number)))
@@ -37,7 +37,7 @@ async def test_messages_arrive_in_order_through_the_iterator(world: World) -> No
 
 
 @pytest.mark.every_transport
-async def test_keep_last_drops_the_oldest_and_counts(world: World) -> None:
+async def test_keep_last_drops_oldest_messages_and_counts_them(world: World) -> None:
     publisher, subscription = await world.connected(Int32, "n", 5)
     for number in range(100):
         publisher.publish(Int32(data=number))
@@ -48,7 +48,7 @@ async def test_keep_last_drops_the_oldest_and_counts(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_keep_all_loses_nothing(world: World) -> None:
+async def test_keep_all_delivers_every_message(world: World) -> None:
     publisher, subscription = await world.connected(Int32, "n", QoSProfile().keep_all())
     for number in range(2000):
         publisher.publish(Int32(data=number))
@@ -58,7 +58,7 @@ async def test_keep_all_loses_nothing(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_late_joiners_get_what_transient_local_keeps(world: World) -> None:
+async def test_late_transient_local_subscription_receives_retained_messages(world: World) -> None:
     alice, bob = world.pair()
     qos = QoSProfile().keep_last(3).transient_local()
     publisher = alice.create_publisher(Int32, "n", qos)
@@ -66,13 +66,13 @@ async def test_late_joiners_get_what_transient_local_keeps(world: World) -> None
         publisher.publish(Int32(data=number))
     late = bob.create_subscription(Int32, "n", qos=qos)
     assert [(await late.receive(timeout_s=5)).data for _ in range(3)] == [7, 8, 9]
-    volatile = bob.create_subscription(Int32, "n", qos=3)  # not before: a new publisher on Zenoh sends to everybody
+    volatile = bob.create_subscription(Int32, "n", qos=3)  # not earlier: Zenoh sends to all at first
     with pytest.raises(WaitTimeoutError):
         await volatile.receive(timeout_s=0.1)
 
 
 @pytest.mark.every_transport
-async def test_raw_bytes_go_in_and_out_with_their_header(world: World) -> None:
+async def test_raw_bytes_are_published_and_received_with_header(world: World) -> None:
     alice, bob = world.pair()
     typed = bob.create_subscription(Int32, "n")
     raw = bob.create_subscription(Int32, "n", raw=True)
@@ -85,28 +85,28 @@ async def test_raw_bytes_go_in_and_out_with_their_header(world: World) -> None:
     assert data == bytes.fromhex("00010000 07000000")
 
 
-async def test_sequences_of_fixed_size_messages_come_and_go_as_arrays(world: World) -> None:
+async def test_sequences_of_fixed_size_messages_are_published_and_received_as_arrays(world: World) -> None:
     cloud = compile_definition(
         "arrays_msgs/msg/Cloud", f"string frame\nXyz[] points\n{'=' * 80}\nMSG: arrays_msgs/Xyz\nfloat32 x\nuint8 y"
     )
     xyz = cloud._TYPE.fields[1].cls
     alice, bob = world.pair()
     listed = bob.create_subscription(cloud, "n")
-    held = bob.create_subscription(cloud, "n", arrays=True)
+    as_arrays = bob.create_subscription(cloud, "n", arrays=True)
     publisher = alice.create_publisher(cloud, "n")
     assert await publisher.wait_for_subscribers(timeout_s=5, count=2)
     points = np.zeros(3, dtype(xyz))
     points["x"] = [1, 2, 3]
     publisher.publish(cloud(frame="abc", points=points))
     assert (await listed.receive(timeout_s=5)).points == [xyz(1.0), xyz(2.0), xyz(3.0)]
-    found = await held.receive(timeout_s=5)
+    found = await as_arrays.receive(timeout_s=5)
     assert found.points.dtype == points.dtype and found.points["x"].tolist() == [1, 2, 3]
     for wrong in ("std_msgs/msg/String", cloud):
         with pytest.raises(TypeError, match="arrays=True"):
             bob.create_subscription(wrong, "n", raw=wrong is cloud, arrays=True)  # type: ignore[call-overload]
 
 
-async def test_what_cannot_be_published_is_refused_by_name(memory: World) -> None:
+async def test_invalid_types_names_and_raw_bytes_are_refused_when_publishing(memory: World) -> None:
     node = memory.node("alice")
     with pytest.raises(TypeNotFoundError, match="std_msgs/msg/Strin"):
         node.create_publisher("std_msgs/msg/Strin", "s")
@@ -123,7 +123,7 @@ async def test_what_cannot_be_published_is_refused_by_name(memory: World) -> Non
 
 
 @pytest.mark.every_transport
-async def test_samples_that_do_not_decode_are_counted_logged_and_dropped(
+async def test_undecodable_samples_are_dropped_counted_and_logged_once(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     publisher, subscription = await world.connected(String, "s")
@@ -137,7 +137,7 @@ async def test_samples_that_do_not_decode_are_counted_logged_and_dropped(
 
 
 @pytest.mark.every_transport
-async def test_a_type_given_as_text_needs_no_import(world: World) -> None:
+async def test_type_named_by_text_publishes_and_receives_dicts(world: World) -> None:
     alice, bob = world.pair()
     subscription = bob.create_subscription("geometry_msgs/msg/PoseStamped", "pose")
     typed = bob.create_subscription(PoseStamped, "pose")
@@ -151,9 +151,9 @@ async def test_a_type_given_as_text_needs_no_import(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_megabytes_arrive_whole_and_stay_valid(world: World) -> None:
+async def test_large_messages_arrive_intact_and_their_memory_is_not_reused(world: World) -> None:
     qos = QoSProfile(depth=3)
-    if world.kind == "zenoh":  # what does not block is dropped when the machine is busy (docs/internals/zenoh.md 5)
+    if world.kind == "zenoh":  # a busy machine drops samples that do not block (docs/internals/zenoh.md 5)
         qos = QoSProfile(history=History.KEEP_ALL)
     publisher, subscription = await world.connected(Image, "image", qos)
     pixels = np.random.default_rng(1).integers(0, 256, 6_220_800, dtype=np.uint8)
@@ -167,7 +167,7 @@ async def test_megabytes_arrive_whole_and_stay_valid(world: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("how", ["iterate", "receive"])
-async def test_close_in_another_thread_wakes_whoever_waits(world: World, how: str) -> None:
+async def test_closing_subscription_in_another_thread_wakes_pending_receive(world: World, how: str) -> None:
     subscription = world.node("bob").create_subscription(String, "s")
 
     async def iterate() -> int:
@@ -188,7 +188,7 @@ async def test_close_in_another_thread_wakes_whoever_waits(world: World, how: st
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("closed", ["publisher", "node"])
-async def test_a_publish_that_waits_in_a_thread_says_when_its_publisher_closes(
+async def test_blocked_publish_raises_closed_error_when_its_publisher_closes(
     world: World, monkeypatch: pytest.MonkeyPatch, closed: str
 ) -> None:
     node = world.node("alice")
@@ -211,7 +211,7 @@ async def test_a_publish_that_waits_in_a_thread_says_when_its_publisher_closes(
 
 
 @pytest.mark.every_transport
-async def test_closed_things_say_so(world: World) -> None:
+async def test_closed_publisher_subscription_and_node_raise_closed_error(world: World) -> None:
     alice, _ = world.pair()
     publisher = alice.create_publisher(String, "s", QoSProfile().manual_liveliness(lease_s=60))
     publisher.assert_liveliness()
@@ -238,7 +238,7 @@ async def test_closed_things_say_so(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_ignore_local_hears_others_only(world: World) -> None:
+async def test_ignore_local_receives_only_messages_of_other_nodes(world: World) -> None:
     alice, bob = world.pair()
     subscription = alice.create_subscription(String, "s", ignore_local=True)
     own, other = alice.create_publisher(String, "s"), bob.create_publisher(String, "s")

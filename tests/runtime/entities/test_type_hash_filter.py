@@ -30,7 +30,9 @@ def two_messages() -> tuple[Any, Any]:
 
 
 @pytest.mark.every_transport
-async def test_values_do_not_come_out_swapped(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_samples_of_another_definition_are_dropped_counted_and_logged(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     old, new = two_messages()
     alice, bob = world.pair()
     subscription = bob.create_subscription(old, "t")
@@ -44,15 +46,17 @@ async def test_values_do_not_come_out_swapped(world: World, caplog: pytest.LogCa
         await until(lambda: subscription.latest() is None or subscription.incompatible_dropped == 3)
     assert subscription.latest() == old(x=3, y=2)
     await until(lambda: "their definitions of" in caplog.text)
-    said = caplog.text
+    warning = caplog.text
     if world.kind != "zenoh":
-        assert type_hash(old) in said and type_hash(new) in said
-    assert "no messages on /t from node /alice to node /bob: their definitions of check_msgs/msg/Changed" in said
-    await until(lambda: caplog.text.count("their definitions of") == 2)  # each of the two nodes says it, once
+        assert type_hash(old) in warning and type_hash(new) in warning
+    assert "no messages on /t from node /alice to node /bob: their definitions of check_msgs/msg/Changed" in warning
+    await until(lambda: caplog.text.count("their definitions of") == 2)  # each of the two nodes logs it once
 
 
 @pytest.mark.parametrize("mode", ["warn", "off"])
-async def test_who_wants_them_gets_them(world: World, mode: Any, caplog: pytest.LogCaptureFixture) -> None:
+async def test_modes_warn_and_off_deliver_samples_of_another_definition(
+    world: World, mode: Any, caplog: pytest.LogCaptureFixture
+) -> None:
     if world.kind == "zenoh":
         pytest.skip("they do not arrive on Zenoh")
     old, new = two_messages()
@@ -69,7 +73,7 @@ async def test_who_wants_them_gets_them(world: World, mode: Any, caplog: pytest.
 
 
 @pytest.mark.every_transport
-async def test_a_writer_that_tells_no_hash_is_believed(world: World) -> None:
+async def test_samples_of_writer_without_type_hash_are_accepted(world: World) -> None:
     old, _ = two_messages()
     alice, bob = world.pair()
     humble = type(
@@ -77,18 +81,18 @@ async def test_a_writer_that_tells_no_hash_is_believed(world: World) -> None:
     )
     subscription, publisher = bob.create_subscription(old, "t"), alice.create_publisher(humble, "t")
     if world.kind == "zenoh":
-        pytest.skip("who tells no hash is on another key of Zenoh")
+        pytest.skip("a writer without hash is on another key of Zenoh")
     assert await publisher.wait_for_subscribers(5)
     publisher.publish_raw(old(x=1).encode())
     assert (await subscription.receive(5)).x == 1
 
 
 @pytest.mark.every_transport
-async def test_calls_to_a_server_of_another_definition_end_with_the_reason(world: World) -> None:
+async def test_call_to_server_of_another_definition_times_out_with_reason(world: World) -> None:
     old, new = two("srv", "int32 a\n---\nint32 b", "int32 b\nint32 a\n---\nint32 b")
     alice, bob = world.pair()
-    asked: list[Any] = []
-    server = alice.create_service(new, "s", lambda request: asked.append(request) or new.Response(b=1))
+    requests: list[Any] = []
+    server = alice.create_service(new, "s", lambda request: requests.append(request) or new.Response(b=1))
     client = bob.create_client(old, "s")
     await until(lambda: bool(bob.count_services("s")))
     if world.kind != "zenoh":
@@ -100,10 +104,10 @@ async def test_calls_to_a_server_of_another_definition_end_with_the_reason(world
         assert await loose.wait_for_service(5)
         with pytest.raises(CallTimeoutError):
             await loose.call(old.Request(a=1), 0.3)
-        assert (asked, server.incompatible_dropped) == ([], 1)
+        assert (requests, server.incompatible_dropped) == ([], 1)
 
 
-async def test_goals_to_a_server_of_another_definition_are_not_sent(dds: World) -> None:
+async def test_goal_to_action_server_of_another_definition_is_not_executed(dds: World) -> None:
     old, new = two("action", "int32 a\n---\nint32 b\n---\nint32 c", "int32 a\nint32 d\n---\nint32 b\n---\nint32 c")
     alice, bob = dds.pair()
     started: list[Any] = []
@@ -115,7 +119,7 @@ async def test_goals_to_a_server_of_another_definition_are_not_sent(dds: World) 
     assert started == []
 
 
-def test_modes_that_do_not_exist_are_refused(memory: World) -> None:
+def test_unknown_type_hash_check_mode_is_refused(memory: World) -> None:
     old, _ = two_messages()
     strict: Any = "strict"
     with pytest.raises(ValueError, match='type_hash_check must be "convert", "error", "warn" or "off", got \'strict\''):
@@ -126,13 +130,13 @@ def test_modes_that_do_not_exist_are_refused(memory: World) -> None:
     assert isinstance(node, Node) and isinstance(node.context, Context)
 
 
-async def test_a_node_says_that_a_topic_has_another_type(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_node_logs_that_topic_or_service_types_differ(world: World, caplog: pytest.LogCaptureFixture) -> None:
     alice, bob = world.pair()
     alice.create_publisher(String, "t")
     bob.create_subscription(Bool, "t")
-    said = "no messages on /t from node /alice to node /bob: types differ, std_msgs/msg/String and std_msgs/msg/Bool"
-    await until(lambda: caplog.text.count(said) == 2)  # each of the two says it, once
+    warning = "no messages on /t from node /alice to node /bob: types differ, std_msgs/msg/String and std_msgs/msg/Bool"
+    await until(lambda: caplog.text.count(warning) == 2)  # each of the two nodes logs it once
     alice.create_service("std_srvs/srv/Empty", "s", lambda request: {})
     bob.create_client("std_srvs/srv/Trigger", "s")
     either = "types differ, std_srvs/srv/Trigger and", "types differ, std_srvs/srv/Empty and"  # requests or responses
-    await until(lambda: any(said in caplog.text for said in either))
+    await until(lambda: any(warning in caplog.text for warning in either))

@@ -1,4 +1,4 @@
-"""Reading the graph in a thread while the loop changes it."""
+"""Concurrent reads and changes of the graph."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ TOPIC_KEY = TopicKey("topic", "/t")
 
 
 @dataclass(frozen=True)
-class Meanwhile:
+class GrowingEndpoint:
     """Endpoint that adds another one to the graph whenever it is read, like a concurrent thread."""
 
     of: DiscoveredEndpoint
-    come: Callable[[], None]
+    add_endpoint: Callable[[], None]
 
     def __getattr__(self, name: str) -> Any:
         if name not in ("guid", "topic_key"):
-            self.come()
+            self.add_endpoint()
         return getattr(self.of, name)
 
 
 @pytest.mark.parametrize(
-    "ask",
+    "read",
     [
         lambda graph: len(graph.endpoints_on(TOPIC_KEY, writers=True)),
         lambda graph: len(graph.topics()),
     ],
 )
-def test_others_may_come_while_it_is_asked(ask: Callable[[Graph], int]) -> None:
+def test_graph_can_be_read_while_another_thread_adds_endpoints(read: Callable[[Graph], int]) -> None:
     graph = Graph()
     numbers = iter(range(1, 100))
 
@@ -45,7 +45,7 @@ def test_others_may_come_while_it_is_asked(ask: Callable[[Graph], int]) -> None:
 
     first = endpoint()
     graph.apply(first)
-    looked_at: Any = Meanwhile(first, lambda: graph.apply(endpoint()) and None)
-    graph.add(looked_at)
-    assert ask(graph) == 1
+    growing: Any = GrowingEndpoint(first, lambda: graph.apply(endpoint()) and None)
+    graph.add(growing)
+    assert read(graph) == 1
     assert len(graph.endpoints) > 1

@@ -34,12 +34,12 @@ GUID = PREFIX + b"\0\0\1\xc1"
         ("/ns/t", "unmangled", "/ns/t"),
     ],
 )
-def test_a_name_of_dds_tells_what_it_carries_and_is_found_again(dds: str, kind: str, name: str) -> None:
+def test_dds_topic_names_convert_to_topic_keys_and_back(dds: str, kind: str, name: str) -> None:
     topic_key = ddsnames.topic_key_of(dds)
     assert topic_key == (kind, name) and ddsnames.wire_name(topic_key) == dds
 
 
-def test_types_of_programs_without_ros_keep_their_names() -> None:
+def test_type_names_without_ros_mangling_stay_unchanged() -> None:
     assert [ddsnames.ros_type(name) for name in ("std_msgs::msg::dds_::String_", "HelloWorld")] == [
         "std_msgs/msg/String",
         "HelloWorld",
@@ -55,11 +55,11 @@ def test_types_of_programs_without_ros_keep_their_names() -> None:
         ("X_Request", None),
     ],
 )
-def test_a_half_of_a_service_knows_whose(type: str, service: str | None) -> None:
+def test_service_type_is_derived_from_request_or_response_type(type: str, service: str | None) -> None:
     assert found(bytes(16), bytes(16), "rq/sRequest", type, DEFAULT).service_type == service
 
 
-def test_user_data_texts() -> None:
+def test_user_data_of_participants_and_endpoints_is_formatted_like_ros() -> None:
     assert ddsnames.participant_user_data() == b"enclave=/;"
     assert ddsnames.endpoint_user_data("RIHS01_ab") == b"typehash=RIHS01_ab;"
     assert ddsnames.endpoint_user_data("RIHS01_ab", client_id=" 1.2") == b"clientid= 1.2;typehash=RIHS01_ab;"
@@ -88,11 +88,11 @@ def test_user_data_texts() -> None:
         (b"clientid= 1.2;typehash=x;sertypehash=y;", {"clientid": " 1.2", "typehash": "x", "sertypehash": "y"}),
     ],
 )
-def test_user_data_is_read_up_to_what_is_malformed(data: bytes, pairs: dict[str, str]) -> None:
+def test_user_data_is_parsed_up_to_the_first_malformed_pair(data: bytes, pairs: dict[str, str]) -> None:
     assert ddsnames.parse_user_data(data) == pairs
 
 
-def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
+def test_graph_message_equals_the_encoded_generated_class() -> None:
     reader, writer = PREFIX + b"\0\0\5\4", PREFIX + b"\0\0\6\3"
     data = discovery_info.encode_message(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
     expected = ParticipantEntitiesInfo(
@@ -115,12 +115,12 @@ def test_an_invalid_name_or_guid_hides_no_other_node_of_the_participant() -> Non
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])
-def test_other_bytes_are_refused(data: bytes) -> None:
+def test_malformed_graph_messages_raise_decode_error(data: bytes) -> None:
     with pytest.raises(DecodeError):
         discovery_info.decode_message(data, PREFIX)
 
 
-def test_endpoints_find_their_node_or_a_placeholder() -> None:
+def test_node_of_endpoint_is_its_node_or_a_placeholder() -> None:
     graph = Graph()
     writer = found(PREFIX + b"\0\0\6\3", GUID, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
     graph.apply(writer)
@@ -137,7 +137,7 @@ def test_endpoints_find_their_node_or_a_placeholder() -> None:
     assert graph.nodes() == []
 
 
-def test_a_participant_is_wholly_known_whatever_others_lack() -> None:
+def test_completeness_of_a_participant_does_not_depend_on_other_participants() -> None:
     graph, other = Graph(), PREFIX[:-1] + b"\5\0\0\1\xc1"
     writer = found(PREFIX + b"\0\0\6\3", GUID, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
     late = found(other[:12] + b"\0\0\7\3", other, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
@@ -145,7 +145,7 @@ def test_a_participant_is_wholly_known_whatever_others_lack() -> None:
     def known(of: bytes | None = None) -> tuple[bool, bool]:
         return graph.node_names_complete(of), graph.endpoints_complete(of)
 
-    assert known(GUID) == (True, False)  # who that is is not known
+    assert known(GUID) == (True, False)  # the participant itself is not known yet
     for one in (writer, ParticipantDiscovered(GUID, "/"), ParticipantDiscovered(other, "/")):
         graph.apply(one)
     assert (known(GUID), known(other)) == ((False, True), (False, True))

@@ -30,12 +30,12 @@ class Managed(LifecycleNode):
         super().__init__(name, context=context)
         self.calls: list[tuple[str, State]] = []
         self.answers: dict[str, Any] = {}
-        self.hold: asyncio.Event | None = None
+        self.may_continue: asyncio.Event | None = None
 
     async def _note(self, name: str, state: State) -> Any:
         self.calls.append((name, state))
-        if self.hold is not None:
-            await self.hold.wait()
+        if self.may_continue is not None:
+            await self.may_continue.wait()
         answer = self.answers.get(name)
         if isinstance(answer, Exception):
             raise answer
@@ -70,7 +70,7 @@ def managed(world: World, cls: type[Managed] = Managed) -> Managed:
 
 
 @pytest.mark.every_transport
-async def test_the_round_trip_with_its_events(world: World) -> None:
+async def test_lifecycle_transitions_call_callbacks_and_publish_events(world: World) -> None:
     seen: list[tuple[int, int]] = []
     stamps: list[int] = []
 
@@ -99,7 +99,7 @@ async def test_the_round_trip_with_its_events(world: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("distro", ["lyrical", "rolling"])
-async def test_events_of_lyrical_have_its_definition_with_time_and_transition(
+async def test_transition_events_of_lyrical_contain_stamp_and_transition(
     world: World, monkeypatch: pytest.MonkeyPatch, distro: str
 ) -> None:
     lyrical: Any = get_message("lifecycle_msgs/msg/TransitionEvent", distro="lyrical")
@@ -133,7 +133,7 @@ async def test_events_of_lyrical_have_its_definition_with_time_and_transition(
         (np.array([1, 2]), TransitionCallbackReturn.ERROR, State.FINALIZED),  # has no truth value
     ],
 )
-async def test_what_a_callback_answers_decides(
+async def test_callback_return_value_determines_transition_outcome(
     world: World, answer: Any, outcome: TransitionCallbackReturn, state: State, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = managed(world)
@@ -154,14 +154,14 @@ async def test_error_processing_may_recover(world: World, answer: Any, state: St
     assert node.calls[-1] == ("error", State.INACTIVE)
 
 
-async def test_impossible_transitions_name_the_possible_ones(world: World) -> None:
+async def test_impossible_transition_raises_error_that_lists_possible_ones(world: World) -> None:
     node = managed(world)
     with pytest.raises(TransitionError, match="'activate' is not possible in state unconfigured; possible: conf"):
         await node.activate()
 
 
 @pytest.mark.every_transport
-async def test_the_services(world: World) -> None:
+async def test_lifecycle_services_change_and_report_the_state(world: World) -> None:
     node = managed(world)
     other = world.node("other")
     change = other.create_client(ChangeState, "/n/change_state")
@@ -194,21 +194,23 @@ async def test_the_services(world: World) -> None:
     assert len((await graph.call(GetAvailableTransitions.Request(), 5)).available_transitions) == 25
 
 
-async def test_only_one_transition_at_a_time(world: World) -> None:
+async def test_second_transition_is_refused_while_one_is_running(world: World) -> None:
     node = managed(world)
-    node.hold = asyncio.Event()
+    node.may_continue = asyncio.Event()
     first = asyncio.ensure_future(node.configure())
     await until(lambda: node.state is State.CONFIGURING)
     with pytest.raises(TransitionError, match="in state configuring; possible: nothing"):
         await node.shutdown()
-    node.hold.set()
+    node.may_continue.set()
     assert await first is TransitionCallbackReturn.SUCCESS
 
 
-async def test_managed_publishers_are_silent_while_inactive(world: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_lifecycle_publishers_drop_messages_while_inactive(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     node = managed(world)
-    heard: list[int] = []
-    world.node("listener").create_subscription(TimeMessage, "t", lambda m: heard.append(m.sec))
+    received: list[int] = []
+    world.node("listener").create_subscription(TimeMessage, "t", lambda m: received.append(m.sec))
     told: list[MatchedStatus] = []
     callbacks = PublisherEventCallbacks(matched=told.append)
     publisher = node.create_lifecycle_publisher(TimeMessage, "t", event_callbacks=callbacks)
@@ -223,16 +225,16 @@ async def test_managed_publishers_are_silent_while_inactive(world: World, caplog
     publisher.publish_raw(TimeMessage(sec=4).encode())
     await node.deactivate()
     publisher.publish(TimeMessage(sec=5))
-    await until(lambda: len(heard) == 2)
-    assert heard == [3, 4] and publisher.silenced == 4
+    await until(lambda: len(received) == 2)
+    assert received == [3, 4] and publisher.silenced == 4
     assert caplog.text.count("while the node is not active") == 1
 
 
-def test_the_machine_does_not_keep_its_node_alive(world: World) -> None:
+def test_closed_lifecycle_node_is_garbage_collected(world: World) -> None:
     node = managed(world)
-    gone = weakref.ref(node)
+    reference = weakref.ref(node)
     world.nodes.remove(node)
     node.close()
     del node
     gc.collect()
-    assert gone() is None
+    assert reference() is None

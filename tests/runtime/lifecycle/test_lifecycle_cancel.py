@@ -47,7 +47,7 @@ def slow(world: World) -> Slow:
 
 
 @pytest.mark.parametrize(("recovers", "state"), [(True, State.UNCONFIGURED), (False, State.FINALIZED)])
-async def test_a_cancelled_transition_goes_through_error_processing(world: World, recovers: bool, state: State) -> None:
+async def test_cancelled_transition_runs_error_processing(world: World, recovers: bool, state: State) -> None:
     events: list[tuple[int, int]] = []
     listener = world.node("listener")
     seen = listener.create_subscription(TransitionEvent, "/n/transition_event", None, 100)
@@ -69,7 +69,7 @@ async def test_a_cancelled_transition_goes_through_error_processing(world: World
         )
 
 
-async def test_cancelling_a_second_time_ends_error_processing_too(world: World) -> None:
+async def test_second_cancellation_ends_error_processing_in_finalized(world: World) -> None:
     node = slow(world)
     node.error_takes_s = 60
     task = asyncio.ensure_future(node.configure())
@@ -82,7 +82,7 @@ async def test_cancelling_a_second_time_ends_error_processing_too(world: World) 
     assert node.state is State.FINALIZED
 
 
-async def test_a_callback_may_hold_back_the_cancellation(world: World) -> None:
+async def test_transition_succeeds_if_callback_suppresses_cancellation(world: World) -> None:
     node = slow(world)
     node.stubborn = True
     task = asyncio.ensure_future(node.configure())
@@ -101,7 +101,7 @@ class Cancels(Slow):
         raise asyncio.CancelledError
 
 
-async def test_a_callback_that_is_cancelled_by_itself_is_an_error_of_the_transition(world: World) -> None:
+async def test_callback_that_raises_cancelled_error_fails_the_transition(world: World) -> None:
     node = Cancels("n", world.context())
     world.nodes.append(node)
     assert await node.configure() is TransitionCallbackReturn.ERROR and node.state is State.UNCONFIGURED
@@ -110,7 +110,7 @@ async def test_a_callback_that_is_cancelled_by_itself_is_an_error_of_the_transit
     assert node.state is State.UNCONFIGURED and node.log == ["error from unconfigured"] * 2
 
 
-async def test_closing_the_node_ends_a_transition_that_a_service_began(world: World) -> None:
+async def test_closing_node_cancels_transition_started_by_service(world: World) -> None:
     node = slow(world)
     client = world.node("other").create_client(ChangeState, "/n/change_state")
     call = asyncio.ensure_future(client.call(ChangeState.Request(transition=Transition(id=1)), 5))
@@ -128,12 +128,12 @@ class ClosesItself(LifecycleNode):
         self.close()
 
 
-async def test_a_callback_may_close_the_node(world: World) -> None:
+async def test_lifecycle_callback_may_close_its_node(world: World) -> None:
     node = ClosesItself("n", context=world.context())
     assert await node.shutdown() is TransitionCallbackReturn.SUCCESS and node.state is State.FINALIZED
 
 
-def test_the_constructor_takes_what_a_node_takes(world: World) -> None:
+def test_lifecycle_node_has_the_constructor_signature_of_node(world: World) -> None:
     assert inspect.signature(LifecycleNode) == inspect.signature(Node)
     node = LifecycleNode(
         "n",

@@ -1,4 +1,4 @@
-"""Lifecycle state machine: the whole table of docs/internals/protocol.md 12.2."""
+"""Lifecycle state machine: every transition of docs/internals/protocol.md 12.2."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ ENDS = {
 LABELS = sorted({label for _, label in REQUESTS})
 
 
-def test_state_numbers_and_labels() -> None:
+def test_lifecycle_states_have_the_numbers_and_labels_of_ros() -> None:
     assert [int(state) for state in State] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
     assert State.ERRORPROCESSING.label == "errorprocessing"
 
 
-def test_every_request_in_every_state() -> None:
+def test_requested_transition_covers_every_request_in_every_state() -> None:
     by_id = {(start, row[0]): row[1] for (start, _), row in REQUESTS.items()}
     for state in State:
         for label in LABELS:
@@ -59,7 +59,7 @@ def test_every_request_in_every_state() -> None:
     assert requested_transition(State.CONFIGURING, 0, "transition_success") is None
 
 
-def test_every_outcome_in_every_state() -> None:
+def test_finished_transition_covers_every_outcome_in_every_state() -> None:
     for state, (index, outcome) in itertools.product(State, enumerate(TransitionCallbackReturn)):
         if state in ENDS:
             first, *goals = ENDS[state]
@@ -73,12 +73,12 @@ def test_every_outcome_in_every_state() -> None:
 @pytest.mark.parametrize(
     ("state", "outcome"), [(10, TransitionCallbackReturn.SUCCESS), (State.CONFIGURING, "transition_success")]
 )
-def test_numbers_and_texts_are_no_state_and_no_outcome(state: Any, outcome: Any) -> None:
+def test_finished_transition_refuses_values_of_wrong_type(state: Any, outcome: Any) -> None:
     with pytest.raises(TypeError, match="expected a State and a TransitionCallbackReturn, got "):
         finished_transition(state, outcome)
 
 
-def test_the_table_is_public() -> None:
+def test_lifecycle_transition_table_is_public() -> None:
     assert runtime.LIFECYCLE_TRANSITIONS is LIFECYCLE_TRANSITIONS
     row = runtime.requested_transition(runtime.State.UNCONFIGURED, label="configure")
     assert row == runtime.Transition(1, "configure", State.UNCONFIGURED, State.CONFIGURING)
@@ -90,7 +90,7 @@ def test_the_table_is_public() -> None:
 
 
 @pytest.mark.parametrize(
-    ("outcome", "answers"),
+    ("outcome", "values"),
     [
         # 97 to 99 are TRANSITION_CALLBACK_SUCCESS, _FAILURE and _ERROR of lifecycle_msgs/Transition
         (TransitionCallbackReturn.SUCCESS, [None, True, np.True_, 1, TransitionCallbackReturn.SUCCESS, 97]),
@@ -98,6 +98,8 @@ def test_the_table_is_public() -> None:
         (TransitionCallbackReturn.ERROR, [TransitionCallbackReturn.ERROR, 99]),
     ],
 )
-def test_what_the_answer_of_a_callback_means(outcome: TransitionCallbackReturn, answers: list[object]) -> None:
-    for answer in answers:
-        assert to_callback_return(answer) is outcome, answer
+def test_callback_return_values_convert_to_transition_callback_return(
+    outcome: TransitionCallbackReturn, values: list[object]
+) -> None:
+    for value in values:
+        assert to_callback_return(value) is outcome, value

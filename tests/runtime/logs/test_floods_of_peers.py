@@ -58,7 +58,7 @@ async def test_malformed_graph_messages_are_logged_once_a_second(dds: World, cap
     assert max(map(len, found)) < 300
 
 
-async def test_incompatible_endpoints_of_a_peer_are_counted_after_the_first_ones(
+async def test_incompatible_endpoints_are_summarized_after_the_first_ten(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     alice, bob = memory.pair()
@@ -74,7 +74,7 @@ async def test_incompatible_endpoints_of_a_peer_are_counted_after_the_first_ones
     await until(lambda: lines(caplog, "on /other from node"))
 
 
-async def test_refused_changes_of_state_are_logged_once_a_second(
+async def test_refused_lifecycle_state_changes_are_logged_once_a_second(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = LifecycleNode("robot", context=memory.context())
@@ -89,7 +89,7 @@ async def test_refused_changes_of_state_are_logged_once_a_second(
     node.close()
 
 
-async def test_responses_without_the_reader_of_a_client_are_logged_once_a_second(
+async def test_responses_without_client_reader_are_logged_once_a_second(
     memory: World, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alice, bob = memory.pair()
@@ -101,7 +101,7 @@ async def test_responses_without_the_reader_of_a_client_are_logged_once_a_second
     assert len(lines(caplog, "its client's reader never appeared")) == 1
 
 
-def test_a_description_with_many_faulty_joints_takes_few_lines(caplog: pytest.LogCaptureFixture) -> None:
+def test_faulty_joints_of_a_robot_description_are_logged_at_most_ten_times(caplog: pytest.LogCaptureFixture) -> None:
     links = "".join(f'<link name="l{number}"/>' for number in range(COUNT + 1))
     joints = "".join(
         f'<joint name="j{number}" type="continuous"><parent link="l{number}"/><child link="l{number + 1}"/>'

@@ -31,7 +31,7 @@ def open_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[OpenN
     nodes: list[Node] = []
 
     def make(name: str, *ros_arguments: str, program: str = "prog/talker.py") -> Node:
-        monkeypatch.setattr(logging.getLogger(), "handlers", [])  # pytest's own would keep the console quiet
+        monkeypatch.setattr(logging.getLogger(), "handlers", [])  # the handlers of pytest would silence the console
         context = Context(0, transport=transport, args=[program, "--ros-args", *ros_arguments])
         nodes.append(Node(name, context=context))
         return nodes[-1]
@@ -45,7 +45,7 @@ def files(folder: Path) -> list[Path]:
     return sorted(folder.rglob("*.log"))
 
 
-# -------------------------------------------------------------------------------------------------------- who asks
+# ------------------------------------------------------------------------------------------------ flags and names
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,9 @@ def files(folder: Path) -> list[Path]:
         ("--disable-external-lib-logs --enable-external-lib-logs", {}, True),
     ],
 )
-def test_a_file_is_written_only_when_somebody_asks(flags: str, environ: dict[str, str], wanted: bool) -> None:
+def test_log_file_is_written_only_on_request_of_flags_or_environment(
+    flags: str, environ: dict[str, str], wanted: bool
+) -> None:
     assert parse_arguments(["p", "--ros-args", *flags.split()]).logs.wants_file(environ) is wanted
 
 
@@ -76,11 +78,13 @@ def test_a_file_is_written_only_when_somebody_asks(flags: str, environ: dict[str
         ({"ROS_LOG_DIR": "~/l"}, "~/l"),
     ],
 )
-def test_the_folder(environ: dict[str, str], folder: str) -> None:
+def test_logging_directory_follows_environment_variables(environ: dict[str, str], folder: str) -> None:
     assert get_logging_directory(environ) == Path(folder).expanduser()
 
 
-def test_the_folder_is_that_of_this_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_logging_directory_of_this_process_is_read_from_environment_and_not_created(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "logs"))
     assert runtime.get_logging_directory() == tmp_path / "logs" and not (tmp_path / "logs").exists()
 
@@ -98,19 +102,19 @@ def test_the_folder_is_that_of_this_process(monkeypatch: pytest.MonkeyPatch, tmp
         ("odd name.py", "odd_name"),
     ],
 )
-def test_the_file_is_called_after_the_program(program: str, prefix: str) -> None:
+def test_log_file_prefix_is_derived_from_program_name(program: str, prefix: str) -> None:
     assert program_prefix(program) == prefix
 
 
 # ------------------------------------------------------------------------------------------------------ end to end
 
 
-def test_nothing_is_written_by_default(open_node: OpenNode, tmp_path: Path) -> None:
+def test_no_log_file_is_written_by_default(open_node: OpenNode, tmp_path: Path) -> None:
     open_node("n").logger.error("x")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_named_file_holds_the_lines_of_the_console(open_node: OpenNode, tmp_path: Path) -> None:
+def test_named_log_file_contains_the_console_lines(open_node: OpenNode, tmp_path: Path) -> None:
     node = open_node("n", "--log-file-name", "mine", "--log-level", "n.deep:=debug")
     node.logger.info("first\nsecond \ud800")
     node.logger.get_child("deep").debug("third")
@@ -128,7 +132,7 @@ def test_a_named_file_holds_the_lines_of_the_console(open_node: OpenNode, tmp_pa
     ]
 
 
-def test_the_folder_of_the_environment_and_its_format(
+def test_log_file_uses_directory_and_format_of_environment(
     open_node: OpenNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "a" / "b"))
@@ -140,7 +144,7 @@ def test_the_folder_of_the_environment_and_its_format(
     assert path.read_text(encoding="utf-8") == "ERROR red on the console\n"
 
 
-def test_the_first_context_chooses_the_file_and_the_last_one_closes_it(open_node: OpenNode, tmp_path: Path) -> None:
+def test_first_context_chooses_log_file_and_last_context_closes_it(open_node: OpenNode, tmp_path: Path) -> None:
     a, b = open_node("a", "--log-file-name", "one"), open_node("b", "--log-file-name", "one")
     c, d = open_node("c", "--log-file-name", "two"), open_node("d")
     for node in (a, b, c, d):
@@ -160,7 +164,7 @@ def test_the_first_context_chooses_the_file_and_the_last_one_closes_it(open_node
     assert [path.name[:4] for path in files(tmp_path)] == ["one_", "two_"]
 
 
-def test_a_file_that_cannot_be_written_is_an_error_that_says_so(
+def test_unwritable_log_file_raises_log_file_error(
     open_node: OpenNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -173,7 +177,7 @@ def test_a_file_that_cannot_be_written_is_an_error_that_says_so(
     assert len(files(tmp_path)) == 1
 
 
-def test_a_context_that_cannot_be_opened_leaves_no_file_open(tmp_path: Path, open_node: OpenNode) -> None:
+def test_failed_context_leaves_no_log_file_open(tmp_path: Path, open_node: OpenNode) -> None:
     class Broken(MemoryTransport):
         def open(self, *_: object, **__: object) -> None:  # type: ignore[override]
             raise RuntimeError("no network")
@@ -184,7 +188,7 @@ def test_a_context_that_cannot_be_opened_leaves_no_file_open(tmp_path: Path, ope
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
-def test_a_forked_child_does_not_write_its_parents_file(open_node: OpenNode, tmp_path: Path) -> None:
+def test_a_forked_child_does_not_write_to_log_file_of_its_parent(open_node: OpenNode, tmp_path: Path) -> None:
     node = open_node("n", "--log-file-name", "x")
     node.logger.info("before")
     child = os.fork()
@@ -203,7 +207,7 @@ def test_a_forked_child_does_not_write_its_parents_file(open_node: OpenNode, tmp
 # -------------------------------------------------------------------------------------------------------- switches
 
 
-def test_the_first_context_chooses_whether_there_is_a_console(
+def test_first_context_decides_whether_logs_are_printed(
     open_node: OpenNode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     quiet = open_node("quiet", "--disable-stdout-logs")
@@ -220,7 +224,7 @@ def test_the_first_context_chooses_whether_there_is_a_console(
     assert warning.startswith("log switches and log file of this context are ignored") and printed == "printed"
 
 
-def test_a_quiet_node_writes_its_file_and_publishes(
+def test_node_with_disabled_stdout_logs_writes_its_file_and_has_rosout(
     open_node: OpenNode, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     node = open_node("n", "--disable-stdout-logs", "--log-file-name", "x")

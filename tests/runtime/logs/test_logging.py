@@ -70,18 +70,18 @@ def test_logger_names_are_node_names_with_dots(fqn: str, name: str) -> None:
         node_logger("/a/1")
 
 
-def test_loggers_are_public_ours_and_need_no_node() -> None:
+def test_get_logger_returns_ros_loggers_without_a_node() -> None:
     assert runtime.get_logger("a.b") is get_logger("a").get_child("b")
     assert runtime.get_logger("").get_child("a") is get_logger("a")
     assert isinstance(get_logger("a.b"), RosLogger) and get_logger("") is get_root_logger()
     assert get_logger("asyncio") is not python_logging.getLogger("asyncio")
 
 
-def test_levels_of_records_are_rounded_down() -> None:
+def test_python_levels_are_rounded_down_to_ros_levels() -> None:
     assert [ros_level(n) for n in (1, 10, 15, 25, 39, 50, 99)] == [10, 10, 10, 20, 30, 50, 50]
 
 
-def test_the_nearest_configured_ancestor_decides_and_info_is_the_default() -> None:
+def test_logger_level_is_inherited_from_nearest_ancestor_with_info_as_default() -> None:
     assert get_logger("lv.a.b").getEffectiveLevel() == INFO and get_logger_level("lv.a.b") == UNSET
     set_logger_level("lv", "error")
     runtime.set_logger_level("lv.a", "Debug")
@@ -94,14 +94,14 @@ def test_the_nearest_configured_ancestor_decides_and_info_is_the_default() -> No
     set_logger_level("lv", "unset")
 
 
-def test_the_root_can_be_changed_but_not_unset() -> None:
+def test_unsetting_the_root_logger_level_restores_info() -> None:
     set_logger_level("", WARN)
     assert get_logger("anything").getEffectiveLevel() == WARN
     set_logger_level("", UNSET)
     assert get_logger("anything").getEffectiveLevel() == INFO
 
 
-def test_every_level_has_a_method_and_the_call_site_is_the_callers(caught: list[python_logging.LogRecord]) -> None:
+def test_every_level_has_a_method_that_records_the_call_site(caught: list[python_logging.LogRecord]) -> None:
     logger = get_logger("sites")
     line = sys._getframe().f_lineno
     logger.info("a %d", 1)
@@ -124,10 +124,10 @@ def test_every_level_has_a_method_and_the_call_site_is_the_callers(caught: list[
         (INFO, "h", 9),
     ]
     assert {r.pathname for r in caught} == {__file__} and caught[-1].name == "sites.kid"
-    assert {r.funcName for r in caught} == {"test_every_level_has_a_method_and_the_call_site_is_the_callers"}
+    assert {r.funcName for r in caught} == {"test_every_level_has_a_method_that_records_the_call_site"}
 
 
-def test_a_wrapper_counts_calls_for_its_callers(caught: list[python_logging.LogRecord]) -> None:
+def test_stacklevel_applies_once_and_call_site_to_callers_of_a_wrapper(caught: list[python_logging.LogRecord]) -> None:
     def wrapped(text: str) -> None:
         get_logger("wrapped").info(text, once=True, stacklevel=2, stack_info=True)
 
@@ -135,19 +135,19 @@ def test_a_wrapper_counts_calls_for_its_callers(caught: list[python_logging.LogR
         wrapped("a")
         wrapped("b")
     found = [(r.getMessage(), r.funcName) for r in caught]
-    assert found == [(text, "test_a_wrapper_counts_calls_for_its_callers") for text in "ab"]
+    assert found == [(text, "test_stacklevel_applies_once_and_call_site_to_callers_of_a_wrapper") for text in "ab"]
     assert caught[0].stack_info is not None and "in wrapped" not in caught[0].stack_info
 
 
 @pytest.mark.parametrize("name", [None, 5, b"a", ["a"]])
-def test_the_name_of_a_logger_is_a_text(name: Any) -> None:
+def test_logger_name_must_be_a_string(name: Any) -> None:
     for use in (get_logger, get_logger_level, lambda name: set_logger_level(name, INFO)):
         with pytest.raises(TypeError, match="the name of a logger must be a str, got "):
             use(name)
 
 
 @pytest.mark.parametrize("level", [None, 25, 20.0, [], "loud"])
-def test_there_are_six_levels(level: Any) -> None:
+def test_unknown_log_level_is_refused(level: Any) -> None:
     with pytest.raises(LogLevelError, match="unknown log level"):
         set_logger_level("x", level)
 
@@ -161,7 +161,7 @@ def test_exception_logs_the_traceback(caught: list[python_logging.LogRecord]) ->
     assert caught[0].levelno == ERROR and text.startswith("failed\nTraceback") and text.endswith("boom")
 
 
-def test_once_and_skip_first_are_per_line(caught: list[python_logging.LogRecord]) -> None:
+def test_once_skip_first_and_throttle_are_counted_per_call_site(caught: list[python_logging.LogRecord]) -> None:
     logger = get_logger("once")
     for i in range(3):
         logger.info("once %d", i, once=True)
@@ -170,7 +170,7 @@ def test_once_and_skip_first_are_per_line(caught: list[python_logging.LogRecord]
     assert [r.getMessage() for r in caught] == ["once 0", "throttle 0", "skip 1", "skip 2"]
 
 
-def test_once_is_not_used_up_while_the_level_is_off(caught: list[python_logging.LogRecord]) -> None:
+def test_once_is_not_consumed_while_the_level_is_disabled(caught: list[python_logging.LogRecord]) -> None:
     logger = get_logger("later")
     for level in (ERROR, INFO, INFO):
         set_logger_level("later", level)
@@ -178,7 +178,7 @@ def test_once_is_not_used_up_while_the_level_is_off(caught: list[python_logging.
     assert len(caught) == 1
 
 
-def test_throttle_lets_one_through_per_period(
+def test_throttle_logs_one_message_per_period(
     caught: list[python_logging.LogRecord], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for now_s in (0.0, 0.5, 0.99, 1.0, 1.5, 2.1):
@@ -188,12 +188,12 @@ def test_throttle_lets_one_through_per_period(
 
 
 def record(level: int = WARN, msg: str = "hi", name: str = "a.n") -> python_logging.LogRecord:
-    made = python_logging.LogRecord(name, level, "/src/f.py", 12, msg, (), None, "main")
-    made.created = 3.25
-    return made
+    log_record = python_logging.LogRecord(name, level, "/src/f.py", 12, msg, (), None, "main")
+    log_record.created = 3.25
+    return log_record
 
 
-def test_format_tokens() -> None:
+def test_console_format_tokens_are_replaced() -> None:
     text = "{time_as_nanoseconds} {file_name}:{line_number} {function_name} {severity} {nope} {message}"
     assert format_record(record(msg="{name}"), text) == "3250000000 /src/f.py:12 main WARN {nope} {name}"
     assert format_record(record(), "{date_time_with_ms}").endswith(".250")
@@ -214,7 +214,7 @@ COLORED = {"CONSOLE_OUTPUT_FORMAT": "{message}", "COLORIZED_OUTPUT": "1"}
         (COLORED, INFO, "", "hi\n"),
     ],
 )
-def test_a_program_may_have_its_logs_printed_as_the_environment_says_before_a_context_is_open(
+def test_print_logs_follows_environment_without_a_context(
     environ: dict[str, str],
     level: int,
     out: str,
@@ -234,7 +234,7 @@ def test_a_program_may_have_its_logs_printed_as_the_environment_says_before_a_co
     assert capsys.readouterr() == (out, err)
 
 
-def test_records_reach_python_handlers_and_then_the_console_is_quiet(
+def test_console_is_quiet_when_python_handlers_receive_the_records(
     caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log_console.install_console(ConsoleSettings())
@@ -242,17 +242,17 @@ def test_records_reach_python_handlers_and_then_the_console_is_quiet(
     assert "by caplog" in caplog.text and capsys.readouterr().err == ""
 
 
-def test_the_fields_of_a_log_message() -> None:
+def test_log_message_has_the_fields_of_its_record() -> None:
     message = Log(level=WARN, name="a.n", msg="hi", file="/src/f.py", function="main", line=12)
     message.stamp.sec, message.stamp.nanosec = 3, 250_000_000
     assert log_message(record()) == message
 
 
-def test_records_go_to_the_oldest_node_of_the_nearest_logger() -> None:
-    heard: list[tuple[str, str]] = []
+def test_rosout_records_are_routed_to_oldest_node_of_nearest_logger() -> None:
+    received: list[tuple[str, str]] = []
 
     def publish_as(node: str) -> Any:
-        return lambda fields: heard.append((node, fields.name))
+        return lambda fields: received.append((node, fields.name))
 
     router = RosoutRouter()
     router.register("a", publish_as("parent"))
@@ -260,14 +260,14 @@ def test_records_go_to_the_oldest_node_of_the_nearest_logger() -> None:
     router.register("a.n", publish_as("of the same name"))
     for name in ("a", "a.b", "a.n", "a.n.kid", "ax", "other"):
         router.emit(record(name=name))
-    assert heard == [("parent", "a"), ("parent", "a.b"), ("child", "a.n"), ("child", "a.n.kid")]
+    assert received == [("parent", "a"), ("parent", "a.b"), ("child", "a.n"), ("child", "a.n.kid")]
     added.close()
     added.close()
     router.emit(record(name="a.n"))
-    assert heard[-1] == ("of the same name", "a.n")
+    assert received[-1] == ("of the same name", "a.n")
 
 
-def test_publishing_that_logs_does_not_publish_again() -> None:
+def test_logging_inside_rosout_publishing_is_not_published_again() -> None:
     seen: list[str] = []
 
     def publish(record: python_logging.LogRecord) -> None:
@@ -280,7 +280,7 @@ def test_publishing_that_logs_does_not_publish_again() -> None:
     assert seen == ["x"]
 
 
-# ------------------------------------------------------------------------------------------- failures of no or one node
+# -------------------------------------------------------------------------------- failures with and without a node
 
 
 def broken_clock(**options: Any) -> Clock:
@@ -294,7 +294,7 @@ def fail(*_: object) -> None:
 
 
 @pytest.mark.parametrize("switch", ["fatal", "rosidl_py_gen:=fatal"])
-def test_a_level_silences_failures_that_belong_to_no_node(
+def test_log_level_silences_failures_without_a_node(
     memory: World, switch: str, caught: list[python_logging.LogRecord]
 ) -> None:
     broken_clock().enable_ros_time_override()
@@ -307,7 +307,7 @@ def test_a_level_silences_failures_that_belong_to_no_node(
     assert failure.getMessage() == "a time jump callback failed; nothing else is affected"
 
 
-def test_failures_of_a_store_without_a_node_are_reported_in_the_same_place(
+def test_failures_of_parameter_store_without_node_are_logged_by_package_logger(
     caught: list[python_logging.LogRecord],
 ) -> None:
     store = ParameterStore()
@@ -316,13 +316,13 @@ def test_failures_of_a_store_without_a_node_are_reported_in_the_same_place(
     assert [one.name for one in caught] == ["rosidl_py_gen"] and "boom" in message_text(caught[0])
 
 
-async def test_a_failure_is_published_on_rosout_as_the_node_it_belongs_to_and_no_other(world: World) -> None:
+async def test_callback_failure_is_published_on_rosout_by_its_own_node_only(world: World) -> None:
     alice, bob = world.pair()
     logs = bob.create_subscription(Log, "/rosout", qos=ROSOUT)
     broken_clock().enable_ros_time_override()
     alice.clock.create_jump_callback(post=fail, on_clock_change=True)
     alice.clock.enable_ros_time_override()
     bob.logger.warning("the last")
-    heard = [await logs.receive(5), await logs.receive(5)]
-    assert sorted(log.name for log in heard) == ["alice", "bob"]
-    assert any(log.msg.startswith("a time jump callback failed") and "boom" in log.msg for log in heard)
+    received = [await logs.receive(5), await logs.receive(5)]
+    assert sorted(log.name for log in received) == ["alice", "bob"]
+    assert any(log.msg.startswith("a time jump callback failed") and "boom" in log.msg for log in received)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 String: Any = get_message("std_msgs/msg/String")
 SetBool: Any = get_service("std_srvs/srv/SetBool")
-WITHOUT = {
+WITHOUT_SYNC_FORM = {
     "AdaptiveSubscription": "made for loops that await; Node.wait_for_message_sync blocks",
     "Clock": "time.sleep, or a timer",
     "Rate": "made for loops that await",
@@ -41,20 +41,20 @@ def awaitable_methods() -> Iterator[tuple[str, str, type]]:
                     yield class_name, name, cls
 
 
-def test_every_awaitable_method_has_a_blocking_form_or_a_reason() -> None:
+def test_every_awaitable_method_has_a_sync_form_or_a_documented_exception() -> None:
     found = [(owner, name) for owner, name, _ in awaitable_methods()]
     assert {("Subscription", "receive"), ("Client", "call"), ("Node", "wait_for_node")} <= {*found}
     missing = [
         f"{owner}.{name}"
         for owner, name, cls in awaitable_methods()
-        if owner not in WITHOUT and not hasattr(cls, f"{name}_sync")
+        if owner not in WITHOUT_SYNC_FORM and not hasattr(cls, f"{name}_sync")
     ]
     assert missing == []
-    assert {owner for owner, _ in found} >= WITHOUT.keys() - {"SimTimePublisher", "ServiceRequest"}
+    assert {owner for owner, _ in found} >= WITHOUT_SYNC_FORM.keys() - {"SimTimePublisher", "ServiceRequest"}
 
 
 @pytest.mark.every_transport
-def test_a_script_without_event_loop_receives_and_waits(world: World) -> None:
+def test_sync_methods_receive_and_wait_without_event_loop(world: World) -> None:
     if world.kind == "zenoh":
         pytest.skip("the same code runs there")
     alice, bob = world.pair()
@@ -71,7 +71,7 @@ def test_a_script_without_event_loop_receives_and_waits(world: World) -> None:
         subscription.receive_sync(0.01)
 
 
-async def test_on_the_event_loop_it_is_refused_with_the_awaitable_form(memory: World) -> None:
+async def test_sync_method_on_the_event_loop_raises_would_deadlock_error(memory: World) -> None:
     subscription = memory.node("n").create_subscription(String, "t")
     with pytest.raises(
         WouldDeadlockError, match=r"receive_sync of Subscription\(/t.*use 'await \.\.\.receive\(\.\.\.\)'"
@@ -79,7 +79,7 @@ async def test_on_the_event_loop_it_is_refused_with_the_awaitable_form(memory: W
         subscription.receive_sync(1)
 
 
-async def test_another_thread_waits_while_the_loop_goes_on(memory: World) -> None:
+async def test_sync_method_in_another_thread_waits_while_the_loop_runs(memory: World) -> None:
     alice, bob = memory.pair()
     subscription, publisher = bob.create_subscription(String, "t"), alice.create_publisher(String, "t")
     await publisher.wait_for_subscribers(5)

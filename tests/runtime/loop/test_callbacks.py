@@ -1,4 +1,4 @@
-"""Callbacks: each call has a `contextvars` context of its own; failures are logged once, or raised with `on_error`."""
+"""Callbacks: each call has its own `contextvars` context; failures are logged once, or raised with `on_error`."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 
     from support.node_fixtures import World
 
-WHO: ContextVar[str] = ContextVar("WHO", default="nobody")
+CALLER: ContextVar[str] = ContextVar("CALLER", default="nobody")
 CALLS = 3
 
 
 class Calls:
-    """A callback in three forms; `answer` makes its value of its arguments."""
+    """Callback in three forms; `answer` computes its return value from its arguments."""
 
     def __init__(self, *, fails: bool = False) -> None:
-        self.saw: list[str] = []
+        self.seen: list[str] = []
         self.fails = fails
         self.answer: Callable[..., Any] = lambda *_: None
 
     def plain(self, *arguments: object) -> Any:
-        self.saw.append(WHO.get())
-        WHO.set(f"call {len(self.saw)}")
+        self.seen.append(CALLER.get())
+        CALLER.set(f"call {len(self.seen)}")
         answer = self.answer(*arguments)
         if self.fails:
             raise ValueError("no")
@@ -45,30 +45,30 @@ class Calls:
 
     async def later(self, *arguments: object) -> Any:
         await asyncio.sleep(0)
-        before = WHO.get()
-        WHO.set("changed")
+        before = CALLER.get()
+        CALLER.set("changed")
         await asyncio.sleep(0)
-        assert WHO.get() == "changed"
-        WHO.set(before)
+        assert CALLER.get() == "changed"
+        CALLER.set(before)
         return self.plain(*arguments)
 
     def coroutine(self, *arguments: object) -> Any:
         return self.later(*arguments)
 
-    async def all_made(self) -> None:
-        await until(lambda: len(self.saw) == CALLS)
+    async def wait_for_all(self) -> None:
+        await until(lambda: len(self.seen) == CALLS)
 
 
 async def messages(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
     bob.create_subscription(Int32, "n", callback)
     publisher = alice.create_publisher(Int32, "n")
     await publisher.wait_for_subscribers(5)
-    WHO.set("the publisher")
+    CALLER.set("the publisher")
     publisher.publish(Int32())
     publisher.publish(Int32())
-    await until(lambda: len(calls.saw) == 2)
+    await until(lambda: len(calls.seen) == 2)
     publisher.publish(Int32())
-    await calls.all_made()
+    await calls.wait_for_all()
 
 
 async def requests(alice: Node, bob: Node, calls: Calls, handler: Callable[..., Any]) -> None:
@@ -76,9 +76,9 @@ async def requests(alice: Node, bob: Node, calls: Calls, handler: Callable[..., 
     bob.create_service(SetBool, "s", handler)
     client = alice.create_client(SetBool, "s")
     await client.wait_for_service(5)
-    WHO.set("the client")
+    CALLER.set("the client")
     sent = [asyncio.ensure_future(client.call(SetBool.Request())) for _ in range(CALLS)]
-    await calls.all_made()
+    await calls.wait_for_all()
     if not calls.fails:
         await asyncio.gather(*sent)
     for request in sent:
@@ -88,15 +88,15 @@ async def requests(alice: Node, bob: Node, calls: Calls, handler: Callable[..., 
 async def ticks(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
     timer = alice.create_timer(0.01, callback)
     # In the callback, where the variable is set.
-    calls.answer = lambda: timer.close() if len(calls.saw) == CALLS else timer.reset()
-    await calls.all_made()
+    calls.answer = lambda: timer.close() if len(calls.seen) == CALLS else timer.reset()
+    await calls.wait_for_all()
 
 
 async def _goals(alice: Node, bob: Node, execute: Callable[[Any], Any], **options: Any) -> list[Any]:
     bob.create_action_server(Fibonacci, "fib", execute, **options)
     client = alice.create_action_client(Fibonacci, "fib")
     assert await client.wait_for_server(5)
-    WHO.set("the client")
+    CALLER.set("the client")
     sent = [client.send_goal(Fibonacci.Goal(), timeout_s=5) for _ in range(CALLS)]
     return await asyncio.gather(*sent, return_exceptions=True)
 
@@ -104,13 +104,13 @@ async def _goals(alice: Node, bob: Node, execute: Callable[[Any], Any], **option
 async def goals(alice: Node, bob: Node, calls: Calls, execute: Callable[..., Any]) -> None:
     calls.answer = lambda goal: Fibonacci.Result()
     await _goals(alice, bob, execute, goal_policy="queue")  # the end of one goal begins the next
-    await calls.all_made()
+    await calls.wait_for_all()
 
 
 async def goal_requests(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
     calls.answer = lambda goal: True
     await _goals(alice, bob, lambda goal: Fibonacci.Result(), goal_callback=callback)
-    await calls.all_made()
+    await calls.wait_for_all()
 
 
 async def cancel_requests(alice: Node, bob: Node, calls: Calls, callback: Callable[..., Any]) -> None:
@@ -121,7 +121,7 @@ async def cancel_requests(alice: Node, bob: Node, calls: Calls, callback: Callab
     calls.answer = lambda goal: True
     for goal in await _goals(alice, bob, execute, cancel_callback=callback):
         await asyncio.gather(goal.cancel(5), return_exceptions=True)
-    await calls.all_made()
+    await calls.wait_for_all()
 
 
 @dataclass
@@ -134,9 +134,9 @@ class Parameters:
 async def _sets(alice: Node, bob: Node, calls: Calls) -> None:
     client = alice.create_parameter_client("bob")
     assert await client.wait_for_services(5)
-    WHO.set("the client")
+    CALLER.set("the client")
     await client.set({"a": 1, "b": 1, "c": 1}, 5)
-    await calls.all_made()
+    await calls.wait_for_all()
 
 
 async def validations(alice: Node, bob: Node, calls: Calls, validator: Callable[..., Any]) -> None:
@@ -174,15 +174,15 @@ kinds = pytest.mark.parametrize(("scenario", "form"), KINDS, ids=lambda value: g
 
 
 @kinds
-async def test_what_one_call_sets_the_next_does_not_see(world: World, scenario: Any, form: str) -> None:
+async def test_each_callback_call_has_its_own_contextvars_context(world: World, scenario: Any, form: str) -> None:
     alice, bob = world.pair()
     calls = Calls()
     await scenario(alice, bob, calls, getattr(calls, form))
-    assert calls.saw == ["nobody"] * CALLS
+    assert calls.seen == ["nobody"] * CALLS
 
 
 @kinds
-async def test_each_failure_is_logged_once(
+async def test_each_callback_failure_is_logged_once(
     world: World, scenario: Any, form: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     alice, bob = world.pair()
@@ -197,15 +197,15 @@ async def test_each_failure_is_logged_once(
     assert len(failures()) == CALLS and len(set(failures())) == 1, failures()
 
 
-async def test_a_call_sees_what_was_set_where_the_function_was_handed_in(world: World) -> None:
+async def test_callback_runs_in_contextvars_context_of_its_registration(world: World) -> None:
     alice, bob = world.pair()
     calls = Calls()
-    WHO.set("its maker")
+    CALLER.set("its maker")
     await messages(alice, bob, calls, calls.plain)
-    assert calls.saw == ["its maker"] * CALLS
+    assert calls.seen == ["its maker"] * CALLS
 
 
-async def test_an_async_function_is_cancelled_and_timed_out_as_in_any_task(world: World) -> None:
+async def test_async_callback_can_time_out_and_is_cancelled_on_close(world: World) -> None:
     alice, bob = world.pair()
     outcomes: list[str] = []
 
@@ -242,7 +242,7 @@ class Owner:
         self.reports.append(f"{doing}: {type(sys.exc_info()[1]).__name__}")
 
 
-def test_what_makes_use_of_the_answer_may_fail_too() -> None:
+def test_failing_on_result_function_is_reported() -> None:
     async def main() -> None:
         owner = Owner()
         assert UserCallback(owner, lambda: "x", "the callback").call(on_result=int) is None
@@ -251,7 +251,7 @@ def test_what_makes_use_of_the_answer_may_fail_too() -> None:
     asyncio.run(main())
 
 
-def test_a_cancellation_from_elsewhere_is_a_failure_and_an_own_one_an_end() -> None:
+def test_foreign_cancellation_is_reported_and_cancellation_of_own_task_is_not() -> None:
     async def main() -> None:
         owner, foreign = Owner(), asyncio.get_running_loop().create_future()
         user = UserCallback(owner, lambda: asyncio.wait_for(foreign, 5), "the callback")
@@ -298,7 +298,7 @@ def set_parameter(node: Node) -> None:
 
 
 @kinds
-def test_run_ends_with_what_any_function_of_the_user_raised(context: Context, scenario: Any, form: str) -> None:
+def test_run_raises_the_exception_of_any_user_function(context: Context, scenario: Any, form: str) -> None:
     alice, bob = (Node(name, context=context, on_error="raise") for name in ("alice", "bob"))
 
     async def main() -> None:
@@ -311,14 +311,14 @@ def test_run_ends_with_what_any_function_of_the_user_raised(context: Context, sc
     assert caught.traceback[-1].name == "plain"
 
 
-def test_a_callback_of_time_jumps_counts_too(context: Context) -> None:
+def test_time_jump_callback_failure_is_raised_with_on_error_raise(context: Context) -> None:
     with pytest.raises(AssertionError, match=BAD), Node("n", context=context, on_error="raise") as node:
         node.clock.create_jump_callback(post=fails, on_clock_change=True)
         node.clock.enable_ros_time_override()
 
 
 @pytest.mark.parametrize("scenario", [messages, requests, goals, post_sets])
-async def test_async_with_ends_with_it_on_a_loop_that_is_not_ours(context: Context, scenario: Any) -> None:
+async def test_async_with_raises_callback_failure_on_an_asyncio_loop(context: Context, scenario: Any) -> None:
     alice, calls = Node("alice", context=context), Calls(fails=True)
     with pytest.raises(ValueError, match="no"):
         async with Node("bob", context=context, on_error="raise") as bob:
@@ -328,14 +328,14 @@ async def test_async_with_ends_with_it_on_a_loop_that_is_not_ours(context: Conte
     await asyncio.sleep(0)  # the cancellation is over
 
 
-async def test_a_context_gives_its_nodes_the_choice_and_is_ended_as_a_whole() -> None:
+async def test_context_passes_on_error_to_its_nodes_and_raises_their_failures() -> None:
     with pytest.raises(AssertionError, match=BAD):
         async with Context(0, transport=MemoryTransport(), args=["test"], on_error="raise") as context:
             await publish(Node("n", context=context))
             await asyncio.Event().wait()
 
 
-def test_a_lifecycle_callback_counts_too(context: Context) -> None:
+def test_lifecycle_callback_failure_is_raised_with_on_error_raise(context: Context) -> None:
     class Part(LifecycleNode):
         def on_configure(self, state: State) -> None:
             fails()
@@ -350,7 +350,7 @@ def test_a_lifecycle_callback_counts_too(context: Context) -> None:
         run(main)
 
 
-def test_spin_ends_with_it(context: Context) -> None:
+def test_spin_raises_callback_failure_and_closes_the_node(context: Context) -> None:
     node = Node("n", context=context, on_error="raise")
     node.create_timer(0.001, fails)
     with pytest.raises(AssertionError, match=BAD):
@@ -358,18 +358,18 @@ def test_spin_ends_with_it(context: Context) -> None:
     assert node.is_closed
 
 
-def test_a_blocking_call_ends_with_it(context: Context) -> None:
+def test_blocking_call_raises_callback_failure(context: Context) -> None:
     with pytest.raises(AssertionError, match=BAD), Node("n", context=context, on_error="raise") as node:
         node.create_service(SetBool, "s", fails)
         node.create_client(SetBool, "s").call_sync(SetBool.Request())
 
 
-def test_what_nobody_could_take_ends_the_with_block(context: Context) -> None:
+def test_pending_callback_failure_is_raised_at_end_of_with_block(context: Context) -> None:
     with pytest.raises(AssertionError, match=BAD), Node("n", context=context, on_error="raise") as node:
         set_parameter(node)
 
 
-def test_the_first_of_several_counts(context: Context) -> None:
+def test_one_of_two_callback_failures_is_raised(context: Context) -> None:
     def other(_: object) -> None:
         raise ValueError("and so did the door")
 
@@ -380,7 +380,7 @@ def test_the_first_of_several_counts(context: Context) -> None:
         node.set_parameters({"p": 2})
 
 
-async def test_an_exception_of_the_block_itself_and_a_foreign_cancellation_pass(context: Context) -> None:
+async def test_exception_or_cancellation_of_the_block_takes_precedence(context: Context) -> None:
     with pytest.raises(KeyError):
         async with Node("n", context=context, on_error="raise") as node:
             set_parameter(node)
@@ -397,11 +397,11 @@ async def test_an_exception_of_the_block_itself_and_a_foreign_cancellation_pass(
         await task
 
 
-async def test_by_default_all_goes_on(context: Context) -> None:
-    heard: list[int] = []
+async def test_callbacks_continue_after_a_failure_by_default(context: Context) -> None:
+    received: list[int] = []
 
     def callback(message: Int64) -> None:
-        heard.append(message.data)
+        received.append(message.data)
         if message.data == 1:
             fails()
 
@@ -410,11 +410,11 @@ async def test_by_default_all_goes_on(context: Context) -> None:
         publisher = node.create_publisher(Int64, "t")
         for number in (1, 2):
             publisher.publish(Int64(data=number))
-        while len(heard) < 2:
+        while len(received) < 2:
             await asyncio.sleep(0)
 
 
-def test_a_failure_in_another_thread_is_heard_too(context: Context) -> None:
+def test_callback_failure_in_another_thread_ends_run(context: Context) -> None:
     node = Node("n", context=context, on_error="raise")
     node.declare_parameter("p", 1)
     node.add_post_set_callback(fails)
@@ -428,7 +428,7 @@ def test_a_failure_in_another_thread_is_heard_too(context: Context) -> None:
         run(main)
 
 
-def test_another_word_than_log_and_raise_is_refused(context: Context) -> None:
+def test_unknown_on_error_value_is_refused(context: Context) -> None:
     with pytest.raises(ValueError, match="'log' or 'raise', got 'ignore'"):
         Node("n", context=context, on_error="ignore")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="on_error must be"):

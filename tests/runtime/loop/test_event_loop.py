@@ -76,7 +76,7 @@ def rounds(monkeypatch: pytest.MonkeyPatch) -> list[float | None]:
     return waits
 
 
-def test_a_task_goes_on_in_the_round_in_which_its_data_came(
+def test_task_resumes_in_the_loop_iteration_in_which_its_data_arrived(
     loop: EventLoop, pipes: list[Pipe], rounds: list[float | None]
 ) -> None:
     pipe = pipes[0]
@@ -93,11 +93,11 @@ def test_a_task_goes_on_in_the_round_in_which_its_data_came(
         pipe.write()
         return await future, len(rounds)
 
-    came, went_on = loop.run_until_complete(main())
-    assert came == went_on
+    arrival_round, resume_round = loop.run_until_complete(main())
+    assert arrival_round == resume_round
 
 
-def test_a_sample_wakes_a_task_without_one_more_round(dds: World, rounds: list[float | None]) -> None:
+def test_sample_wakes_task_without_another_loop_iteration(dds: World, rounds: list[float | None]) -> None:
     alice, bob = dds.pair()
     publisher, subscription = alice.create_publisher(Int32, "n"), bob.create_subscription(Int32, "n")
     last: list[float | None] = []
@@ -108,7 +108,7 @@ def test_a_sample_wakes_a_task_without_one_more_round(dds: World, rounds: list[f
         for number in range(100):
             sending = while_the_loop_sleeps(partial(publisher.publish, Int32(data=number)))
             assert (await subscription.receive(timeout_s=5)).data == number
-            last.append(rounds[-1])  # 0 when the round that slept was followed by one more
+            last.append(rounds[-1])  # 0 if another iteration followed the one that slept
             sending.join()
             if last[-1]:
                 break
@@ -117,7 +117,7 @@ def test_a_sample_wakes_a_task_without_one_more_round(dds: World, rounds: list[f
     assert last[-1], last
 
 
-def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
+def test_remaining_work_of_priority_reader_runs_as_callback_in_same_iteration(
     loop: EventLoop, pipes: list[Pipe], rounds: list[float | None]
 ) -> None:
     pipe, seen = pipes[0], list[tuple[str, int]]()
@@ -136,14 +136,14 @@ def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
 
         loop.add_priority_reader(pipe.read_end, early, callback)
         await asyncio.wait_for(done.wait(), 10)
-        for _ in range(3):  # in which it would be called again
+        for _ in range(3):  # a second call would happen in these iterations
             await asyncio.sleep(0)
 
     loop.run_until_complete(main())
     assert seen == [("early", seen[0][1]), ("callback", seen[0][1])]
 
 
-def test_however_many_descriptors_are_ready_all_are_seen(loop: EventLoop, pipes: list[Pipe]) -> None:
+def test_all_ready_descriptors_are_read_even_above_max_events(loop: EventLoop, pipes: list[Pipe]) -> None:
     ours, theirs = socket.socketpair()
     with ours, theirs:
         ours.setblocking(False)
@@ -159,17 +159,15 @@ def test_however_many_descriptors_are_ready_all_are_seen(loop: EventLoop, pipes:
         assert [pipe.seen for pipe in pipes] == [1] * len(pipes)
 
 
-def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_waiting(
-    loop: EventLoop, pipes: list[Pipe]
-) -> None:
+def test_permanently_ready_descriptors_do_not_starve_timers_and_sockets(loop: EventLoop, pipes: list[Pipe]) -> None:
     calls = dict.fromkeys(range(len(pipes)), 0)
     for number, pipe in enumerate(pipes):
 
-        def look(number: int = number) -> bool:
+        def poll(number: int = number) -> bool:
             calls[number] += 1
             return False
 
-        loop.add_priority_reader(pipe.read_end, look, pipe.on_read)
+        loop.add_priority_reader(pipe.read_end, poll, pipe.on_read)
 
     async def main() -> None:
         ours, theirs = socket.socketpair()
@@ -179,16 +177,14 @@ def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_wa
                 theirs.send(b"x")
                 await asyncio.wait_for(loop.sock_recv(ours, 1), 10)
                 start = time.monotonic()
-                await asyncio.sleep(0.002)  # a timer, which this is about
+                await asyncio.sleep(0.002)  # the timer under test
                 assert time.monotonic() - start < 10
 
     loop.run_until_complete(main())
     assert min(calls.values()) >= 10
 
 
-def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
-    loop: EventLoop, pipes: list[Pipe]
-) -> None:
+def test_priority_reader_may_remove_itself_and_another_reader(loop: EventLoop, pipes: list[Pipe]) -> None:
     calls: list[int] = []
     for number in (0, 1):
 
@@ -209,7 +205,7 @@ def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
     assert len(calls) == 1
 
 
-def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(pipes: list[Pipe]) -> None:
+def test_closed_loop_leaves_no_descriptors_and_allows_reader_removal(pipes: list[Pipe]) -> None:
     before = len(os.listdir("/proc/self/fd"))
     loop = EventLoop()
     loop.add_priority_reader(pipes[0].read_end, pipes[0].read, pipes[0].on_read)
@@ -219,7 +215,7 @@ def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(p
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of policies, which programs use until 3.16
-def test_loop_of_a_policy_is_not_replaced() -> None:
+def test_event_loop_of_a_policy_is_used() -> None:
     class Chosen(asyncio.SelectorEventLoop):
         pass
 
@@ -240,7 +236,7 @@ def test_loop_of_a_policy_is_not_replaced() -> None:
             asyncio.set_event_loop_policy(None)
 
 
-def test_run_uses_it() -> None:
+def test_run_uses_our_event_loop() -> None:
     async def main() -> type[asyncio.AbstractEventLoop]:
         return type(asyncio.get_running_loop())
 

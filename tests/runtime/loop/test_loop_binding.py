@@ -1,4 +1,4 @@
-"""Binding of a context to an event loop, and the way of samples through the transport's pipe."""
+"""Binding of a context to an event loop, and delivery of samples through the transport's wakeup pipe."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class LoopWithoutReaders(asyncio.SelectorEventLoop):
 
 
 def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
-    async def served() -> None:
+    async def attach_and_run() -> None:
         attach_all()
         await main
 
@@ -52,7 +52,7 @@ def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
     }
     loop = makers[kind]()
     try:
-        loop.run_until_complete(asyncio.wait_for(served(), 20))
+        loop.run_until_complete(asyncio.wait_for(attach_and_run(), 20))
     finally:
         end_tasks(loop)  # Ctrl-C leaves them
         loop.close()
@@ -71,18 +71,18 @@ def descriptors() -> int:
 
 
 def numbers(node: Node, topic: str = "n", **options: Any) -> list[int]:
-    heard: list[int] = []
-    node.create_subscription(Int32, topic, lambda message: heard.append(message.data), **options)
-    return heard
+    received: list[int] = []
+    node.create_subscription(Int32, topic, lambda message: received.append(message.data), **options)
+    return received
 
 
 # --------------------------------------------------------------------------------------------------------- every loop
 
 
 @loops
-def test_three_contexts_on_one_loop_hear_everything(dds: World, kind: str) -> None:
+def test_three_contexts_on_one_loop_receive_all_messages(dds: World, kind: str) -> None:
     nodes = [dds.node(f"n{number}") for number in range(3)]
-    heard = [numbers(node) for node in nodes]
+    received = [numbers(node) for node in nodes]
     publisher = nodes[0].create_publisher(Int32, "n")
 
     async def main() -> None:
@@ -90,14 +90,14 @@ def test_three_contexts_on_one_loop_hear_everything(dds: World, kind: str) -> No
         for number in range(5):
             publisher.publish(Int32(data=number))
             await asyncio.to_thread(publisher.publish, Int32(data=number + 10))
-        await until(lambda: all(len(one) == 10 for one in heard))
+        await until(lambda: all(len(one) == 10 for one in received))
         assert threads() == (["rosidl-py-gen receiver"] * 3 if kind == "no readers" else [])
 
     run_on(kind, main())
 
 
 @loops
-def test_services_and_discovery_work_between_processes_of_one_loop_after_the_other(dds: World, kind: str) -> None:
+def test_services_and_discovery_work_on_consecutive_event_loops_of_one_process(dds: World, kind: str) -> None:
     server, caller = dds.pair()
     client = caller.create_client(SetBool, "set")
 
@@ -115,32 +115,32 @@ def test_services_and_discovery_work_between_processes_of_one_loop_after_the_oth
 
 
 @loops
-def test_what_arrives_while_no_loop_runs_waits_for_one(dds: World, kind: str) -> None:
+def test_samples_received_without_running_loop_are_delivered_by_next_loop(dds: World, kind: str) -> None:
     alice, bob = dds.pair()
-    publisher, heard = alice.create_publisher(Int32, "n"), numbers(bob)
+    publisher, received = alice.create_publisher(Int32, "n"), numbers(bob)
 
     async def main(number: int) -> None:
         await publisher.wait_for_subscribers(timeout_s=5)
-        await until(lambda: number == 0 or heard)
+        await until(lambda: number == 0 or received)
 
     run_on("asyncio", main(0))
     publisher.publish(Int32(data=1))
     run_on(kind, main(1))
-    assert heard == [1]
+    assert received == [1]
 
 
 @loops
-def test_another_thread_may_close_a_context_of_a_running_loop(dds: World, kind: str) -> None:
+def test_another_thread_can_close_a_context_of_a_running_loop(dds: World, kind: str) -> None:
     before = descriptors()
 
     async def main() -> None:
         for _ in range(3):
             left, right = dds.context(), dds.context()
-            heard = numbers(dds.node("right", context=right))
+            received = numbers(dds.node("right", context=right))
             publisher = dds.node("left", context=left).create_publisher(Int32, "n")
             await publisher.wait_for_subscribers(timeout_s=5)
             publisher.publish(Int32(data=1))
-            while not heard:
+            while not received:
                 await asyncio.sleep(0.01)
             await asyncio.to_thread(right.close)
             await asyncio.to_thread(left.close)
@@ -151,26 +151,24 @@ def test_another_thread_may_close_a_context_of_a_running_loop(dds: World, kind: 
     assert descriptors() <= before + 1
 
 
-def test_where_pipes_cannot_be_watched_a_thread_reads_from_the_start(
-    dds: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_receiver_thread_is_used_if_loops_cannot_watch_pipes(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(wakeup_pipe, "LOOPS_CAN_WATCH", False)  # as on Windows
     alice, bob = dds.pair()
     assert threads() == ["rosidl-py-gen receiver"] * 2
-    heard = numbers(bob, qos=1)
+    received = numbers(bob, qos=1)
     publisher = alice.create_publisher(Int32, "n")
     for number in range(20_000):  # more than the pipe holds, before there is a loop
         publisher.publish(Int32(data=number))
 
     async def main() -> None:
-        await until(lambda: heard)
+        await until(lambda: received)
 
     run_on("asyncio", main())
-    assert heard == [19_999]
+    assert received == [19_999]
 
 
 @pytest.mark.needs("uvloop")
-def test_uvloop_serves_call_sync_too(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_call_sync_works_on_uvloop(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     import uvloop
 
     monkeypatch.setattr(asyncio, "new_event_loop", uvloop.new_event_loop)
@@ -183,21 +181,21 @@ def test_uvloop_serves_call_sync_too(dds: World, monkeypatch: pytest.MonkeyPatch
 # ---------------------------------------------------------------------------------------------------------- the pipe
 
 
-async def test_a_reader_that_was_named_for_nothing_calls_nobody(dds: World) -> None:
+async def test_wakeup_of_reader_without_samples_calls_no_callback(dds: World) -> None:
     alice, bob = dds.pair()
-    publisher, heard = alice.create_publisher(Int32, "n"), numbers(bob)
+    publisher, received = alice.create_publisher(Int32, "n"), numbers(bob)
     await publisher.wait_for_subscribers(timeout_s=5)
     publisher.publish(Int32(data=1))
-    await until(lambda: heard)
+    await until(lambda: received)
     participant: Any = bob.context._core.participant
     for entity in (*participant.readers, 12345):
         participant.pipe.notify(entity)
-    publisher.publish(Int32(data=2))  # comes through the pipe behind them
-    await until(lambda: heard[-1] == 2)
-    assert heard == [1, 2]
+    publisher.publish(Int32(data=2))  # arrives through the pipe after these handles
+    await until(lambda: received[-1] == 2)
+    assert received == [1, 2]
 
 
-def test_what_does_not_fit_the_pipe_is_found_all_the_same(dds: World) -> None:
+def test_samples_are_delivered_although_the_wakeup_pipe_overflowed(dds: World) -> None:
     context = dds.context()
     node = dds.node("n", context=context)
     participant: Any = context._core.participant
@@ -226,7 +224,7 @@ def test_deleting_a_reader_waits_for_its_listener(dds: World) -> None:
 
     def slow(_reader: int, _argument: int | None) -> None:
         entered.set()
-        time.sleep(0.3)  # a close that does not wait is over before; nothing else shows that it waits
+        time.sleep(0.3)  # a close that does not wait returns earlier
         left.set()
 
     api = cyclone._api
@@ -245,7 +243,7 @@ def test_deleting_a_reader_waits_for_its_listener(dds: World) -> None:
     api.delete_listener(listener)
 
 
-def test_contexts_may_come_and_go_during_a_flood() -> None:
+def test_contexts_can_be_created_and_closed_during_a_flood() -> None:
     program = """
 import asyncio, faulthandler, os, sys, threading
 faulthandler.enable()
@@ -253,7 +251,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import IntegerRange as Message
 from rosidl_py_gen.runtime import Context, Node
 
 async def main():
-    stop, heard = threading.Event(), []
+    stop, received = threading.Event(), []
     async with Node("talker") as talker:
         publisher = talker.create_publisher(Message, "flood")
         def flood():
@@ -264,9 +262,9 @@ async def main():
         for number in range(40):
             async with Context() as context, Node(f"n{number}", context=context) as node:
                 for _ in range(5):
-                    node.create_subscription(Message, "flood", heard.append)
+                    node.create_subscription(Message, "flood", received.append)
                 await asyncio.sleep(0.01)
-            heard.clear()
+            received.clear()
         stop.set()
         await asyncio.to_thread(thread.join)
 
@@ -283,11 +281,11 @@ asyncio.run(main())
 
 @pytest.mark.every_transport
 @loops
-def test_what_fails_inside_is_logged_and_others_still_hear(
+def test_internal_receive_failure_is_logged_and_other_subscriptions_receive(
     world: World, kind: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     alice, bob = world.pair()
-    broken, heard = bob.create_subscription(Int32, "broken"), numbers(bob)
+    broken, received = bob.create_subscription(Int32, "broken"), numbers(bob)
     to_broken, publisher = alice.create_publisher(Int32, "broken"), alice.create_publisher(Int32, "n")
 
     def wake() -> None:
@@ -300,7 +298,7 @@ def test_what_fails_inside_is_logged_and_others_still_hear(
             await each.wait_for_subscribers(timeout_s=5)
         to_broken.publish(Int32())
         publisher.publish(Int32(data=1))
-        await until(lambda: heard == [1])
+        await until(lambda: received == [1])
         await until(lambda: "an internal receive function failed" in caplog.text)
 
     run_on(kind, main())
@@ -309,16 +307,16 @@ def test_what_fails_inside_is_logged_and_others_still_hear(
 
 @loops
 @pytest.mark.parametrize("error", [ValueError, asyncio.CancelledError])
-def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(
+def test_callback_error_is_logged_and_next_message_is_delivered(
     world: World, kind: str, error: type[BaseException], caplog: pytest.LogCaptureFixture
 ) -> None:
     alice, bob = world.pair()
-    heard: list[int] = []
+    received: list[int] = []
 
     def callback(message: Int32) -> None:
         if message.data == 0:
             raise error("no")
-        heard.append(message.data)
+        received.append(message.data)
 
     bob.create_subscription(Int32, "n", callback)
     publisher = alice.create_publisher(Int32, "n")
@@ -327,7 +325,7 @@ def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(
         await publisher.wait_for_subscribers(timeout_s=5)
         for number in range(2):
             publisher.publish(Int32(data=number))
-        await until(lambda: heard == [1])
+        await until(lambda: received == [1])
 
     run_on(kind, main())
     assert "the callback of /n failed" in caplog.text
@@ -335,7 +333,7 @@ def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("kind", ["ours", "asyncio"])
-def test_ctrl_c_in_a_callback_ends_the_loop(world: World, kind: str) -> None:
+def test_ctrl_c_in_a_callback_stops_the_loop(world: World, kind: str) -> None:
     alice, bob = world.pair()
 
     def callback(_: Int32) -> None:
@@ -353,11 +351,11 @@ def test_ctrl_c_in_a_callback_ends_the_loop(world: World, kind: str) -> None:
         run_on(kind, main())
 
 
-# ------------------------------------------------------------------------------------------------- beside other things
+# ---------------------------------------------------------------------------------------- with other uses of asyncio
 
 
 @pytest.mark.parametrize("kind", ["ours", "asyncio", UVLOOP])
-def test_sockets_threads_timers_signals_and_subprocesses_work_beside_dds(dds: World, kind: str) -> None:
+def test_asyncio_sockets_threads_timers_signals_and_subprocesses_work_with_dds(dds: World, kind: str) -> None:
     dds.node("a")
 
     async def main() -> None:
@@ -390,27 +388,27 @@ async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
 
 
 @loops
-def test_a_descriptor_that_is_always_ready_does_not_keep_dds_waiting(dds: World, kind: str) -> None:
+def test_permanently_ready_descriptor_does_not_delay_dds(dds: World, kind: str) -> None:
     alice, bob = dds.pair()
-    heard, publisher = numbers(bob), alice.create_publisher(Int32, "n")
+    received, publisher = numbers(bob), alice.create_publisher(Int32, "n")
     read_end, write_end = os.pipe()
-    os.write(write_end, b"x")  # which nobody reads
-    looked = 0
+    os.write(write_end, b"x")  # never read
+    polled = 0
 
-    def look() -> None:
-        nonlocal looked
-        looked += 1
+    def poll() -> None:
+        nonlocal polled
+        polled += 1
 
     async def main() -> None:
         await publisher.wait_for_subscribers(timeout_s=5)
         loop = asyncio.get_running_loop()
         if kind != "no readers":
-            loop.add_reader(read_end, look)
+            loop.add_reader(read_end, poll)
         for number in range(20):
             await asyncio.to_thread(publisher.publish, Int32(data=number))
-            await until(lambda number=number: heard[-1:] == [number])  # type: ignore[misc]
+            await until(lambda number=number: received[-1:] == [number])  # type: ignore[misc]
         if kind != "no readers":
-            assert looked >= 20
+            assert polled >= 20
             loop.remove_reader(read_end)
 
     run_on(kind, main())
@@ -420,7 +418,7 @@ def test_a_descriptor_that_is_always_ready_does_not_keep_dds_waiting(dds: World,
 
 @loops
 @pytest.mark.parametrize("style", ["callback", "receive"])
-def test_a_flood_of_samples_keeps_neither_timers_nor_sockets_waiting(dds: World, kind: str, style: str) -> None:
+def test_flood_of_samples_does_not_starve_timers_and_sockets(dds: World, kind: str, style: str) -> None:
     alice, bob = dds.pair()
     count, stop = 0, threading.Event()
 
@@ -464,7 +462,7 @@ def test_a_flood_of_samples_keeps_neither_timers_nor_sockets_waiting(dds: World,
     run_on(kind, main())
 
 
-async def test_a_busy_loop_hears_messages_and_an_idle_one_costs_nothing(network: World) -> None:
+async def test_busy_loop_receives_messages_and_idle_loop_uses_no_cpu(network: World) -> None:
     node = network.node("a")
     seen: list[int] = []
     node.create_subscription(Int32, "n", lambda message: seen.append(message.data))
@@ -485,7 +483,7 @@ async def test_a_busy_loop_hears_messages_and_an_idle_one_costs_nothing(network:
     assert await rests(1, cpu_s=0.02)
 
 
-def test_importing_the_package_needs_no_cyclonedds_and_using_dds_without_it_says_what_to_do() -> None:
+def test_importing_needs_no_cyclonedds_and_missing_library_is_explained() -> None:
     program = (
         "import os, sys; sys.modules['zenoh'] = None; os.environ['ROSIDL_LIBDDSC'] = 'libnowhere.so'\n"
         "import rosidl_py_gen, rosidl_py_gen.runtime\n"
@@ -503,7 +501,7 @@ def test_importing_the_package_needs_no_cyclonedds_and_using_dds_without_it_says
     assert "ROSIDL_LIBDDSC is set, so nothing else was tried" in output and "libnowhere.so: not found" in output
 
 
-def test_importing_is_lazy() -> None:
+def test_importing_runtime_loads_neither_cyclonedds_nor_lark() -> None:
     program = (
         "import sys, rosidl_py_gen.runtime\n"
         "print([name for name in sys.modules if name.split('.')[0] in ('cyclonedds', 'lark')])"
@@ -512,7 +510,7 @@ def test_importing_is_lazy() -> None:
     assert run.stdout == "[]\n"
 
 
-def test_cyclonedds_itself_still_works_beside_us() -> None:
+def test_cyclonedds_itself_works_in_the_same_process_as_a_node() -> None:
     program = (
         "from rosidl_py_gen.runtime import Node\n"
         "with Node('n') as node:\n"

@@ -1,4 +1,4 @@
-"""Queues before a writer: of samples that DDS does not accept at once, and of those that a reply precedes."""
+"""Send queues: samples that DDS does not accept at once, and samples that are sent after a reply."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def send_queue_of(line: Line, depth: int | None = None) -> tuple[SendQueue, list
     return SendQueue(loop_binding, depth, reports.append), reports
 
 
-def test_what_waits_is_sent_in_order_by_the_loop() -> None:
+def test_queued_samples_are_sent_in_order_by_the_loop() -> None:
     async def main() -> None:
         line = Line()
         line.loop = asyncio.get_running_loop()
@@ -51,14 +51,14 @@ def test_what_waits_is_sent_in_order_by_the_loop() -> None:
         assert line.sent == [1] and len(send_queue.waiting) == 3
         await asyncio.sleep(0.01)
         line.is_full = False
-        send_queue.send(line.write(4))  # goes behind the others, although there would be room
+        send_queue.send(line.write(4))  # queued after the others although the writer has room
         await asyncio.sleep(0.02)
         assert line.sent == [1, 2, 3, 4] and reports == ["sending a delayed sample"] and send_queue.dropped == 1
 
     VirtualTimeLoop().run(main())
 
 
-def test_a_full_one_drops_the_oldest_and_a_closed_one_all() -> None:
+def test_full_send_queue_drops_oldest_and_closed_queue_drops_all() -> None:
     line = Line()
     line.is_full = True
     send_queue, _ = send_queue_of(line, 2)
@@ -73,7 +73,7 @@ def test_a_full_one_drops_the_oldest_and_a_closed_one_all() -> None:
     assert send_queue.flush() and line.sent == [3, 4]
 
 
-def test_what_one_loop_left_behind_another_one_sends_with_the_next() -> None:
+def test_samples_left_by_an_ended_loop_are_sent_on_the_next_loop() -> None:
     line = Line()
     send_queue, _ = send_queue_of(line)
 
@@ -87,7 +87,7 @@ def test_what_one_loop_left_behind_another_one_sends_with_the_next() -> None:
     assert line.sent == [1, 2]
 
 
-def test_threads_send_one_after_the_other_each_in_its_order() -> None:
+def test_deferred_sender_preserves_the_order_of_each_thread() -> None:
     sent: list[tuple[int, int]] = []
     with Context(transport=MemoryTransport(), args=["p"]) as context:
         later = DeferredSender(context._core.loop_binding, sent.append)
@@ -95,4 +95,4 @@ def test_threads_send_one_after_the_other_each_in_its_order() -> None:
             list(pool.map(lambda number: [later.add((number, count)) for count in range(500)], range(4)))
     assert len(sent) == 2000
     for number in range(4):
-        assert [count for who, count in sent if who == number] == list(range(500))
+        assert [count for thread_number, count in sent if thread_number == number] == list(range(500))

@@ -64,7 +64,7 @@ PLACES: dict[str, Callable[[Node, Any], object]] = {
 
 
 @pytest.mark.parametrize("what", PLACES)
-def test_it_is_refused_wherever_a_function_is_taken(node: Node, what: str) -> None:
+def test_wrong_signature_is_refused_by_every_method_that_takes_a_callback(node: Node, what: str) -> None:
     for function in (one if "timer" in what else none, two):
         with pytest.raises(CallbackSignatureError) as caught:
             PLACES[what](node, function)
@@ -73,7 +73,7 @@ def test_it_is_refused_wherever_a_function_is_taken(node: Node, what: str) -> No
     assert [name for name, _ in node.get_topic_names_and_types() if name in ("/t", "/a/_action/status")] == []
 
 
-def test_the_message_says_what_comes_and_what_to_do(node: Node) -> None:
+def test_signature_error_states_passed_arguments_and_fix(node: Node) -> None:
     wrong: Any = two
     with pytest.raises(CallbackSignatureError, match=r"gets 1 argument \(the request\), which two\(.* makes the resp"):
         node.create_service(SetBool, "s", wrong)
@@ -85,7 +85,7 @@ def test_the_message_says_what_comes_and_what_to_do(node: Node) -> None:
         node.declare_parameters(Speed)
 
 
-def test_a_lifecycle_node_with_a_wrong_method_is_refused_and_closed() -> None:
+def test_lifecycle_node_with_wrong_callback_signature_is_refused_and_closed() -> None:
     class Wrong(LifecycleNode):
         def on_activate(self) -> None:  # type: ignore[override]
             ...
@@ -138,13 +138,13 @@ def injecting(function: Callable[..., object]) -> Callable[..., object]:
         injecting(two),
     ],
 )
-def test_whatever_can_be_called_with_a_message_is_taken(node: Node, function: Any) -> None:
+def test_every_callable_that_accepts_a_message_is_accepted(node: Node, function: Any) -> None:
     node.create_subscription(String, "t", function)
 
 
 @pytest.mark.parametrize(
     "function", [Part().wrong, functools.partial(one, 1), lambda *, message: None, [].clear, later]
 )
-def test_what_cannot_is_refused_in_every_form(node: Node, function: Any) -> None:
+def test_callables_that_cannot_accept_one_message_are_refused(node: Node, function: Any) -> None:
     with pytest.raises(CallbackSignatureError):
         node.create_subscription(String, "t", function)

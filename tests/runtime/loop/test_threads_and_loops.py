@@ -1,4 +1,4 @@
-"""Threads and loops: blocking calls, several loops in sequence, bursts of calls."""
+"""Blocking calls in threads, several loops in sequence, and bursts of calls."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 
-def someone_waits(node: Node) -> bool:
+def is_loop_running(node: Node) -> bool:
     shared = node.context._core.loop_binding.shared
     return shared is not None and shared.loop.is_running()
 
 
 @contextlib.contextmanager
-def waiting_call(client: Any) -> Iterator[None]:
+def blocking_call(client: Any) -> Iterator[None]:
     with ThreadPoolExecutor() as pool:
         call = pool.submit(client.call_sync, SetBool.Request(), timeout_s=60)
         yield
@@ -45,7 +45,7 @@ def waiting_call(client: Any) -> Iterator[None]:
 
 
 @pytest.mark.every_transport
-def test_two_threads_may_wait_for_services_without_a_loop(world: World) -> None:
+def test_blocking_calls_of_several_threads_wait_in_parallel_without_a_loop(world: World) -> None:
     server, caller = world.pair()
     stop, serving = threading.Event(), threading.Event()
     arrived: list[int] = []
@@ -80,7 +80,7 @@ def test_two_threads_may_wait_for_services_without_a_loop(world: World) -> None:
 
 
 @pytest.mark.every_transport
-def test_what_was_published_between_two_loops_does_not_stop_delivery(world: World) -> None:
+def test_message_published_between_two_loops_does_not_stop_delivery(world: World) -> None:
     node = world.node("both")
     client = node.create_client(SetBool, "set")
     with pytest.raises(CallTimeoutError):
@@ -97,8 +97,8 @@ def test_what_was_published_between_two_loops_does_not_stop_delivery(world: Worl
 
 
 @pytest.mark.every_transport
-def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A server that keeps few requests, as on rmw_cyclonedds.
+def test_client_can_be_used_on_consecutive_loops(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Server with a short request queue, as on rmw_cyclonedds.
     from rosidl_py_gen.runtime.entities import service_common as service
 
     server, caller = world.pair()
@@ -118,24 +118,24 @@ def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypa
 
 
 @pytest.mark.every_transport
-def test_publishing_on_a_loop_is_enough_to_bring_a_node_to_life(world: World) -> None:
+def test_publishing_on_a_loop_attaches_the_node_to_it(world: World) -> None:
     node = world.node("early")
-    heard: list[str] = []
+    received: list[str] = []
     ticked: list[int] = []
-    node.create_subscription(String, "t", lambda message: heard.append(message.data))
+    node.create_subscription(String, "t", lambda message: received.append(message.data))
     node.create_timer(0.01, lambda: ticked.append(1))
     publisher = node.create_publisher(String, "t")
 
     async def main() -> None:
         publisher.publish(String(data="x"))
-        await until(lambda: heard and ticked)
+        await until(lambda: received and ticked)
 
     asyncio.run(main())
-    heard.clear()
+    received.clear()
     asyncio.run(main())  # and again on the next loop
 
 
-def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(dds: World) -> None:
+def test_plain_script_discovers_nodes_of_other_contexts_in_its_process(dds: World) -> None:
     one, other = dds.node("one"), dds.node("other")
     deadline = time.monotonic() + 5
     while set(one.get_node_names()) != {"/one", "/other"}:
@@ -154,7 +154,7 @@ def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(dds: Wor
 
 
 @pytest.mark.every_transport
-def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:
+def test_blocking_calls_of_several_threads_can_alternate(world: World) -> None:
     client = world.node("caller").create_client(SetBool, "s")
 
     def calls(times: int) -> None:
@@ -172,7 +172,7 @@ def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.parametrize("style", ["paused", "ended"])
-def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, style: str) -> None:
+def test_blocking_call_raises_closed_error_when_its_loop_stops(world: World, style: str) -> None:
     client = world.node("caller").create_client(SetBool, "s")
     loop = asyncio.new_event_loop()
 
@@ -194,7 +194,7 @@ def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, st
 
 
 @pytest.mark.every_transport
-def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
+def test_event_loop_can_start_during_blocking_calls_of_other_threads(world: World) -> None:
     node = world.node("caller")
     client, stop = node.create_client(SetBool, "s"), threading.Event()
     outcomes: list[object] = []
@@ -215,13 +215,13 @@ def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
 
     with ThreadPoolExecutor(2) as pool:
         waiting = [pool.submit(calls) for _ in range(2)]
-        wait_until(lambda: someone_waits(node))
+        wait_until(lambda: is_loop_running(node))
         asyncio.run(main())
     assert set(outcomes) <= {CallTimeoutError, True}
 
 
 @pytest.mark.every_transport
-def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world: World) -> None:
+def test_blocking_call_between_two_runs_of_a_loop_returns_the_context_to_it(world: World) -> None:
     node = world.node("n")
     client, ticks = node.create_client(SetBool, "s"), []
     loop = asyncio.new_event_loop()
@@ -230,7 +230,7 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
         node.create_timer(0.01, lambda: ticks.append(1))
         await until(lambda: ticks)
 
-    async def go_on() -> None:
+    async def tick_again() -> None:
         ticks.clear()
         await until(lambda: ticks)
 
@@ -240,26 +240,26 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
 
     loop.run_until_complete(begin())
     call(0.05)
-    loop.run_until_complete(go_on())
+    loop.run_until_complete(tick_again())
     with ThreadPoolExecutor() as pool:
         # The thread that took the context from the loop is not the last one that needs it.
         calls = []
         for timeout_s in (0.2, 0.5):
             calls.append(pool.submit(call, timeout_s))
-            wait_until(lambda: someone_waits(node) or calls[-1].done())
+            wait_until(lambda: is_loop_running(node) or calls[-1].done())
         for one in calls:
             one.result(20)
-        loop.run_until_complete(go_on())
+        loop.run_until_complete(tick_again())
         # Nothing can be given back once the context is closed.
         last = pool.submit(call, 60)
-        wait_until(lambda: someone_waits(node))
+        wait_until(lambda: is_loop_running(node))
         node.context.close()
         last.result(10)
     loop.close()
 
 
 @pytest.mark.every_transport
-async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
+async def test_no_request_of_three_clients_is_lost_by_a_slow_server_with_short_queue(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from rosidl_py_gen.runtime.entities import service_common as service
@@ -267,7 +267,7 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     server, caller = world.pair()
 
     def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
-        time.sleep(0.003)  # what the test is about: the loop is held up
+        time.sleep(0.003)  # blocks the loop, which is the condition under test
         return AddTwoInts.Response(sum=request.a)
 
     with monkeypatch.context() as patched:
@@ -283,21 +283,21 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
 
 
 @pytest.mark.every_transport
-def test_waiting_calls_run_callbacks_and_leave_the_loop_with_the_last_one(world: World) -> None:
+def test_blocking_call_runs_callbacks_and_stops_the_loop_when_it_ends(world: World) -> None:
     node = world.node("n")
-    client, heard = node.create_client(SetBool, "s"), []
-    node.create_subscription(String, "t", heard.append)
+    client, received = node.create_client(SetBool, "s"), []
+    node.create_subscription(String, "t", received.append)
     node.create_publisher(String, "t").publish(String())
 
-    with waiting_call(client):
-        wait_until(lambda: heard)  # callbacks run during a call
-        assert someone_waits(node)
-    assert len(heard) == 1
-    assert not someone_waits(node)
+    with blocking_call(client):
+        wait_until(lambda: received)  # callbacks run during a call
+        assert is_loop_running(node)
+    assert len(received) == 1
+    assert not is_loop_running(node)
 
 
 @pytest.mark.every_transport
-def test_an_async_callback_that_outlasts_a_waiting_call_goes_on_in_the_next_and_is_cancelled_at_the_end(
+def test_async_callback_continues_in_next_blocking_call_and_is_cancelled_on_close(
     world: World,
 ) -> None:
     context = world.context()
@@ -316,7 +316,7 @@ def test_an_async_callback_that_outlasts_a_waiting_call_goes_on_in_the_next_and_
     node.create_publisher(String, "t").publish(String())
     for _ in range(2):
         before = len(steps)
-        with waiting_call(node.create_client(SetBool, "s")):
+        with blocking_call(node.create_client(SetBool, "s")):
             wait_until(lambda before=before: len(steps) > before + 2)
     context.close()
     assert steps[-1] == -1

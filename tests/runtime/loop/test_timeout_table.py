@@ -17,7 +17,7 @@ class CountingLoop(VirtualTimeLoop):
         return super().call_at(*args, **kwargs)
 
 
-def watched(seconds: float, limits_s: dict[int, float], remove: tuple[int, ...] = ()) -> tuple[list[int], int]:
+def run_timeouts(seconds: float, limits_s: dict[int, float], remove: tuple[int, ...] = ()) -> tuple[list[int], int]:
     """Return the numbers that expired in a time, and the number of timers."""
     loop, expired = CountingLoop(), list[int]()
     limits = TimeoutTable(loop, expired.append)
@@ -26,24 +26,24 @@ def watched(seconds: float, limits_s: dict[int, float], remove: tuple[int, ...] 
     for number in remove:
         limits.remove(number)
     loop.run(asyncio.sleep(seconds))
-    return expired, loop.timers - (seconds > 0)  # one is of the sleep
+    return expired, loop.timers - (seconds > 0)  # the sleep uses one timer
 
 
-def test_they_expire_in_order_of_time_each_once() -> None:
-    assert watched(0.15, {1: 0.1, 2: 0.05, 3: 0.0, 4: 10.0})[0] == [3, 2, 1]
+def test_timeouts_expire_once_in_order_of_time() -> None:
+    assert run_timeouts(0.15, {1: 0.1, 2: 0.05, 3: 0.0, 4: 10.0})[0] == [3, 2, 1]
 
 
-def test_what_is_over_in_time_never_expires() -> None:
-    assert watched(0.1, {1: 0.02, 2: 0.04, 3: 0.06}, remove=(2, 7)) == ([1, 3], 2)
+def test_removed_timeouts_never_expire() -> None:
+    assert run_timeouts(0.1, {1: 0.02, 2: 0.04, 3: 0.06}, remove=(2, 7)) == ([1, 3], 2)
 
 
-def test_many_calls_need_few_timers() -> None:
-    assert watched(0.0, dict.fromkeys(range(1000), 5.0), remove=tuple(range(1000))) == ([], 1)
-    expired, timers = watched(0.1, {number: 0.02 + number * 1e-5 for number in range(1000)})
+def test_a_thousand_timeouts_need_few_loop_timers() -> None:
+    assert run_timeouts(0.0, dict.fromkeys(range(1000), 5.0), remove=tuple(range(1000))) == ([], 1)
+    expired, timers = run_timeouts(0.1, {number: 0.02 + number * 1e-5 for number in range(1000)})
     assert sorted(expired) == list(range(1000)) and timers <= 25
 
 
-def test_expiring_may_add_and_remove() -> None:
+def test_expiry_callback_can_add_and_remove_timeouts() -> None:
     loop, expired = CountingLoop(), list[int]()
 
     def expire(number: int) -> None:
@@ -54,6 +54,6 @@ def test_expiring_may_add_and_remove() -> None:
 
     limits = TimeoutTable(loop, expire)
     limits.add(1, 0.01)
-    limits.add(2, 0.0105)  # seen in the same look
+    limits.add(2, 0.0105)  # due in the same check
     loop.run(asyncio.sleep(0.05))
     assert expired == [1, 5]

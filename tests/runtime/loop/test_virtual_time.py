@@ -1,4 +1,4 @@
-"""Event loop for tests on which waiting takes no time."""
+"""Event loop with virtual time, on which tests wait without delay."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeDeadlockError, VirtualTimeLoop
 
 
-def test_a_day_of_waiting_takes_no_time(ros_loop: VirtualTimeLoop) -> None:
+def test_virtual_loop_sleeps_a_day_without_waiting(ros_loop: VirtualTimeLoop) -> None:
     async def main() -> float:
         await asyncio.sleep(86400)
         return asyncio.get_running_loop().time()
@@ -24,16 +24,16 @@ def test_a_day_of_waiting_takes_no_time(ros_loop: VirtualTimeLoop) -> None:
     assert time.monotonic() - before < 5
 
 
-def test_time_stands_still_while_code_runs(ros_loop: VirtualTimeLoop) -> None:
+def test_virtual_time_does_not_advance_while_code_runs(ros_loop: VirtualTimeLoop) -> None:
     async def main() -> None:
-        time.sleep(0.01)  # what the test is about: code that takes long
+        time.sleep(0.01)  # slow code is the condition under test
         await asyncio.sleep(0)
 
     ros_loop.run(main())
     assert ros_loop.time() == 0
 
 
-def test_ticks_and_clocks_are_exact(ros_node: Callable[..., Node], ros_loop: VirtualTimeLoop) -> None:
+def test_timers_and_clocks_are_exact_in_virtual_time(ros_node: Callable[..., Node], ros_loop: VirtualTimeLoop) -> None:
     node = ros_node("n")
     stamps: list[int] = []
 
@@ -46,17 +46,15 @@ def test_ticks_and_clocks_are_exact(ros_node: Callable[..., Node], ros_loop: Vir
     assert stamps == [50_000_000, 100_000_000, 150_000_000, 200_000_000, 250_000_000]
 
 
-def test_what_can_never_happen_fails_at_once_and_is_named(ros_loop: VirtualTimeLoop) -> None:
-    async def waits_for_nobody() -> None:
+def test_virtual_loop_reports_pending_task_that_can_never_be_woken(ros_loop: VirtualTimeLoop) -> None:
+    async def wait_forever() -> None:
         await asyncio.get_running_loop().create_future()
 
-    with pytest.raises(
-        VirtualTimeDeadlockError, match=r"nothing will ever wake this test\n  pending: .*waits_for_nobody"
-    ):
-        ros_loop.run(waits_for_nobody())
+    with pytest.raises(VirtualTimeDeadlockError, match=r"nothing will ever wake this test\n  pending: .*wait_forever"):
+        ros_loop.run(wait_forever())
 
 
-def test_what_never_ends_fails_too() -> None:
+def test_virtual_loop_fails_a_test_that_exceeds_its_limit() -> None:
     async def main() -> None:
         while True:
             await asyncio.sleep(1)
@@ -66,13 +64,13 @@ def test_what_never_ends_fails_too() -> None:
 
 
 @pytest.mark.parametrize("way", ["executor", "thread"])
-def test_while_a_thread_works_time_passes_as_on_the_wall(ros_loop: VirtualTimeLoop, way: str) -> None:
+def test_virtual_time_follows_real_time_while_a_thread_works(ros_loop: VirtualTimeLoop, way: str) -> None:
     async def main() -> float:
         loop = asyncio.get_running_loop()
         done = loop.create_future()
 
         def work() -> None:
-            time.sleep(0.2)  # what the test is about: a thread that takes long
+            time.sleep(0.2)  # a slow thread is the condition under test
             loop.call_soon_threadsafe(done.set_result, loop.time())
 
         if way == "thread":

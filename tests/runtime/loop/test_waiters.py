@@ -12,12 +12,12 @@ import pytest
 from rosidl_py_gen.base.waiters import Waiters
 
 
-def test_what_became_so_before_the_waiter_could_be_woken_is_seen() -> None:
-    looks = iter((False, True))  # another thread changed it, and woke nobody yet, between the two
-    assert asyncio.run(asyncio.wait_for(Waiters().wait(lambda: next(looks)), 10))
+def test_wait_rechecks_condition_after_registering_the_waiter() -> None:
+    checks = iter((False, True))  # another thread changes the condition between both checks and has not called wake()
+    assert asyncio.run(asyncio.wait_for(Waiters().wait(lambda: next(checks)), 10))
 
 
-def test_the_time_limit_holds_however_often_it_is_woken_in_vain() -> None:
+def test_wait_timeout_holds_despite_repeated_wake_ups() -> None:
     async def main() -> None:
         waiters = Waiters()
         waiting = asyncio.create_task(waiters.wait(lambda: False, 0.05))
@@ -32,7 +32,7 @@ def test_the_time_limit_holds_however_often_it_is_woken_in_vain() -> None:
     asyncio.run(main())
 
 
-def test_one_who_was_cancelled_waits_no_more() -> None:
+def test_cancelled_waiter_is_removed() -> None:
     async def main() -> None:
         waiters = Waiters()
         waiting = asyncio.create_task(waiters.wait(lambda: False))
@@ -45,17 +45,17 @@ def test_one_who_was_cancelled_waits_no_more() -> None:
     asyncio.run(main())
 
 
-def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
-    waiters, happened, looks = Waiters(), threading.Event(), list[int]()
-    forgotten = asyncio.new_event_loop()
-    abandoned = waiters.wait(lambda: looks.append(1) or happened.is_set())
-    task = forgotten.create_task(abandoned)
-    forgotten.run_until_complete(asyncio.sleep(0))
-    forgotten.close()
+def test_wake_reaches_loops_of_other_threads_and_skips_closed_loops() -> None:
+    waiters, happened, checks = Waiters(), threading.Event(), list[int]()
+    closed_loop = asyncio.new_event_loop()
+    closed_loop_wait = waiters.wait(lambda: checks.append(1) or happened.is_set())
+    task = closed_loop.create_task(closed_loop_wait)
+    closed_loop.run_until_complete(asyncio.sleep(0))
+    closed_loop.close()
     with ThreadPoolExecutor(3) as pool:
-        waits = [waiters.wait(lambda: looks.append(1) or happened.is_set(), 60) for _ in range(3)]
+        waits = [waiters.wait(lambda: checks.append(1) or happened.is_set(), 60) for _ in range(3)]
         waiting = [pool.submit(asyncio.run, one) for one in waits]
-        while len(looks) < 8:  # the second look of each, which can be woken by then
+        while len(checks) < 8:  # after its second check each waiter can be woken
             time.sleep(0.001)
         happened.set()
         waiters.wake()
@@ -66,7 +66,7 @@ def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
     task._log_destroy_pending = False
 
 
-def test_no_wake_is_lost_between_the_look_and_the_wait() -> None:
+def test_no_wake_up_is_lost_between_check_and_wait() -> None:
     async def main() -> None:
         waiters, count = Waiters(), 0
 

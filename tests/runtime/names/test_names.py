@@ -31,7 +31,7 @@ from rosidl_py_gen.runtime.names.validation import (
 @pytest.mark.parametrize(
     "name", ["a", "/a/b", "a/b", "~", "~/a", "{node}/x", "a{ns}", "/a__b", "_hidden/x", "~/{node}"]
 )
-def test_names_that_may_be_written(name: str) -> None:
+def test_valid_topic_names_are_accepted(name: str) -> None:
     validate_name(name)
 
 
@@ -80,7 +80,7 @@ NODE, NAMESPACE, FULL, NAME = (
         (lambda name: expand_name(name, "n", "/"), "a/{b}", 2, r"unknown substitution {b}; expected one of {node}"),
     ],
 )
-def test_a_bad_name_is_refused_with_a_caret_below_the_place(
+def test_invalid_name_error_has_index_reason_and_caret(
     check: Callable[[str], None], name: str, index: int, reason: str
 ) -> None:
     with pytest.raises(InvalidNameError) as caught:
@@ -91,19 +91,19 @@ def test_a_bad_name_is_refused_with_a_caret_below_the_place(
     assert str(caught.value).splitlines()[-1] == " " * (4 + min(index, 60)) + "^"
 
 
-def test_what_is_no_text_has_no_place() -> None:
+def test_name_that_is_not_a_string_is_refused_without_index() -> None:
     with pytest.raises(InvalidNameError, match="expected a str, got int 5") as caught:
         runtime.validate_namespace(5)  # type: ignore[arg-type]
     assert (caught.value.name, caught.value.index, caught.value.reason) == ("", None, "")
 
 
-def test_what_expands_to_something_wrong_is_named_as_it_came_out() -> None:
+def test_invalid_expanded_name_is_reported_in_expanded_form() -> None:
     with pytest.raises(InvalidNameError) as caught:
         runtime.expand_name("/{ns}", "n", "/a")
     assert (caught.value.name, caught.value.index) == ("//a", 1)
 
 
-def test_lengths_at_the_limit_pass() -> None:
+def test_names_of_maximum_length_are_accepted_and_longer_ones_refused() -> None:
     validate_full_name("/" + "a" * 246)
     validate_node_name("n" * 255)
     assert normalize_namespace("a" * 244) == "/" + "a" * 244
@@ -114,7 +114,7 @@ def test_lengths_at_the_limit_pass() -> None:
 
 
 @pytest.mark.parametrize(("given_", "full"), [("", "/"), ("/", "/"), ("a", "/a"), ("/a/b", "/a/b")])
-def test_namespaces_get_their_slash(given_: str, full: str) -> None:
+def test_namespace_is_normalized_with_leading_slash(given_: str, full: str) -> None:
     assert normalize_namespace(given_) == full
 
 
@@ -130,12 +130,12 @@ def test_namespaces_get_their_slash(given_: str, full: str) -> None:
         ("x_{node}_y", "/x_n_y", "/a/b/x_n_y"),
     ],
 )
-def test_expansion(name: str, in_root: str, in_ns: str) -> None:
+def test_topic_names_are_expanded_by_namespace_and_node_name(name: str, in_root: str, in_ns: str) -> None:
     assert expand_name(name, "n", "/") == in_root
     assert expand_name(name, "n", "/a/b") == in_ns
 
 
-def test_namespace_substitution_brings_its_slash() -> None:
+def test_namespace_substitution_includes_its_slash() -> None:
     assert expand_name("{ns}/x", "n", "/a") == "/a/x"
     assert expand_name("{namespace}/x", "n", "/a") == "/a/x"
     with pytest.raises(InvalidNameError, match="must not contain '//'"):
@@ -157,7 +157,7 @@ def test_namespace_substitution_brings_its_slash() -> None:
         ("~:=x", RemapRule(RemapKind.TOPIC_AND_SERVICE, None, "~", "x")),
     ],
 )
-def test_rules_parse(text: str, rule: RemapRule) -> None:
+def test_remap_rules_are_parsed(text: str, rule: RemapRule) -> None:
     assert parse_remap_rule(text) == rule
 
 
@@ -185,7 +185,7 @@ def test_rules_parse(text: str, rule: RemapRule) -> None:
         "n m:a:=b",
     ],
 )
-def test_bad_rules_show_the_text(text: str) -> None:
+def test_invalid_remap_rule_error_quotes_the_rule(text: str) -> None:
     with pytest.raises(InvalidRemapRuleError) as caught:
         parse_remap_rule(text)
     assert repr(text) in str(caught.value)
@@ -200,7 +200,7 @@ def test_node_name_and_namespace_are_remapped_with_their_prefixes() -> None:
     assert (made.name, made.namespace, made.fully_qualified_name) == ("m", "/yes", "/yes/m")
 
 
-def test_names_are_compared_expanded_and_only_once() -> None:
+def test_remap_rules_match_expanded_names_and_apply_once() -> None:
     made = names("chatter:=loud", "loud:=silent", namespace="/a")
     assert made.resolve_topic("chatter") == "/a/loud"
     assert made.resolve_topic("/a/chatter") == "/a/loud"
@@ -208,7 +208,7 @@ def test_names_are_compared_expanded_and_only_once() -> None:
     assert made.resolve_service("chatter") == "/a/loud"
 
 
-def test_the_first_rule_wins_and_schemes_and_prefixes_select() -> None:
+def test_first_matching_remap_rule_applies_with_scheme_and_node_prefix() -> None:
     made = names("rosservice://x:=s", "rostopic://x:=t", "x:=both", "other:y:=no", "n:y:=yes")
     assert (made.resolve_topic("x"), made.resolve_service("x"), made.resolve_topic("y")) == ("/t", "/s", "/yes")
 
@@ -219,7 +219,7 @@ def test_private_names_use_the_remapped_node() -> None:
 
 
 @given(st.text(max_size=12))
-def test_any_text_is_accepted_or_refused_with_our_error(text: str) -> None:
+def test_any_text_is_accepted_or_raises_invalid_name_error(text: str) -> None:
     for check in (
         validate_name,
         validate_full_name,
@@ -235,7 +235,7 @@ def test_any_text_is_accepted_or_refused_with_our_error(text: str) -> None:
 
 
 @given(st.text(alphabet="ab1_/~{}nodes:=", max_size=14))
-def test_whatever_expands_is_a_full_name(text: str) -> None:
+def test_every_expanded_name_is_a_valid_full_name(text: str) -> None:
     try:
         full = expand_name(text, "node", "/ns")
     except InvalidNameError:
@@ -248,11 +248,11 @@ def test_whatever_expands_is_a_full_name(text: str) -> None:
     ("given", "namespace", "full"),
     [("n", "/", "/n"), ("n", "/a", "/a/n"), ("/n", "/a", "/n"), ("/b/n", "/a", "/b/n"), ("b/n", "/a", "/b/n")],
 )
-def test_a_node_is_named_with_or_without_namespace(given: str, namespace: str, full: str) -> None:
+def test_node_name_is_resolved_with_or_without_namespace(given: str, namespace: str, full: str) -> None:
     assert resolve_node_name(given, namespace) == full
 
 
 @pytest.mark.parametrize("bad", ["", "/", "a b", "/a//n", "/1/n", "a/", None, 5])
-def test_what_is_no_node_name_is_refused(bad: str) -> None:
+def test_invalid_node_name_is_refused(bad: str) -> None:
     with pytest.raises(InvalidNameError, match=r"invalid (node name|namespace)"):
         resolve_node_name(bad, "/")

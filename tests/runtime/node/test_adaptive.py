@@ -16,7 +16,7 @@ from rosidl_py_gen.runtime import AdaptiveSubscription, Durability, Reliability,
 from rosidl_py_gen.runtime import qos as presets
 
 
-async def test_it_asks_for_less_when_one_appears_that_offers_less(world: World) -> None:
+async def test_adaptive_subscription_lowers_qos_for_a_weaker_publisher(world: World) -> None:
     near, far = world.pair()
     notes: list[str] = []
     first = far.create_publisher(String, "t", presets.DEFAULT.transient_local())
@@ -24,9 +24,9 @@ async def test_it_asks_for_less_when_one_appears_that_offers_less(world: World) 
     async with AdaptiveSubscription(near, "t", String, raw=True, note=notes.append) as follow:
         assert follow.qos.durability is Durability.TRANSIENT_LOCAL and follow.qos.reliability is Reliability.RELIABLE
         waiting = asyncio.ensure_future(follow.receive_with_info(20))
-        await asyncio.sleep(0)  # it has begun
+        await asyncio.sleep(0)  # the wait has started
         second = far.create_publisher(String, "t", presets.SENSOR_DATA)
-        await second.wait_for_subscribers(20)  # which the first subscription never was to it
+        await second.wait_for_subscribers(20)  # the first subscription does not match this publisher
         assert follow.qos.durability is Durability.VOLATILE and follow.qos.reliability is Reliability.BEST_EFFORT
         assert [note.split(":")[0] for note in notes] == [
             "some, but not all, publishers are reliable",
@@ -34,13 +34,13 @@ async def test_it_asks_for_less_when_one_appears_that_offers_less(world: World) 
         ]
         await first.wait_for_subscribers(20)
         second.publish(String(data="new"))
-        message, _ = await waiting  # it did not end with the subscription that it began with
+        message, _ = await waiting  # the wait continues on the new subscription
         assert decode(String, message) == String(data="new")
     with pytest.raises(ClosedError):
         await follow.receive_with_info(1)
 
 
-async def test_it_asks_for_more_only_of_the_first_publishers_and_before_anything_arrived(memory: World) -> None:
+async def test_adaptive_subscription_raises_qos_only_for_the_first_publishers(memory: World) -> None:
     near, far = memory.pair()
     durable = presets.DEFAULT.transient_local()
     follow: AdaptiveSubscription[String] = AdaptiveSubscription(near, "t", String)
@@ -58,7 +58,7 @@ async def test_it_asks_for_more_only_of_the_first_publishers_and_before_anything
     assert late.qos.durability is Durability.VOLATILE
 
 
-async def test_what_arrived_is_kept_and_what_was_dropped_counted_when_it_subscribes_again(world: World) -> None:
+async def test_resubscribe_retains_received_messages_and_drop_count(world: World) -> None:
     near, far = world.pair()
     publisher = far.create_publisher(Int32, "t")
     follow: AdaptiveSubscription[Int32] = AdaptiveSubscription(near, "t", Int32, depth=1)
@@ -77,7 +77,7 @@ async def test_what_arrived_is_kept_and_what_was_dropped_counted_when_it_subscri
 
 
 @pytest.mark.every_transport
-async def test_one_message_is_received_whatever_its_publishers_offer(world: World) -> None:
+async def test_wait_for_message_receives_from_publishers_of_any_qos(world: World) -> None:
     near, far = world.pair()
     for number, qos in enumerate((presets.DEFAULT, presets.SENSOR_DATA, presets.DEFAULT.transient_local())):
         topic = f"t{number}"
@@ -86,14 +86,14 @@ async def test_one_message_is_received_whatever_its_publishers_offer(world: Worl
         publisher = far.create_publisher(String, topic, qos)
         if qos.durability is Durability.VOLATILE:
             await publisher.wait_for_subscribers(20)
-        publisher.publish(String(data=topic))  # what is retained may come before anybody is connected
+        publisher.publish(String(data=topic))  # a retained message may arrive before any endpoint is matched
         assert await waiting == String(data=topic)
         assert not near.count_subscribers(topic)
     assert decode(String, await near.wait_for_message(String, "t2", 20, raw=True)) == String(data="t2")
     assert await near.wait_for_message("std_msgs/msg/String", "t2", 20) == {"data": "t2"}
 
 
-async def test_a_wait_for_a_message_ends_with_the_reason_or_the_node(memory: World) -> None:
+async def test_wait_for_message_times_out_with_reason_and_ends_with_its_node(memory: World) -> None:
     near, far = memory.pair()
     far.create_publisher(String, "r1/t")
     with pytest.raises(
@@ -117,7 +117,7 @@ async def test_a_wait_for_a_message_ends_with_the_reason_or_the_node(memory: Wor
 
 
 @pytest.mark.real_time("blocking calls")
-def test_plain_code_waits_for_a_message(memory: World) -> None:
+def test_wait_for_message_sync_receives_or_times_out(memory: World) -> None:
     near, far = memory.pair()
     far.create_publisher(String, "t", presets.DEFAULT.transient_local()).publish(String(data="x"))
     assert near.wait_for_message_sync(String, "t", 20) == String(data="x")
@@ -126,7 +126,7 @@ def test_plain_code_waits_for_a_message(memory: World) -> None:
 
 
 @pytest.mark.parametrize("left", [False, True], ids=["of a previous subscription", "of a publisher that has left"])
-async def test_raw_messages_get_the_definition_that_is_set_later(memory: World, left: bool) -> None:
+async def test_raw_messages_are_converted_to_the_definition_that_is_set_later(memory: World, left: bool) -> None:
     ours: Any = get_message("sensor_msgs/msg/Range", distro="jazzy")
     theirs: Any = get_message("sensor_msgs/msg/Range", distro="humble")
     alice, bob = memory.pair()

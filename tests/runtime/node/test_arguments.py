@@ -36,18 +36,18 @@ def parse(text: str) -> RosArguments:
     return parse_arguments(text.split())
 
 
-def test_without_ros_arguments_everything_is_the_programs() -> None:
+def test_arguments_outside_of_ros_args_are_left_to_the_program() -> None:
     assert parse("prog --verbose -r x --") == RosArguments(program=["prog", "--verbose", "-r", "x", "--"])
     assert parse_arguments([]) == RosArguments()
 
 
-def test_groups_end_at_two_dashes_and_may_be_repeated() -> None:
+def test_ros_args_groups_end_at_double_dash_and_may_be_repeated() -> None:
     got = parse("prog one --ros-args -r a:=b -- two --ros-args -r c:=d --ros-args -e /x")
     assert got.program == ["prog", "one", "two"]
     assert [rule.match for rule in got.remap_rules] == ["a", "c"] and got.enclave == "/x"
 
 
-def test_every_flag() -> None:
+def test_every_ros_argument_flag_is_parsed() -> None:
     got = parse(
         "prog --ros-args -r a:=b --remap n:c:=d -p x:=1 --param n:y:=2 --params-file a.yaml --log-level DEBUG "
         "--log-level my.node:=warn -e /e --log-file-name pre "
@@ -63,7 +63,7 @@ def test_every_flag() -> None:
     }
 
 
-def test_parameters_override_in_the_order_of_the_command_line() -> None:
+def test_later_parameter_arguments_override_earlier_ones() -> None:
     assert parse("p --ros-args --params-file a.yaml -p x:=5").overrides_for("/n")["x"].value == 5
     assert parse("p --ros-args -p x:=5 --params-file a.yaml").overrides_for("/n")["x"].value == 1
     assert parse("p --ros-args --params-file utf8.yaml").overrides_for("/n")["x"].value == "ü"
@@ -71,7 +71,7 @@ def test_parameters_override_in_the_order_of_the_command_line() -> None:
     assert both.overrides_for("/n")["x"].value == 2 and both.overrides_for("/m")["x"].value == 1
 
 
-def test_parameter_values_are_yaml_and_may_hold_anything() -> None:
+def test_parameter_values_are_parsed_as_yaml() -> None:
     got = parse_arguments(["p", "--ros-args", "-p", "a.b:=[1, 2]", "-p", "s:='5'", "-p", "u:=http://x:=y"])
     assert {name: value.value for name, value in got.overrides_for("/n").items()} == {
         "a.b": (1, 2),
@@ -80,21 +80,21 @@ def test_parameter_values_are_yaml_and_may_hold_anything() -> None:
     }
 
 
-def test_a_node_prefix_means_that_node() -> None:
+def test_parameter_with_node_prefix_applies_to_that_node_only() -> None:
     got = parse("p --ros-args -p n:x:=1 -p /ns/n:x:=2")
     assert got.overrides_for("/n")["x"].value == 1
     assert got.overrides_for("/ns/n")["x"].value == 2
     assert got.overrides_for("/m") == {}
 
 
-def test_a_bare_rule_still_works_and_warns() -> None:
+def test_remap_rule_outside_of_ros_args_is_applied_with_warning() -> None:
     got = parse("prog a:=b __ns:=/x key=value")
     assert got.program == ["prog", "key=value"]
     assert [rule.kind for rule in got.remap_rules] == [RemapKind.TOPIC_AND_SERVICE, RemapKind.NAMESPACE]
     assert len(got.warnings) == 2 and "--ros-args -r a:=b" in got.warnings[0]
 
 
-def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
+def test_invalid_remap_rule_outside_of_ros_args_stays_a_program_argument() -> None:
     assert parse("prog a*:=b").program == ["prog", "a*:=b"]
 
 
@@ -128,7 +128,7 @@ def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
         ("--enable-nothing", "unknown ROS arguments: '--enable-nothing'"),
     ],
 )
-def test_errors_show_the_argument(arguments: str, reason: str) -> None:
+def test_ros_argument_errors_name_the_argument_and_reason(arguments: str, reason: str) -> None:
     with pytest.raises(RosArgumentError) as caught:
         parse("prog --ros-args " + arguments)
     assert reason in str(caught.value)
@@ -162,7 +162,7 @@ WORD = st.one_of(
 
 
 @given(st.lists(WORD, max_size=10), st.booleans())
-def test_random_arguments_never_crash(arguments: list[str], is_group: bool) -> None:
+def test_random_arguments_raise_at_most_ros_argument_error(arguments: list[str], is_group: bool) -> None:
     try:
         got = parse_arguments(["--ros-args"] * is_group + arguments)
     except RosArgumentError:

@@ -67,7 +67,7 @@ def talk(name="child"):
 
 
 @needs_fork
-def test_a_forked_child_of_a_process_with_nodes_ends() -> None:
+def test_a_forked_child_of_a_process_with_nodes_exits_and_leaves_parent_usable() -> None:
     text = """
 node = Node("parent")
 publisher = node.create_publisher("std_msgs/msg/Int32", "s")
@@ -85,7 +85,7 @@ print(talk("still alive".replace(" ", "_")))
 
 
 @needs_fork
-def test_a_forked_child_cannot_use_dds_but_memory() -> None:
+def test_a_forked_child_of_a_dds_process_can_use_only_memory_transport() -> None:
     text = """
 node = Node("parent")
 forked(talk)
@@ -93,13 +93,13 @@ forked(lambda: Context((node.context.domain_id + 1) % 200))
 forked(lambda: Node("child", context=Context(transport=MemoryTransport())))
 """
     done = python(FORK + text)
-    refused, end, again, _, made, _ = done.stdout.splitlines()
+    refused, end, again, _, created, _ = done.stdout.splitlines()
     assert refused.startswith("this process was forked from one that uses DDS") and "spawn" in refused
-    assert (end, again, made.partition(",")[0], done.returncode) == ("7", refused, "Node(/child", 0)
+    assert (end, again, created.partition(",")[0], done.returncode) == ("7", refused, "Node(/child", 0)
 
 
 @needs_fork
-def test_a_forked_child_may_use_dds_when_nothing_was_open() -> None:
+def test_a_forked_child_can_use_dds_if_no_context_was_open() -> None:
     done = python(FORK + "talk()\nforked(talk)\nprint(talk())")
     assert (done.stdout, done.stderr) == ("True\n7\nTrue\n", "")
 
@@ -137,7 +137,7 @@ async def enter(node: Node) -> None:
 
 @pytest.mark.every_transport
 @needs_fork
-def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -> None:
+def test_inherited_nodes_and_entities_raise_closed_error_after_a_fork(world: World) -> None:
     node = world.node("parent")
     publisher = node.create_publisher(Int32, "s")
     subscription = node.create_subscription(Int32, "s")
@@ -176,7 +176,7 @@ except TransportError as error:
 """
 
 
-def test_one_domain_has_one_configuration_in_a_process(dds: World) -> None:
+def test_second_configuration_of_a_domain_in_a_process_is_refused(dds: World) -> None:
     first = dds.context()
     with pytest.raises(TransportError, match="open in this process with another configuration") as caught:
         Context(first.domain_id, discovery="off", args=["test"])
@@ -198,12 +198,12 @@ def test_one_domain_has_one_configuration_in_a_process(dds: World) -> None:
         "</CycloneDDS>",
     ],
 )
-def test_a_broken_cyclonedds_uri_is_named(uri: str) -> None:
-    said = python(OPEN, CYCLONEDDS_URI=uri).stdout
-    assert f"CYCLONEDDS_URI is set to {uri!r}" in said and "could not configure domain" in said
+def test_a_broken_cyclonedds_uri_is_quoted_in_the_error(uri: str) -> None:
+    output = python(OPEN, CYCLONEDDS_URI=uri).stdout
+    assert f"CYCLONEDDS_URI is set to {uri!r}" in output and "could not configure domain" in output
 
 
-def test_a_full_domain_says_so(dds: World) -> None:
+def test_domain_without_free_participant_index_is_reported(dds: World) -> None:
     from rosidl_py_gen.runtime.transport.cyclone.domain import has_free_index
 
     number = dds.context().domain_id
@@ -214,15 +214,15 @@ def test_a_full_domain_says_so(dds: World) -> None:
             with contextlib.suppress(OSError):  # our own context has one
                 taken.bind(("127.0.0.1", 7400 + 250 * number + 10 + 2 * index))
         assert not has_free_index(number)
-        said = python(OPEN).stdout
-    assert "All 32 participant indexes of the domain are taken on this machine" in said and "ROS_DOMAIN_ID" in said
+        output = python(OPEN).stdout
+    assert "All 32 participant indexes of the domain are taken on this machine" in output and "ROS_DOMAIN_ID" in output
 
 
 @pytest.mark.parametrize(
     ("name", "namespace", "args"),
     [("bad name", "", ""), ("n", "/a//b", ""), (None, "", ""), ("n", "", f"--ros-args -r n:__node:={'n' * 256}")],
 )
-def test_a_node_that_cannot_start_leaves_no_default_context(
+def test_failed_node_creation_leaves_no_default_context(
     name: Any, namespace: str, args: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["test", *args.split()])
@@ -235,7 +235,7 @@ def test_a_node_that_cannot_start_leaves_no_default_context(
         assert not other.context.is_closed
 
 
-async def test_a_node_that_cannot_be_entered_is_not_left_behind(memory: World) -> None:
+async def test_node_that_cannot_be_entered_is_closed_and_others_stay_open(memory: World) -> None:
     context = memory.context()
     used = memory.node("used", context=context)
     context._core.loop_binding.running_loop()
@@ -255,10 +255,10 @@ async def test_a_node_that_cannot_be_entered_is_not_left_behind(memory: World) -
     assert used.get_node_names() == ["/used"]
 
 
-async def test_a_closed_node_answers_nothing(world: World) -> None:
+async def test_closed_node_raises_closed_error_in_every_method(world: World) -> None:
     node = world.node("n", "/ns")
     node.close()
-    asks: list[Callable[[], object]] = [
+    calls: list[Callable[[], object]] = [
         node.get_node_names,
         node.get_nodes,
         node.get_topic_names_and_types,
@@ -282,9 +282,9 @@ async def test_a_closed_node_answers_nothing(world: World) -> None:
         lambda: node.set_descriptor("use_sim_time", ParameterDescriptor()),
         lambda: node.parameter_services(),
     ]
-    for ask in asks:
+    for call in calls:
         with pytest.raises(ClosedError, match=r"^node /ns/n is closed$"):
-            ask()
+            call()
     with pytest.raises(ClosedError, match=r"^node /ns/n is closed$"):
         async with node:
             pass
@@ -293,7 +293,7 @@ async def test_a_closed_node_answers_nothing(world: World) -> None:
 
 
 class Own(Node):
-    """Node whose callbacks are its methods."""
+    """Node with a method as callback."""
 
     def __init__(self, context: Context, seen: list[int]) -> None:
         super().__init__("own", context=context)
@@ -304,7 +304,7 @@ class Own(Node):
         self.seen.append(message.data)
 
 
-async def test_a_node_whose_methods_are_callbacks_works_unheld_until_its_context_closes(world: World) -> None:
+async def test_unreferenced_node_with_method_callbacks_works_until_its_context_closes(world: World) -> None:
     seen: list[int] = []
     context, other = world.context(), world.node("other")
     with warnings.catch_warnings():
@@ -319,10 +319,10 @@ async def test_a_node_whose_methods_are_callbacks_works_unheld_until_its_context
         await until(lambda: other.get_node_names() == ["/other"])
 
 
-async def test_nothing_grows_with_the_publishers_that_came_and_went(memory: World) -> None:
+async def test_reader_state_does_not_grow_with_closed_publishers(memory: World) -> None:
     alice, bob = memory.pair()
     subscription = bob.create_subscription(Int32, "n")
-    kept: list[set[int]] = []
+    sizes: list[set[int]] = []
     for number in range(3):
         for _ in range(20):
             publisher = alice.create_publisher(Int32, "n")
@@ -331,11 +331,11 @@ async def test_nothing_grows_with_the_publishers_that_came_and_went(memory: Worl
             assert (message.data, info.publisher_gid) == (number, publisher.gid)
             publisher.close()
         reader: Any = subscription._reader
-        kept.append({len(part) for part in vars(reader).values() if isinstance(part, (dict, list, set))})
-    assert kept[0] == kept[1] == kept[2]
+        sizes.append({len(part) for part in vars(reader).values() if isinstance(part, (dict, list, set))})
+    assert sizes[0] == sizes[1] == sizes[2]
 
 
-def test_a_second_ctrl_c_does_not_interrupt_the_end_of_a_process() -> None:
+def test_a_second_ctrl_c_does_not_interrupt_the_exit_of_a_process() -> None:
     """Launch sends SIGINT to its processes, and the terminal does so, too."""
     text = """
         import os, signal

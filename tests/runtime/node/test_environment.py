@@ -13,17 +13,17 @@ from rosidl_py_gen.runtime.transport.api import DiscoveryRange
 @pytest.mark.parametrize(
     ("text", "number"), [("", 0), ("0", 0), ("42", 42), (" 7", 7), ("0x10", 16), ("010", 8), ("232", 232), ("+5", 5)]
 )
-def test_domain_id_is_read_like_strtoul(text: str, number: int) -> None:
+def test_ros_domain_id_is_parsed_like_strtoul(text: str, number: int) -> None:
     assert read_environment({"ROS_DOMAIN_ID": text}).domain_id == number
 
 
 @pytest.mark.parametrize("text", ["junk", "1a", "-1", "233", "08", "0x", " ", "1_0", "٣", "1.0"])
-def test_a_bad_domain_id_names_the_variable_and_the_limit(text: str) -> None:
+def test_invalid_ros_domain_id_error_names_variable_and_range(text: str) -> None:
     with pytest.raises(EnvironmentSettingError, match="ROS_DOMAIN_ID must be a whole number from 0 to 232"):
         read_environment({"ROS_DOMAIN_ID": text})
 
 
-def test_arguments_win_over_variables() -> None:
+def test_arguments_override_environment_variables() -> None:
     environ = {"ROS_DOMAIN_ID": "junk", "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_LOCALHOST_ONLY": "1"}
     settings = read_environment(environ, domain_id=3, discovery="subnet")
     assert (settings.domain_id, settings.discovery_range, settings.warnings) == (3, DiscoveryRange.SUBNET, ())
@@ -40,7 +40,7 @@ class BoolOfNumpy22:
 
 
 @pytest.mark.parametrize("bad", [-1, 233, True, "5", 1.0, BoolOfNumpy22()])
-def test_bad_domain_id_argument(bad: Any) -> None:
+def test_invalid_domain_id_argument_is_refused(bad: Any) -> None:
     with pytest.raises(EnvironmentSettingError, match=f"^domain_id must be .*got {bad!r}$"):
         read_environment({}, domain_id=bad)
 
@@ -56,12 +56,12 @@ def test_bad_domain_id_argument(bad: Any) -> None:
         ("everywhere", DiscoveryRange.LOCALHOST, True),
     ],
 )
-def test_discovery_range(value: str, expected: DiscoveryRange, warned: bool) -> None:
+def test_discovery_range_is_read_from_environment(value: str, expected: DiscoveryRange, warned: bool) -> None:
     settings = read_environment({"ROS_AUTOMATIC_DISCOVERY_RANGE": value})
     assert (settings.discovery_range, bool(settings.warnings)) == (expected, warned)
 
 
-def test_localhost_only_is_the_old_way_and_drops_static_peers() -> None:
+def test_ros_localhost_only_is_deprecated_and_discards_static_peers() -> None:
     settings = read_environment({"ROS_LOCALHOST_ONLY": "1", "ROS_STATIC_PEERS": "a;b"})
     assert (settings.discovery_range, settings.static_peers) == (DiscoveryRange.LOCALHOST, ())
     assert "deprecated" in settings.warnings[0]
@@ -70,7 +70,7 @@ def test_localhost_only_is_the_old_way_and_drops_static_peers() -> None:
     assert "no effect" in other.warnings[0]
 
 
-def test_static_peers_are_split_and_long_ones_skipped() -> None:
+def test_static_peers_are_split_and_overlong_ones_skipped() -> None:
     settings = read_environment({"ROS_STATIC_PEERS": f"10.0.0.1; host;;{'x' * 256}"})
     assert settings.static_peers == ("10.0.0.1", "host")
     assert "256 characters" in settings.warnings[0]

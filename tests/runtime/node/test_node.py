@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.every_transport
-async def test_names_are_expanded_and_remapped(world: World) -> None:
+async def test_node_and_entity_names_are_expanded_and_remapped(world: World) -> None:
     context = world.context("--ros-args", "-r", "__ns:=/robot", "-r", "chatter:=/loud", "-r", "~/in:=other")
     node = world.node("arm", "ignored", context=context)
     assert (node.name, node.namespace, node.fully_qualified_name) == ("arm", "/robot", "/robot/arm")
@@ -57,7 +57,7 @@ async def test_names_are_expanded_and_remapped(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_every_node_sees_every_other_one(world: World) -> None:
+async def test_nodes_discover_each_other_and_notice_closed_nodes(world: World) -> None:
     alice, bob = world.pair()
     carol = world.node("carol", "/ns", context=alice.context)
     for node in (alice, bob, carol):
@@ -81,7 +81,7 @@ async def test_every_node_sees_every_other_one(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World) -> None:
+async def test_endpoint_info_contains_node_type_hash_and_qos(world: World) -> None:
     alice, bob = world.pair()
     qos = QoSProfile().keep_last(7).transient_local().deadline(1.5)
     publisher = alice.create_publisher(String, "/topic", qos)
@@ -105,7 +105,7 @@ async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World)
 
 
 @pytest.mark.every_transport
-async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -> None:
+async def test_topics_and_services_are_listed_for_the_graph_and_for_each_node(world: World) -> None:
     alice, bob = world.pair()
     alice.create_publisher(String, "/out")
     alice.create_subscription(Int32, "/in")
@@ -145,7 +145,7 @@ async def test_servers_and_clients_of_a_service_are_counted(world: World) -> Non
     assert (bob.count_services("nobody"), bob.count_clients("nobody")) == (0, 0)
 
 
-async def test_names_of_counted_services_are_expanded_and_remapped_as_services(world: World) -> None:
+async def test_count_services_expands_and_remaps_service_names(world: World) -> None:
     alice = world.node("alice", "/ns")
     alice.create_service(AddTwoInts, "sum")
     alice.create_client(AddTwoInts, "~/own")
@@ -176,21 +176,21 @@ def every_nodes_services(node: str) -> list[tuple[str, list[str]]]:
     return sorted(found)
 
 
-async def test_program_arguments_are_handed_back_and_parameters_taken(memory: World) -> None:
+async def test_context_returns_program_arguments_and_applies_parameter_arguments(memory: World) -> None:
     context = memory.context("--fast", "--ros-args", "-p", "speed:=2", "-p", "arm:speed:=3", "--", "file")
     assert context.arguments == ["test", "--fast", "file"]
     arm, leg = memory.node("arm", context=context), memory.node("leg", context=context)
     assert [node.declare_parameter("speed", 1) for node in (arm, leg)] == [3, 2]
 
 
-def test_a_node_that_cannot_start_leaves_nothing(memory: World) -> None:
+def test_failed_node_creation_leaves_no_node_in_the_graph(memory: World) -> None:
     context = memory.context("--ros-args", "-p", "use_sim_time:=3")
     with pytest.raises(ParameterError):
         Node("n", context=context)
     assert context._core.discovery.graph.nodes() == []
 
 
-def test_types_that_are_imported_late_are_the_bundled_ones() -> None:
+def test_lazily_imported_types_equal_the_bundled_types() -> None:
     services = [name for name in HASHES if f"{name}_Request" in HASHES]
     assert "rcl_interfaces/srv/SetParameters" in services
     for name in services:
@@ -216,7 +216,7 @@ def test_a_node_starts_without_what_it_may_never_need() -> None:
     assert run.stdout == "[]\n"
 
 
-def test_a_forgotten_node_lives_until_the_process_ends_and_is_warned_about() -> None:
+def test_a_forgotten_node_lives_until_process_exit_and_is_warned_about() -> None:
     program = (
         "import gc\nfrom rosidl_py_gen.runtime import Context, MemoryTransport, Node\n"
         "context = Context(transport=MemoryTransport(), args=['p'])\n"
@@ -235,7 +235,7 @@ def test_every_exported_name_exists() -> None:
     assert len(stub) == len(runtime.__all__) > 100
 
 
-async def test_options_of_a_node(memory: World) -> None:
+async def test_node_constructor_options_are_applied(memory: World) -> None:
     node = Node(
         "n",
         context=memory.context(),
@@ -252,26 +252,26 @@ async def test_options_of_a_node(memory: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh("everything is compatible")
-async def test_incompatible_qos_is_explained_once_with_both_nodes(
+async def test_incompatible_qos_is_logged_once_by_each_node_with_both_names(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def told() -> list[str]:
+    def warnings() -> list[str]:
         return [text for text in (record.getMessage() for record in caplog.records) if "incompatible" in text]
 
     alice, bob = world.pair()
     with caplog.at_level(logging.WARNING):
         alice.create_publisher(String, "s", QoSProfile().best_effort())
         bob.create_subscription(String, "s", qos=QoSProfile().reliable())
-        await until(lambda: len(told()) == 2)  # each side tells its own user
+        await until(lambda: len(warnings()) == 2)  # each node logs to its own user
         bob.create_publisher(String, "unrelated")
         await until(lambda: alice.count_publishers("unrelated") == bob.count_publishers("unrelated") == 1)
-    assert len(told()) == 2
-    for line in told():
+    assert len(warnings()) == 2
+    for line in warnings():
         assert "on /s from node /alice to node /bob" in line
         assert "Best effort publisher and reliable subscription" in line
 
 
-def test_a_failing_function_for_incompatible_endpoints_hides_nothing_else(
+def test_failing_on_incompatible_endpoint_callback_is_logged_and_discovery_continues(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(text: str, topic: str) -> None:
@@ -290,7 +290,7 @@ def test_a_failing_function_for_incompatible_endpoints_hides_nothing_else(
 
 
 @pytest.mark.every_transport
-async def test_what_a_node_logs_is_published_on_rosout(world: World) -> None:
+async def test_log_messages_of_a_node_are_published_on_rosout(world: World) -> None:
     alice, bob = world.pair()
     logs = bob.create_subscription(Log, "/rosout", qos=ROSOUT)
     alice.logger.warning("careful")
@@ -303,7 +303,7 @@ async def test_what_a_node_logs_is_published_on_rosout(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_best_available_follows_the_peers_at_creation(world: World) -> None:
+async def test_best_available_qos_is_resolved_from_existing_peers_at_creation(world: World) -> None:
     from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE
 
     alice, bob = world.pair()
@@ -329,7 +329,7 @@ def test_closing_a_context_closes_its_nodes(world: World) -> None:
 
 
 @pytest.mark.usefixtures("network")
-def test_the_default_context_lives_from_the_first_node_to_the_last() -> None:
+def test_default_context_exists_from_first_node_to_last_node() -> None:
     with Node("a") as first, Node("b") as second:
         context = first.context
         assert second.context is context
@@ -340,7 +340,7 @@ def test_the_default_context_lives_from_the_first_node_to_the_last() -> None:
         assert third.context is not context
 
 
-def test_one_context_cannot_serve_two_running_loops(world: World) -> None:
+def test_context_refuses_a_second_running_loop(world: World) -> None:
     node = world.node("n")
 
     async def outer() -> None:
@@ -361,10 +361,10 @@ def test_one_context_cannot_serve_two_running_loops(world: World) -> None:
         publisher.publish(Int32(data=1))
         assert (await subscription.receive(timeout_s=5)).data == 1
 
-    asyncio.run(later())  # one after the other is fine
+    asyncio.run(later())  # consecutive loops are allowed
 
 
-async def test_two_contexts_of_different_domains_do_not_meet() -> None:
+async def test_contexts_of_different_domains_do_not_match_in_memory() -> None:
     world = MemoryTransport()
     with Context(1, transport=world) as one, Context(2, transport=world) as two:
         first, second = Node("first", context=one), Node("second", context=two)
@@ -377,7 +377,7 @@ async def test_two_contexts_of_different_domains_do_not_meet() -> None:
 
 
 @pytest.mark.usefixtures("network")
-async def test_two_contexts_of_different_domains_of_a_network_do_not_meet() -> None:
+async def test_contexts_of_different_domains_do_not_match_on_the_network() -> None:
     assert domain_id() != second_domain_id()
     with (
         Context(domain_id()) as one,
@@ -388,22 +388,22 @@ async def test_two_contexts_of_different_domains_of_a_network_do_not_meet() -> N
         Node("far", context=two) as far,
     ):
         publisher = first.create_publisher(String, "s")
-        heard = near.create_subscription(String, "s")
-        not_heard = far.create_subscription(String, "s")
+        near_subscription = near.create_subscription(String, "s")
+        far_subscription = far.create_subscription(String, "s")
         assert await publisher.wait_for_subscribers(timeout_s=5)
         with pytest.raises(WaitTimeoutError, match=r"^1 subscriptions on /s, expected at least 2, in 1 s$"):
             await publisher.wait_for_subscribers(timeout_s=1, count=2)
         publisher.publish(String(data="near"))
-        assert await heard.receive(timeout_s=5) == String(data="near")
+        assert await near_subscription.receive(timeout_s=5) == String(data="near")
         with pytest.raises(WaitTimeoutError):
-            await not_heard.receive(timeout_s=0.2)
+            await far_subscription.receive(timeout_s=0.2)
         await until(lambda: sorted(first.get_node_names()) == ["/first", "/near"])
         assert far.get_node_names() == ["/far"]
         assert far.count_publishers("s") == 0
 
 
 @pytest.mark.every_transport
-async def test_who_does_not_understand_whom_is_listed_with_the_reason(world: World) -> None:
+async def test_incompatible_endpoints_are_listed_with_nodes_and_reason(world: World) -> None:
     alice, bob, asker = world.node("alice"), world.node("bob"), world.node("asker")
     alice.create_publisher(String, "t")
     bob.create_subscription(Int32, "t")
@@ -425,16 +425,16 @@ async def test_who_does_not_understand_whom_is_listed_with_the_reason(world: Wor
 
 
 @pytest.mark.every_transport
-async def test_the_ends_of_a_service_and_the_participants_are_told(world: World) -> None:
+async def test_servers_clients_and_participants_are_listed_with_node_names(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add")
     bob.create_client(AddTwoInts, "add")
 
-    def ends() -> list[TopicEndpointInfo]:
+    def service_endpoints() -> list[TopicEndpointInfo]:
         return [*bob.get_servers_info_by_service("add"), *bob.get_clients_info_by_service("/add")]
 
-    await until(lambda: [one.has_node_name for one in ends()] == [True, True])
-    server, client = ends()
+    await until(lambda: [one.has_node_name for one in service_endpoints()] == [True, True])
+    server, client = service_endpoints()
     assert (server.node_text, client.node_text) == ("/alice", "/bob")
     found = {one.guid: one for one in bob.context.participants()}
     assert [one.guid for one in found.values() if one.is_own] == [client.participant_guid]
@@ -443,7 +443,7 @@ async def test_the_ends_of_a_service_and_the_participants_are_told(world: World)
 
 
 @pytest.mark.every_transport
-async def test_names_that_ros_refuses_are_found_where_there_are_some(world: World) -> None:
+async def test_existing_topics_with_invalid_ros_names_can_be_queried(world: World) -> None:
     other, asker = world.node("other"), world.node("asker")
     raw_endpoints.announce(other, "rt/2d_scan", "std_msgs::msg::dds_::String_", "")
     await until(lambda: "/2d_scan" in dict(asker.get_topic_names_and_types()))
@@ -453,7 +453,7 @@ async def test_names_that_ros_refuses_are_found_where_there_are_some(world: Worl
         asker.get_publishers_info_by_topic("/3d_scan")
 
 
-async def test_logger_levels(world: World) -> None:
+async def test_logger_services_set_and_report_levels(world: World) -> None:
     world.node("n", logger_services=True)
     other = world.node("other")
     change = other.create_client(SetLoggerLevels, "/n/set_logger_levels")
@@ -461,6 +461,6 @@ async def test_logger_levels(world: World) -> None:
     results = (await change.call(request, 5)).results
     assert [(r.successful, bool(r.reason)) for r in results] == [(True, False), (False, True)]
     assert get_logger("svc.a.child").getEffectiveLevel() == 40
-    ask = other.create_client(GetLoggerLevels, "/n/get_logger_levels")
-    levels = (await ask.call(GetLoggerLevels.Request(names=["svc.a", "svc.a.child"]), 5)).levels
+    get_levels = other.create_client(GetLoggerLevels, "/n/get_logger_levels")
+    levels = (await get_levels.call(GetLoggerLevels.Request(names=["svc.a", "svc.a.child"]), 5)).levels
     assert [(level.name, level.level) for level in levels] == [("svc.a", 40), ("svc.a.child", 0)]

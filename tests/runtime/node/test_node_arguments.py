@@ -1,4 +1,4 @@
-"""Arguments of a node, in addition to those of the command line."""
+"""Arguments of a node, in addition to the arguments of the command line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-def test_its_own_rules_go_before_those_of_the_context(memory: World) -> None:
+def test_remap_rules_of_a_node_take_precedence_over_context_rules(memory: World) -> None:
     context = memory.context("--ros-args -r a:=global_a -r b:=global_b -r __ns:=/everybody -r __node:=renamed")
     node = memory.node("n", context=context, cli_args=["--ros-args", "-r", "a:=own_a", "-r", "__node:=mine"])
     assert node.fully_qualified_name == "/everybody/mine"
@@ -25,9 +25,7 @@ def test_its_own_rules_go_before_those_of_the_context(memory: World) -> None:
     assert memory.node("n", context=context).fully_qualified_name == "/everybody/renamed"
 
 
-def test_its_own_parameters_go_before_those_of_the_context_and_behind_those_of_the_constructor(
-    memory: World, tmp_path: Path
-) -> None:
+def test_parameter_precedence_is_constructor_then_node_arguments_then_context(memory: World, tmp_path: Path) -> None:
     file = tmp_path / "own.yaml"
     file.write_text("n:\n  ros__parameters:\n    a: 10\n    b: 20\nother:\n  ros__parameters:\n    c: 30\n")
     context = memory.context("--ros-args -p a:=1 -p b:=2 -p c:=3 -p d:=4")
@@ -37,7 +35,7 @@ def test_its_own_parameters_go_before_those_of_the_context_and_behind_those_of_t
     assert memory.node("n2", context=context).declare_parameter("a", 0) == 1
 
 
-def test_a_node_may_be_without_the_arguments_of_the_context(memory: World) -> None:
+def test_node_can_ignore_the_arguments_of_its_context(memory: World) -> None:
     context = memory.context("--ros-args -r a:=global_a -r __node:=renamed -r __ns:=/ns -p a:=1")
     node = memory.node("n", context=context, use_global_arguments=False, cli_args=("--ros-args", "-r", "b:=own"))
     assert node.fully_qualified_name == "/n"
@@ -55,7 +53,7 @@ def test_a_node_may_be_without_the_arguments_of_the_context(memory: World) -> No
         (["--ros-args", "-r", "a"], "there is no ':='"),
     ],
 )
-def test_wrong_ones_are_refused_and_nothing_is_left(memory: World, arguments: list[str], words: str) -> None:
+def test_invalid_node_arguments_are_refused_and_create_no_node(memory: World, arguments: list[str], words: str) -> None:
     context = memory.context()
     with pytest.raises(RosArgumentError, match=words):
         Node("n", context=context, cli_args=arguments)
@@ -64,7 +62,7 @@ def test_wrong_ones_are_refused_and_nothing_is_left(memory: World, arguments: li
     assert memory.node("other", context=context).get_node_names() == ["/other"]
 
 
-def test_what_is_not_for_ros_has_no_effect_and_old_rules_are_warned_about(
+def test_bare_remap_rule_in_node_arguments_is_applied_with_warning(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = memory.node("n", cli_args=["program", "--fast", "a:=b"])
@@ -72,7 +70,7 @@ def test_what_is_not_for_ros_has_no_effect_and_old_rules_are_warned_about(
     assert "remap rule 'a:=b' outside of --ros-args is deprecated" in caplog.text
 
 
-def test_a_parameter_that_nobody_takes_is_named_for_its_own_node(
+def test_unused_parameter_argument_is_warned_about_for_its_node(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     context = memory.context("--ros-args -p globl:=1")

@@ -1,4 +1,4 @@
-"""Resolution of types that are not installed: asked nodes, refused descriptions, cache."""
+"""Resolution of types that are not installed: requests to nodes, refused descriptions, cache."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.every_transport
-async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -> None:
+async def test_type_known_only_to_another_node_is_resolved_to_a_class(world: World) -> None:
     told = fresh()
     told_by(world, told)
     cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
@@ -42,7 +42,7 @@ async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -
     assert compile_definition(told.name, told.text) is cls
 
 
-async def test_the_description_is_enough_when_there_is_no_source(world: World) -> None:
+async def test_type_is_resolved_from_description_without_source(world: World) -> None:
     told = fresh(
         'int32 x 5\nstring<=9 word "a\'b"\nfloat64[2] pair [1.5, -2.0]\nstring[<=3] words ["p", "q"]\nbool on true'
     )
@@ -53,7 +53,7 @@ async def test_the_description_is_enough_when_there_is_no_source(world: World) -
     assert type_description(cls) == build_type_description(told.name, told.library.field_rows)
 
 
-async def test_a_source_that_says_something_else_is_not_used(world: World) -> None:
+async def test_source_that_contradicts_its_description_is_ignored(world: World) -> None:
     told, other = fresh(), "int64 x 5\nstring LABEL=other"
     answer = told.answer()
     answer.type_sources[0].raw_file_contents = other
@@ -62,14 +62,14 @@ async def test_a_source_that_says_something_else_is_not_used(world: World) -> No
     assert type_hash(cls) == told.hash and not hasattr(cls, "LABEL") and cls().x == 5
 
 
-async def test_a_local_class_of_the_same_hash_is_taken_and_nobody_asked(world: World) -> None:
+async def test_local_class_with_announced_hash_is_used_without_request(world: World) -> None:
     string = get_message("std_msgs/msg/String")
     told = Told("std_msgs/msg/String", "string data")
     told_by(world, told, answer=lambda request: pytest.fail("asked"))
     assert await world.node("asker").resolve_type("t", timeout_s=10) is string
 
 
-async def test_a_local_class_of_another_hash_is_left_alone(world: World) -> None:
+async def test_local_class_with_another_hash_stays_unchanged(world: World) -> None:
     string = get_message("std_msgs/msg/String")
     told = Told("std_msgs/msg/String", f"int32 not_a_string_{next(_numbers)}")
     told_by(world, told)
@@ -78,7 +78,7 @@ async def test_a_local_class_of_another_hash_is_left_alone(world: World) -> None
     assert get_message("std_msgs/msg/String") is string
 
 
-async def test_nested_types_are_local_ones_where_the_hash_is_the_same(world: World) -> None:
+async def test_nested_types_with_equal_hash_are_local_classes(world: World) -> None:
     point = f"int32 other_{next(_numbers)}"
     told = fresh("std_msgs/Header header\ngeometry_msgs/Point32 point", **{"geometry_msgs/msg/Point32": point})
     told_by(world, told)
@@ -91,7 +91,7 @@ async def test_nested_types_are_local_ones_where_the_hash_is_the_same(world: Wor
 
 
 @pytest.mark.every_transport
-async def test_a_liar_is_refused_and_named_with_both_hashes(world: World) -> None:
+async def test_description_with_wrong_hash_is_refused_with_node_and_both_hashes(world: World) -> None:
     told, lie = fresh(), fresh("int32 y")
     answer = lie.answer()
     answer.type_description.type_description.type_name = told.name
@@ -102,7 +102,7 @@ async def test_a_liar_is_refused_and_named_with_both_hashes(world: World) -> Non
     assert len(set(re.findall(r"RIHS01_[0-9a-f]{64}", str(caught.value)))) == 2
 
 
-async def test_a_node_does_not_ask_one_that_has_its_own_name_and_says_so(world: World) -> None:
+async def test_type_announced_only_by_a_node_with_own_name_is_not_requested(world: World) -> None:
     told = fresh()
     told_by(world, told, answer=lambda request: pytest.fail("asked"))
     with pytest.raises(
@@ -112,7 +112,7 @@ async def test_a_node_does_not_ask_one_that_has_its_own_name_and_says_so(world: 
     assert ", /robot, which cannot ask itself; rename one of them" in str(caught.value)
 
 
-async def test_names_that_come_late_are_waited_for_also_where_this_node_announces_the_type(
+async def test_resolve_type_waits_for_late_node_names_of_announcers(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = fresh()
@@ -125,25 +125,25 @@ async def test_names_that_come_late_are_waited_for_also_where_this_node_announce
         name = node_of(graph, endpoint)
         return "" if name in late else name
 
-    def comes() -> None:
+    def announce_name() -> None:
         late.clear()
         told.announce(robot, topic_name("/other"))
 
     monkeypatch.setattr(announcements, "node_name_of", known)
-    asyncio.get_running_loop().call_later(0.5, comes)
+    asyncio.get_running_loop().call_later(0.5, announce_name)
     assert type_hash(await asker.resolve_type("t", timeout_s=10)) == told.hash
     assert not late
 
 
-async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
+async def test_valid_description_is_accepted_despite_a_lying_and_a_silent_node(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patience = "rosidl_py_gen.runtime.type_resolution.type_resolver.ANSWER_TIMEOUT_S"
-    monkeypatch.setattr(patience, 0.5)
+    timeout_name = "rosidl_py_gen.runtime.type_resolution.type_resolver.ANSWER_TIMEOUT_S"
+    monkeypatch.setattr(timeout_name, 0.5)
     told, lie = fresh(), fresh("int32 y")
 
     async def never(request: Any) -> Any:
-        monkeypatch.setattr(patience, 10.0)  # with the honest one, which is asked next
+        monkeypatch.setattr(timeout_name, 10.0)  # for the honest node, which is queried next
         await asyncio.sleep(60)
 
     for name, answer in (("a_liar", lambda request: lie.answer()), ("b_silent", never), ("c_honest", told)):
@@ -153,7 +153,7 @@ async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
     assert type_hash(await asker.resolve_type("t", timeout_s=20)) == told.hash
 
 
-async def test_a_node_whose_answer_is_lost_is_asked_again(world: World) -> None:
+async def test_description_request_is_repeated_after_a_lost_reply(world: World) -> None:
     told, asked = fresh(), list[Any]()
 
     async def second_time(request: Any) -> Any:
@@ -167,7 +167,7 @@ async def test_a_node_whose_answer_is_lost_is_asked_again(world: World) -> None:
     assert len(asked) == 2
 
 
-async def test_a_node_that_never_answers_is_an_error_in_time(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_silent_node_raises_error_within_the_timeout(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.type_resolution.type_resolver.ANSWER_TIMEOUT_S", 30.0)
 
     async def never(request: Any) -> Any:
@@ -183,14 +183,14 @@ async def test_a_node_that_never_answers_is_an_error_in_time(world: World, monke
     assert asyncio.get_running_loop().time() - start < 15
 
 
-async def test_a_node_without_the_service_is_an_error_that_says_what_to_do(world: World) -> None:
+async def test_node_without_description_service_raises_error_with_fix(world: World) -> None:
     told = fresh()
     told.announce(teller(world, "robot", None), "rt/t")
     with pytest.raises(TypeDescriptionError, match=r"/robot/get_type_description.*install its package"):
         await world.node("asker").resolve_type("t", timeout_s=10)
 
 
-async def test_a_local_definition_of_another_hash_is_mentioned_when_nobody_can_be_asked(world: World) -> None:
+async def test_error_mentions_local_definition_with_another_hash(world: World) -> None:
     robot, service = teller(world, "robot", None), Told("std_srvs/srv/SetBool", "bool other\n---\nbool done")
     service.announce(robot, request_name("/s"), "_Request")
     service.announce(robot, reply_name("/s"), "_Response")
@@ -199,7 +199,7 @@ async def test_a_local_definition_of_another_hash_is_mentioned_when_nobody_can_b
         await world.node("asker").resolve_service_type("s", timeout_s=2)
 
 
-async def test_parts_of_two_definitions_are_not_put_together(world: World) -> None:
+async def test_service_parts_of_two_definitions_are_not_combined(world: World) -> None:
     one = fresh("int32 a\n---\nint32 b", "srv")
     two = Told(one.name, "int32 a\n---\nint64 c")
     first, second = teller(world, "first", one), teller(world, "second", None)
@@ -213,7 +213,7 @@ async def test_parts_of_two_definitions_are_not_put_together(world: World) -> No
 
 
 @pytest.mark.parametrize("distro", ["jazzy", "humble"])
-async def test_without_a_hash_the_local_definition_is_taken_and_said_so_unless_humble_is_selected(
+async def test_type_without_hash_uses_local_definition_with_warning_unless_humble_is_selected(
     world: World, distro: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("ROS_DISTRO", distro)
@@ -222,8 +222,8 @@ async def test_without_a_hash_the_local_definition_is_taken_and_said_so_unless_h
     fresh().announce(robot, "rt/unknown", announced="")
     asker = world.node("asker")
     assert await asker.resolve_type("known", timeout_s=5) is get_message("std_msgs/msg/Bool")
-    said = "announce no hash for std_msgs/msg/Bool, as those of ROS 2 Humble do"
-    assert any(said in one.message for one in caplog.records if one.levelname == "WARNING") is (distro == "jazzy")
+    warning = "announce no hash for std_msgs/msg/Bool, as those of ROS 2 Humble do"
+    assert any(warning in one.message for one in caplog.records if one.levelname == "WARNING") is (distro == "jazzy")
     with pytest.raises(TypeNotFoundError, match=r"there is no local definition; install its package.*--path"):
         await asker.resolve_type("unknown", timeout_s=5)
 
@@ -231,7 +231,7 @@ async def test_without_a_hash_the_local_definition_is_taken_and_said_so_unless_h
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh
 @pytest.mark.parametrize("is_publisher", [True, False])
-async def test_nodes_of_humble_have_the_definitions_of_humble(
+async def test_type_of_humble_node_is_resolved_to_its_humble_definition(
     world: World, is_publisher: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
@@ -241,7 +241,7 @@ async def test_nodes_of_humble_have_the_definitions_of_humble(
     assert "using the definition of Humble, which differs from the local one" in caplog.text
 
 
-async def test_a_class_generated_for_another_distribution_gets_the_definitions_of_humble(
+async def test_generated_class_uses_nested_humble_definitions_for_humble_node(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sonar: Any = compile_definition(f"sonar_msgs/msg/Generated{next(_numbers)}", "sensor_msgs/Range[] all")
@@ -253,14 +253,16 @@ async def test_a_class_generated_for_another_distribution_gets_the_definitions_o
     assert cls._TYPE.fields[0].cls is get_message("sensor_msgs/msg/Range", distro="humble")
 
 
-async def test_a_program_without_ros_has_the_local_definitions(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_type_of_program_without_ros_is_resolved_to_local_definition(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     robot, asker = memory.pair()
     robot.create_publisher(without_hash(get_message("sensor_msgs/msg/Range")), "range")
     monkeypatch.setattr(asker._scope.graph, "is_ros", lambda guid: False)
     assert await asker.resolve_type("range", timeout_s=10) is get_message("sensor_msgs/msg/Range")
 
 
-async def test_another_definition_that_was_loaded_before_is_not_taken_for_the_local_one(memory: World) -> None:
+async def test_previously_loaded_definition_of_another_distribution_is_not_used_as_local(memory: World) -> None:
     get_message("lifecycle_msgs/msg/TransitionEvent", distro="lyrical")
     robot, asker = memory.pair()
     event = get_message("lifecycle_msgs/msg/TransitionEvent")
@@ -269,7 +271,7 @@ async def test_another_definition_that_was_loaded_before_is_not_taken_for_the_lo
 
 
 @pytest.mark.every_transport
-async def test_several_types_or_hashes_are_listed_with_their_nodes(world: World) -> None:
+async def test_several_types_on_a_topic_raise_error_that_lists_them_with_nodes(world: World) -> None:
     one, two = fresh(), fresh("int32 y")
     told_by(world, one)
     two.announce(teller(world, "second", two), "rt/t")
@@ -283,7 +285,7 @@ async def test_several_types_or_hashes_are_listed_with_their_nodes(world: World)
     assert type_hash(await asker.resolve_type("t", two.name, timeout_s=5)) == two.hash
 
 
-async def test_several_definitions_of_one_type_are_told_apart_by_their_hash(world: World) -> None:
+async def test_type_hash_selects_one_of_several_definitions(world: World) -> None:
     one = fresh()
     two = Told(one.name, "int32 y")
     told_by(world, one)
@@ -296,7 +298,7 @@ async def test_several_definitions_of_one_type_are_told_apart_by_their_hash(worl
         assert type_hash(await asker.resolve_type("t", type_hash=told.hash, timeout_s=5)) == told.hash
 
 
-async def test_the_definition_of_those_who_publish_counts_more(world: World) -> None:
+async def test_definition_of_publishers_takes_precedence_over_subscriptions(world: World) -> None:
     one = fresh()
     told_by(world, one)
     asker = world.node("asker")
@@ -307,7 +309,7 @@ async def test_the_definition_of_those_who_publish_counts_more(world: World) -> 
     assert type_hash(await asker.resolve_type("t", timeout_s=5)) == one.hash
 
 
-async def test_nobody_is_waited_for_in_vain(world: World) -> None:
+async def test_resolve_type_waits_for_an_announcement_or_times_out(world: World) -> None:
     asker = world.node("asker")
     with pytest.raises(CallTimeoutError, match=r"no node announced a type for the topic /t in 0\.2 s"):
         await asker.resolve_type("t", timeout_s=0.2)
@@ -319,7 +321,7 @@ async def test_nobody_is_waited_for_in_vain(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_a_service_of_a_node_of_this_package(world: World) -> None:
+async def test_service_type_is_resolved_from_a_node_of_this_package(world: World) -> None:
     told = fresh("int32 a 3\nstring MORE=x\n---\nstring b", "srv")
     robot = teller(world, "robot", told)
     told.announce(robot, request_name("/s"), "_Request")
@@ -329,7 +331,7 @@ async def test_a_service_of_a_node_of_this_package(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_events_of_a_service_that_are_announced_last_are_waited_for(world: World) -> None:
+async def test_resolve_service_type_waits_for_late_event_announcement(world: World) -> None:
     told = fresh("int32 a 3\n---\nstring b", "srv")
     refused: list[str] = []
 
@@ -350,7 +352,7 @@ async def test_events_of_a_service_that_are_announced_last_are_waited_for(world:
 
 
 @pytest.mark.every_transport
-async def test_an_action_of_a_node_of_this_package(world: World) -> None:
+async def test_action_type_is_resolved_from_a_node_of_this_package(world: World) -> None:
     told = fresh("int32 order\n---\nint32[] result\n---\nfloat32 left", "action")
     robot = teller(world, "robot", told)
     for verb, word in (("send_goal", "SendGoal"), ("get_result", "GetResult")):
@@ -361,14 +363,14 @@ async def test_an_action_of_a_node_of_this_package(world: World) -> None:
     assert type_hash(cls) == told.hash and cls.Goal(order=3).order == 3
 
 
-async def test_a_local_service_needs_the_hashes_of_request_and_response(world: World) -> None:
+async def test_local_service_class_is_used_if_request_and_response_hashes_match(world: World) -> None:
     node, asker = world.node("robot"), world.node("asker")
     ask = get_service("std_srvs/srv/SetBool")
     node.create_service(ask, "s", lambda request: None)
     assert await asker.resolve_service_type("s", timeout_s=5) is ask
 
 
-async def test_what_was_asked_once_is_not_asked_again(world: World, cache: Path) -> None:
+async def test_cached_description_is_used_without_request(world: World, cache: Path) -> None:
     told = fresh()
     cache.mkdir()
     data = told.answer().encode()
@@ -378,7 +380,7 @@ async def test_what_was_asked_once_is_not_asked_again(world: World, cache: Path)
 
 
 @pytest.mark.parametrize("what", ["cut", "noise", "other"])
-async def test_a_changed_file_is_not_believed_and_replaced(
+async def test_damaged_cache_file_is_ignored_and_replaced(
     world: World, cache: Path, what: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     told = fresh()
@@ -392,9 +394,7 @@ async def test_a_changed_file_is_not_believed_and_replaced(
     assert "requesting it again" in caplog.text and file.read_bytes() == good
 
 
-async def test_a_folder_that_cannot_be_used_is_no_error(
-    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_unusable_cache_folder_is_ignored(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path / "file" / "below"))
     told = fresh()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def absurd(told: dict[str, Any], what: str) -> None:
-    """Change a description so that no definition leads to it."""
+    """Change a description so that no definition can produce it."""
     fields = told["type_description"]["fields"]
     changes: dict[str, tuple[str, Any]] = {
         "id": ("type_id", 77),
@@ -59,7 +59,7 @@ NAMES = ["__init__", "x y", "x\nimport os", "\N{SNOWMAN}", "9x", ""]
 
 
 @pytest.mark.parametrize("what", [*TYPES, *NAMES, "many", "twice", "default", "empty"])
-async def test_a_description_that_no_definition_leads_to_is_refused(memory: World, what: str) -> None:
+async def test_impossible_type_description_is_refused(memory: World, what: str) -> None:
     honest = fresh()
     description = build_type_description(honest.name, honest.library.field_rows)
     absurd(description, what)
@@ -72,7 +72,7 @@ async def test_a_description_that_no_definition_leads_to_is_refused(memory: Worl
 
 @pytest.mark.parametrize("line", ["?", "int8 a=1", 'string S="x"', "module a{", "[", "const long A ="])
 @pytest.mark.parametrize("encoding", ["msg", "idl"])
-async def test_a_source_costs_no_more_than_its_length(memory: World, line: str, encoding: str) -> None:
+async def test_invalid_source_text_is_rejected_in_linear_time(memory: World, line: str, encoding: str) -> None:
     told = fresh()
     answer = told.answer()
     text = "\n".join(f"{line}{index}" for index in range(250_000 // (len(line) + 6)))
@@ -84,7 +84,7 @@ async def test_a_source_costs_no_more_than_its_length(memory: World, line: str, 
     assert not hasattr(cls, "LABEL") and taken_s < 10
 
 
-async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> None:
+async def test_oversized_type_description_is_refused(memory: World) -> None:
     told = fresh()
     answer = told.answer()
     answer.type_description.type_description.fields *= 30_000
@@ -93,7 +93,7 @@ async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> 
         await memory.node("asker").resolve_type("t", timeout_s=20)
 
 
-async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
+async def test_invalid_announced_type_name_raises_type_description_error(memory: World) -> None:
     robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
     raw_endpoints.announce(robot, "rt/t", "no::such \x1bdds_::Name_", "x")
     with pytest.raises(

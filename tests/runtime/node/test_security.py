@@ -30,7 +30,7 @@ def keystore(tmp_path_factory: pytest.TempPathFactory) -> Keystore:
     return made
 
 
-def found(environ: dict[str, str], enclave: str = "/", **options: Any) -> tuple[str, list[str]]:
+def find_folder(environ: dict[str, str], enclave: str = "/", **options: Any) -> tuple[str, list[str]]:
     """Return the folder, relative to the keystore, and the warnings."""
     warnings: list[str] = []
     security = find_security(environ, enclave, warnings.append, **options)
@@ -38,14 +38,14 @@ def found(environ: dict[str, str], enclave: str = "/", **options: Any) -> tuple[
     return folder, warnings
 
 
-def test_the_folder_is_that_of_the_enclave_or_of_the_override(keystore: Keystore) -> None:
+def test_security_folder_is_selected_by_enclave_or_override(keystore: Keystore) -> None:
     environ = keystore.environment()
     for enclave, folder in (("/", "/enclaves"), ("/a", "/enclaves/a"), ("/a/b", "/enclaves/a/b")):
-        assert found(environ, enclave) == (folder, [])
+        assert find_folder(environ, enclave) == (folder, [])
     override = {**environ, "ROS_SECURITY_ENCLAVE_OVERRIDE": "/a/b"}
-    assert found(override, "/nowhere") == ("/enclaves/a/b", [])
-    assert found({**override, "ROS_SECURITY_ENCLAVE_OVERRIDE": ""}, "/a") == ("/enclaves/a", [])
-    assert found({**override, "ROS_SECURITY_ENCLAVE_OVERRIDE": "xa"}) == ("/enclaves/a", [])  # as in rcl
+    assert find_folder(override, "/nowhere") == ("/enclaves/a/b", [])
+    assert find_folder({**override, "ROS_SECURITY_ENCLAVE_OVERRIDE": ""}, "/a") == ("/enclaves/a", [])
+    assert find_folder({**override, "ROS_SECURITY_ENCLAVE_OVERRIDE": "xa"}) == ("/enclaves/a", [])  # as in rcl
 
 
 @pytest.mark.parametrize(
@@ -63,9 +63,9 @@ def test_the_folder_is_that_of_the_enclave_or_of_the_override(keystore: Keystore
         ("true", "Enforce", ""),
     ],
 )
-def test_values_are_compared_as_in_rcl(keystore: Keystore, enable: str, strategy: str, warning: str) -> None:
+def test_security_variables_are_compared_like_rcl(keystore: Keystore, enable: str, strategy: str, warning: str) -> None:
     environ = keystore.environment(ROS_SECURITY_ENABLE=enable, ROS_SECURITY_STRATEGY=strategy)
-    folder, warnings = found(environ, "/a")
+    folder, warnings = find_folder(environ, "/a")
     assert folder == ("/enclaves/a" if enable == "true" else "")
     assert len(warnings) == bool(warning) and all(warning in text for text in warnings)
 
@@ -85,59 +85,59 @@ def test_values_are_compared_as_in_rcl(keystore: Keystore, enable: str, strategy
         ({}, "/A", "there is no folder"),
     ],
 )
-def test_what_is_missing_is_an_error_or_a_warning(
+def test_missing_security_setup_is_error_if_enforced_and_warning_otherwise(
     keystore: Keystore, changes: dict[str, str], enclave: str, text: str
 ) -> None:
     environ = {**keystore.environment(), **changes}
     with pytest.raises(SecurityError) as error:
-        found(environ, enclave)
+        find_folder(environ, enclave)
     assert text in str(error.value) and str(error.value).startswith("ROS_SECURITY_STRATEGY=Enforce requires")
-    folder, (warning,) = found({**environ, "ROS_SECURITY_STRATEGY": ""}, enclave)
+    folder, (warning,) = find_folder({**environ, "ROS_SECURITY_STRATEGY": ""}, enclave)
     assert folder == "" and text in warning and "communicates unencrypted" in warning
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_each_file_is_needed_and_named(tmp_path: Path, name: str) -> None:
+def test_missing_or_invalid_security_file_is_named_in_error(tmp_path: Path, name: str) -> None:
     keystore = Keystore(tmp_path / "keystore", 0)
     file = keystore.enclave("/a").folder / name
     environ, permissive = keystore.environment(), keystore.environment(ROS_SECURITY_STRATEGY="")
     content = file.read_bytes()
     file.unlink()
     with pytest.raises(SecurityError, match=rf"enclaves/a \(enclave /a\) lacks {name} \([\w ]+\); create the enclave"):
-        found(environ, "/a")
-    assert f"lacks {name}" in found(permissive, "/a")[1][0]
+        find_folder(environ, "/a")
+    assert f"lacks {name}" in find_folder(permissive, "/a")[1][0]
     file.mkdir()
     with pytest.raises(SecurityError, match=f"lacks {name}"):
-        found(environ, "/a")
+        find_folder(environ, "/a")
     file.rmdir()
-    # A file that is wrong is an error in any case, as in rcl.
+    # An invalid file is an error even if security is not enforced, as in rcl.
     wrong = [b"", b"junk", b"-----BEGIN \n"] + [content[: len(content) // 2]] * name.endswith("pem")
     for text in wrong if name.endswith("pem") else wrong[:2]:
         file.write_bytes(text)
         with pytest.raises(SecurityError, match=f"enclaves/a/{name}"):
-            found(permissive, "/a")
+            find_folder(permissive, "/a")
 
 
-def test_a_key_of_another_certificate_or_with_a_password(tmp_path: Path) -> None:
+def test_key_of_another_certificate_or_with_password_is_refused(tmp_path: Path) -> None:
     keystore = Keystore(tmp_path / "keystore", 0)
     one, two = keystore.enclave("/one").folder, keystore.enclave("/two").folder
     (one / "key.pem").write_bytes((two / "key.pem").read_bytes())
     with pytest.raises(SecurityError, match=r"is not the key of .*one/cert.pem: KEY_VALUES_MISMATCH"):
-        found(keystore.environment(), "/one")
+        find_folder(keystore.environment(), "/one")
     (two / "key.pem").write_bytes(Authority().encrypted_key())
     with pytest.raises(SecurityError, match=r"two/key.pem .* has a password"):
-        found(keystore.environment(), "/two")
+        find_folder(keystore.environment(), "/two")
 
 
 @pytest.mark.parametrize("enclave", ["", "a", "/a/", "//a", "/1a", "/a b", "/ä", "/a;b"])
-def test_names_of_enclaves(enclave: str) -> None:
+def test_invalid_enclave_names_are_refused(enclave: str) -> None:
     with pytest.raises(InvalidNameError, match="invalid enclave"):
         Context(transport=MemoryTransport(), args=["x"], enclave=enclave)
     with pytest.raises(RosArgumentError, match="invalid enclave"):
         Context(transport=MemoryTransport(), args=["x", "--ros-args", "--enclave", enclave])
 
 
-def test_an_argument_wins_over_the_command_line() -> None:
+def test_enclave_argument_overrides_command_line() -> None:
     for arguments, expected in (({"enclave": "/a"}, "/a"), ({}, "/b")):
         transport = MemoryTransport()
         context = Context(transport=transport, args=["x", "--ros-args", "-e", "/b"], **arguments)
@@ -146,7 +146,7 @@ def test_an_argument_wins_over_the_command_line() -> None:
 
 
 @pytest.mark.parametrize("transport", ["memory", "zenoh"])
-def test_transports_without_security(
+def test_transport_without_security_is_refused_if_security_is_enforced(
     keystore: Keystore, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, transport: str
 ) -> None:
     for name, value in keystore.environment().items():
@@ -161,7 +161,7 @@ def test_transports_without_security(
 
 
 @pytest.mark.parametrize("failing", ["LoopBinding", "Discovery", "InitialValues"])
-def test_a_context_that_cannot_be_made_leaves_no_participant(failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_context_creation_closes_its_participant(failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[Any] = []
 
     class Recorded(MemoryTransport):

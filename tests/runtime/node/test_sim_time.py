@@ -21,18 +21,18 @@ def ros(seconds: float) -> Time:
     return Time(seconds=seconds, clock_type=ClockType.ROS_TIME)
 
 
-def reads(clock: Clock, seconds: float) -> bool:
+def has_time(clock: Clock, seconds: float) -> bool:
     return clock.now() == ros(seconds)
 
 
-async def settle() -> None:
+async def run_ready_callbacks() -> None:
     """Run all callbacks that are ready."""
     for _ in range(10):
         await asyncio.sleep(0)
 
 
 @pytest.mark.every_transport
-async def test_use_sim_time_is_live(world: World) -> None:
+async def test_use_sim_time_can_be_switched_at_run_time(world: World) -> None:
     node, source = world.node("n"), world.node("source").create_sim_time_publisher()
     remote = world.node("other").create_parameter_client("/n")
     assert node.clock.now() > ros(1_000_000_000)
@@ -52,20 +52,20 @@ async def test_use_sim_time_is_live(world: World) -> None:
     assert node.clock.now() == ros(0)
 
 
-def test_a_node_without_time_source_leaves_its_clock_to_the_program(world: World) -> None:
+def test_node_without_time_source_ignores_use_sim_time(world: World) -> None:
     node = world.node("n", args="--ros-args -p use_sim_time:=true", time_source=False)
     assert not node.has_parameter("use_sim_time")
     assert node.declare_parameter("use_sim_time", False) is True  # a parameter as any other
     assert node.count_subscribers("/clock") == 0 and node.clock.now() > ros(1_000_000_000)
     node.clock.set_ros_time_override(ros(5))
     node.clock.enable_ros_time_override()
-    assert reads(node.clock, 5)
+    assert has_time(node.clock, 5)
     other = world.node("other", context=node.context, args="")
     assert other.count_subscribers("/clock") == 1
 
 
 @pytest.mark.parametrize("value", [1, "true", 1.0, [True]])
-def test_something_else_than_a_bool_is_refused(world: World, value: object) -> None:
+def test_use_sim_time_must_be_a_bool(world: World, value: object) -> None:
     node = world.node("n")
     assert not node.set_parameters({"use_sim_time": value})[0].successful
     assert node.get_parameter("use_sim_time", bool) is False
@@ -74,7 +74,7 @@ def test_something_else_than_a_bool_is_refused(world: World, value: object) -> N
         node.declare_parameter("use_sim_time", value)
 
 
-def test_only_a_change_of_use_sim_time_changes_the_source_of_time(world: World) -> None:
+def test_time_source_changes_only_when_use_sim_time_changes(world: World) -> None:
     node = world.node("n")
     changes: list[str] = []
     node.clock.create_jump_callback(post=lambda jump: changes.append(jump.clock_change.name), on_clock_change=True)
@@ -91,17 +91,17 @@ async def test_timers_follow_simulated_time(world: World) -> None:
     assert await source.wait_for_subscribers(5)
     calls: list[float] = []
     timer = node.create_timer(10.0, lambda: calls.append(node.clock.now().seconds))
-    await settle()
+    await run_ready_callbacks()
     assert calls == []
     for now in (100, 105, 111, 155):
         source.set_time(ros(now))
-        await until(partial(reads, node.clock, now))
-        await settle()
+        await until(partial(has_time, node.clock, now))
+        await run_ready_callbacks()
     # Created at 0: due at the first time, then on the grid of that one, missed periods skipped.
     assert calls == [100, 111, 155] and timer.missed == 9 + 3
 
 
-async def test_sleeping_by_real_clocks(world: World) -> None:
+async def test_clock_sleeps_in_real_time_without_sim_time(world: World) -> None:
     for kind in ClockType:
         clock = Clock(kind)
         start = clock.now()
@@ -113,7 +113,7 @@ async def test_sleeping_by_real_clocks(world: World) -> None:
         await Clock(ClockType.STEADY_TIME).sleep_until(ros(1))
 
 
-async def test_the_rate_of_a_publisher_can_be_set_later(world: World) -> None:
+async def test_sim_time_publisher_rate_can_be_changed(world: World) -> None:
     node = world.node("n", args="--ros-args -p use_sim_time:=true")
     assert node.clock.ros_time_is_active and node.clock.now_ns() == 0
     source = world.node("source").create_sim_time_publisher(start=ros(50), period_s=0.002)
@@ -148,7 +148,7 @@ async def test_the_rate_of_a_publisher_can_be_set_later(world: World) -> None:
         ({"period_s": 0}, TimeRangeError, "^period_s.* must be more than 0"),
     ],
 )
-def test_a_publisher_refuses_wrong_values(
+def test_sim_time_publisher_refuses_invalid_options(
     world: World, options: dict[str, Any], error: type[Exception], words: str
 ) -> None:
     node = world.node("source")
@@ -163,7 +163,7 @@ def test_a_publisher_refuses_wrong_values(
         assert source.rate == 1.0
 
 
-def test_wrong_times_are_refused_and_change_nothing(world: World) -> None:
+def test_sim_time_publisher_refuses_invalid_times_and_keeps_its_time(world: World) -> None:
     source = world.node("source").create_sim_time_publisher(start=ros(5))
     with pytest.raises(TypeError, match=r"^now must be a Time such as .*, got 5"):
         source.set_time(5)  # type: ignore[arg-type]

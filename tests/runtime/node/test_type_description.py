@@ -38,7 +38,7 @@ async def names_and_encodings(asker: Any, cls: Any) -> list[tuple[str, str, str]
 
 
 @pytest.mark.every_transport
-async def test_a_type_compiled_from_text_is_described_and_hides_no_other(world: World) -> None:
+async def test_type_compiled_from_text_is_described(world: World) -> None:
     node, asker = world.node("n"), world.node("asker")
     node.create_publisher(Foo, "foo")
     node.create_subscription(get_message("std_msgs/msg/Bool"), "after", lambda message: None)
@@ -52,7 +52,7 @@ async def test_a_type_compiled_from_text_is_described_and_hides_no_other(world: 
         await asker.get_type_description("/n", "", "RIHS01_" + "0" * 64, timeout_s=5)
 
 
-async def test_a_type_is_described_with_those_it_refers_to(world: World) -> None:
+async def test_type_description_includes_referenced_types(world: World) -> None:
     pose = get_message("geometry_msgs/msg/PoseStamped")
     world.node("n").create_publisher(pose, "pose")
     got = await world.node("asker").get_type_description("/n", "x/msg/Ignored", type_hash(pose), timeout_s=5)
@@ -77,7 +77,7 @@ async def test_services_and_actions_compiled_from_text_are_described(world: Worl
 
 
 @pytest.mark.every_transport
-async def test_what_every_node_has_is_in_use_too(world: World) -> None:
+async def test_types_of_built_in_entities_are_described(world: World) -> None:
     world.node("n", args="--ros-args -p use_sim_time:=true", logger_services=True)
     asker = world.node("asker")
     for cls in (Log, ParameterEvent, Clock, GetParameters, GetParameters.Response):
@@ -87,11 +87,11 @@ async def test_what_every_node_has_is_in_use_too(world: World) -> None:
     assert encodings["rcl_interfaces/srv/SetLoggerLevels_Request"] == "implicit"
 
 
-async def test_two_types_of_one_name_are_told_apart(world: World) -> None:
+async def test_types_of_equal_name_are_distinguished_by_hash(world: World) -> None:
     node, asker, string = world.node("n"), world.node("asker"), get_message("std_msgs/msg/String")
     world.node("neighbour").create_publisher(string, "elsewhere")
     node.create_publisher(OddString, "odd")
-    # The bundled file of that name defines something else, so its text is not given out.
+    # The bundled file of that name defines another type, so its text is not returned.
     assert await names_and_encodings(asker, OddString) == [("std_msgs/msg/String", "msg", "")]
     with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
         await asker.get_type_description("/n", "", type_hash(string), timeout_s=5)
@@ -103,9 +103,9 @@ def fields_of(got: Any) -> list[tuple[str, int]]:
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh("there services announce their own hash, not those of their messages")
-async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> None:
+async def test_missing_hash_is_taken_from_announcements_of_the_node(world: World) -> None:
     node, asker, string = world.node("n", "/ns"), world.node("asker", "/ns"), get_message("std_msgs/msg/String")
-    asker.create_publisher(string, "elsewhere")  # neither the asker's nor a neighbour's type of that name counts
+    asker.create_publisher(string, "elsewhere")  # types of the same name on other nodes must be ignored
     world.node("neighbour", "/ns").create_publisher(string, "elsewhere")
     node.create_subscription(OddString, "odd", lambda message: None)
     got = await asker.get_type_description("n", "std_msgs/msg/String", timeout_s=5)
@@ -118,7 +118,7 @@ async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> N
     assert [name for name, _ in fields_of(got)] == ["goal_id", "feedback"]
 
 
-async def test_a_class_without_the_fields_of_its_hash_is_not_described(world: World) -> None:
+async def test_class_without_fields_is_not_described(world: World) -> None:
     class Opaque(Message):
         """Type of subscriptions that never decode."""
 
@@ -130,7 +130,7 @@ async def test_a_class_without_the_fields_of_its_hash_is_not_described(world: Wo
         await world.node("asker").get_type_description("/n", "my_pkg/msg/Closed", timeout_s=5)
 
 
-async def test_a_class_of_bytes_in_the_same_process_hides_no_type(world: World) -> None:
+async def test_opaque_class_in_same_process_does_not_hide_described_type(world: World) -> None:
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
     recorded = {cls: opaque_message_class(cls._TYPE.name, type_hash(cls)) for cls in (Log, Foo)}
@@ -139,7 +139,7 @@ async def test_a_class_of_bytes_in_the_same_process_hides_no_type(world: World) 
         assert (await names_and_encodings(asker, cls))[0][0] == cls._TYPE.name
 
 
-async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
+async def test_node_name_of_type_description_request_is_not_remapped(world: World) -> None:
     world.node("n", "/ns").create_publisher(Foo, "foo")
     asker = world.node("asker", "/ns", args="--ros-args -r rostopic:///ns/n:=/elsewhere")
     await until(lambda: asker.count_publishers("foo") == 1)
@@ -149,11 +149,13 @@ async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(description_service, "ENDPOINTS_TIMEOUT_S", 10.0)  # its endpoint comes later still
+async def test_get_type_description_waits_for_a_node_created_later(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(description_service, "ENDPOINTS_TIMEOUT_S", 10.0)  # the endpoint is announced after the node
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
-    await asyncio.sleep(0)  # it waits by now
+    await asyncio.sleep(0)  # the request is waiting now
     world.node("n").create_publisher(Foo, "foo")
     assert fields_of(await asking) == [("x", 6)]
     with pytest.raises(CallTimeoutError, match=r"no node /nobody appeared in 0\.1 s"):
@@ -161,7 +163,7 @@ async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: 
 
 
 @pytest.mark.every_transport
-async def test_several_announced_hashes_are_an_error_that_lists_them(world: World) -> None:
+async def test_several_announced_hashes_raise_error_that_lists_them(world: World) -> None:
     node, string = world.node("n"), get_message("std_msgs/msg/String")
     node.create_publisher(string, "plain")
     announce_writer(node, "std_msgs::msg::dds_::String_", "odd", type_hash(OddString))
@@ -186,7 +188,7 @@ async def test_several_announced_hashes_are_an_error_that_lists_them(world: Worl
         ("my_pkg/msg/Bad", r"/n announces no type hash for my_pkg/msg/Bad \(/bad\)"),
     ],
 )
-async def test_no_announced_hash_is_an_error_that_says_what_to_ask_for(world: World, wanted: str, words: str) -> None:
+async def test_missing_announced_hash_raises_error_with_advice(world: World, wanted: str, words: str) -> None:
     if world.kind in ("memory", "zenoh") and wanted == "my_pkg/srv/Ask":
         pytest.skip("there a service announces its own hash")
     node = world.node("n")
@@ -199,7 +201,7 @@ async def test_no_announced_hash_is_an_error_that_says_what_to_ask_for(world: Wo
         await asker.get_type_description("/n", wanted, timeout_s=5)
 
 
-async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
+async def test_invalid_type_name_without_hash_is_refused(world: World) -> None:
     world.node("n")
     with pytest.raises(InvalidNameError, match='"String" is not an interface name'):
         await world.node("asker").get_type_description("/n", "String", timeout_s=5)
@@ -217,7 +219,7 @@ def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> Non
         ("type_source", "Failed to populate TypeSource_Sequence to response."),
     ],
 )
-async def test_a_failure_is_answered_and_logged(
+async def test_type_description_failure_is_replied_and_logged(
     world: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, broken: str, reason: str
 ) -> None:
     def fail(*_: object) -> None:
@@ -230,7 +232,7 @@ async def test_a_failure_is_answered_and_logged(
     assert "disk on fire" in caplog.text
 
 
-async def test_a_description_that_fits_no_message_is_answered_too(world: World) -> None:
+async def test_description_that_cannot_be_encoded_is_replied_as_failure(world: World) -> None:
     long = f"my_pkg/Long{'g' * 250}"  # type_name and nested_type_name are string<=255
     outer: Any = compile_definition("my_pkg/msg/Outer", f"{long} inner\n{'=' * 80}\nMSG: {long}\nint32 x")
     world.node("n").create_publisher(outer, "outer")
@@ -238,7 +240,9 @@ async def test_a_description_that_fits_no_message_is_answered_too(world: World) 
         await world.node("asker").get_type_description("/n", "", type_hash(outer), timeout_s=5)
 
 
-async def test_the_first_question_does_not_import_the_compiler(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_first_type_description_request_does_not_import_the_compiler(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
     monkeypatch.setitem(sys.modules, "rosidl_py_gen.type_loading.class_lookup", None)  # importing it fails from here on
@@ -246,7 +250,7 @@ async def test_the_first_question_does_not_import_the_compiler(world: World, mon
         await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
 
 
-async def test_the_answer_byte_by_byte(dds: World) -> None:
+async def test_type_description_response_bytes_match_ros(dds: World) -> None:
     kind = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
     replies = raw_endpoints.reader(dds.node("watcher"), "rr/n/get_type_descriptionReply", kind)
     dds.node("n").create_publisher(Foo, "foo")

@@ -38,10 +38,10 @@ RECORDED = json.loads(GOLDEN.read_text(encoding="utf-8"))["kilted"]
 
 
 @pytest.mark.parametrize("name", RECORDED)
-def test_a_file_or_argument_has_the_values_of_rclpy(ours: dict[str, Any], name: str) -> None:
+def test_parameter_files_and_arguments_are_read_like_rclpy(ours: dict[str, Any], name: str) -> None:
     assert ours[name] == DEVIATIONS.get(name, RECORDED[name])
 
 
-def test_deviations_are_refused_or_differ() -> None:
+def test_recorded_deviations_differ_from_rclpy_and_are_refused() -> None:
     assert all(RECORDED[name] != result for name, result in DEVIATIONS.items())
     assert sum(result != REFUSED for result in DEVIATIONS.values()) <= 1

@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 
-async def listed(memory: World, node: Node) -> None:
+async def list_parameters_of(memory: World, node: Node) -> None:
     asker = memory.node("asker")
     await asker.create_parameter_client(node.fully_qualified_name).list(timeout_s=5)
     asker.close()
 
 
-async def test_a_mistyped_name_is_named_when_parameters_are_listed(
+async def test_unused_initial_value_is_warned_about_when_parameters_are_listed(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = memory.node("drive", args="--ros-args -p sped:=2 -p mode:=fast -p use_sim_time:=false")
     node.declare_parameter("speed", 1.5)
     node.declare_parameter("mode", "slow")
     for _ in range(2):
-        await listed(memory, node)
+        await list_parameters_of(memory, node)
         await until(lambda: bool(caplog.messages))
     node.close()
     assert caplog.messages == [
@@ -37,7 +37,7 @@ async def test_a_mistyped_name_is_named_when_parameters_are_listed(
     ]
 
 
-def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_unused_initial_value_is_warned_about_when_node_closes(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     node = memory.node("drive", parameter_overrides={"sped": 2, "late": 1})
     node.declare_parameter("speed", 1.5)
     node.declare_parameter("late", 5)
@@ -49,7 +49,7 @@ def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: 
     ]
 
 
-def test_a_value_that_is_refused_is_said_once_with_its_source(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_refused_initial_value_error_contains_its_origin(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     node = memory.node("drive", args="--ros-args -p speed:=fast -p later:=2", parameter_overrides={"mode": 3})
     with pytest.raises(WrongParameterTypeError) as error:
         node.declare_parameter("speed", 1.5)
@@ -62,7 +62,7 @@ def test_a_value_that_is_refused_is_said_once_with_its_source(memory: World, cap
     assert caplog.messages == []
 
 
-async def test_of_several_nodes_one_has_to_take_it(
+async def test_initial_value_for_several_nodes_must_be_declared_by_one(
     memory: World, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = tmp_path / "all.yaml"
@@ -71,7 +71,7 @@ async def test_of_several_nodes_one_has_to_take_it(
     one, other = memory.node("a", context=context), memory.node("b", context=context)
     one.declare_parameter("speed", 0.5)
     other.declare_parameter("turns", 1)
-    await listed(memory, other)
+    await list_parameters_of(memory, other)
     await until(lambda: len(caplog.messages) == 2)
     context.close()
     assert caplog.messages == [
@@ -80,7 +80,7 @@ async def test_of_several_nodes_one_has_to_take_it(
     ]
 
 
-async def test_what_is_for_a_node_that_never_comes_is_named_by_file_or_argument(
+async def test_initial_values_for_a_missing_node_are_warned_about(
     memory: World, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     shared, wrong = tmp_path / "shared.yaml", tmp_path / "wrong.yaml"
@@ -95,24 +95,24 @@ async def test_what_is_for_a_node_that_never_comes_is_named_by_file_or_argument(
     ]
 
 
-async def test_a_lifecycle_node_has_until_it_is_configured(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+async def test_lifecycle_node_is_not_warned_about_before_it_is_configured(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
     class Managed(LifecycleNode):
         def on_configure(self, state: object) -> None:
             self.declare_parameter("speed", 1.0)
 
     managed = Managed("drive", context=memory.context("--ros-args -p speed:=2.0 -p nope:=1"))
     memory.node("other", context=managed.context, parameter_overrides={"first": 1})
-    await listed(memory, managed)
+    await list_parameters_of(memory, managed)
     assert not caplog.messages
     await managed.configure()
-    await listed(memory, managed)
+    await list_parameters_of(memory, managed)
     await until(lambda: bool(caplog.messages))
     assert "nope = 1 of /drive, /other" in caplog.messages[0] and managed.get_parameter("speed") == 2.0
 
 
-async def test_a_declaration_that_ignores_initial_values_is_said(
-    memory: World, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_ignored_initial_value_is_warned_about(memory: World, caplog: pytest.LogCaptureFixture) -> None:
     node = memory.node("drive", args="--ros-args -p speed:=2.0")
     node.declare_parameter("speed", 1.0, ignore_override=True)
     node.close()
@@ -121,6 +121,6 @@ async def test_a_declaration_that_ignores_initial_values_is_said(
     ]
 
 
-def test_nothing_is_kept_without_initial_values(memory: World) -> None:
+def test_no_node_names_are_retained_without_initial_values(memory: World) -> None:
     context = memory.node("drive").context
     assert context._core.initial_values.node_names == []

@@ -35,7 +35,7 @@ def declared(*names: str) -> StoreWorld:
 
 
 @pytest.mark.parametrize("kind", ["pre-set", "on-set"])
-def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
+def test_raising_set_callback_refuses_the_values_with_reason(kind: str) -> None:
     world = declared("a", "b")
     added = world.store.callbacks.add(kind, broken)
     what = f"the {kind} callback 'broken'"
@@ -48,7 +48,7 @@ def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
     assert world.set(a=2) == OK
 
 
-def test_a_callback_that_raises_refuses_a_declaration() -> None:
+def test_raising_on_set_callback_refuses_a_declaration() -> None:
     world = StoreWorld()
     world.store.callbacks.add("on-set", broken)
     with pytest.raises(
@@ -58,7 +58,7 @@ def test_a_callback_that_raises_refuses_a_declaration() -> None:
     assert not world.store.has("a") and world.events == []
 
 
-def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_hear() -> None:
+def test_raising_post_set_callback_is_logged_and_other_callbacks_run() -> None:
     world = declared("a")
     world.store.callbacks.add("post-set", broken)
     assert world.set(a=2) == OK
@@ -68,14 +68,14 @@ def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_he
     assert world.failures == [("the post-set callback 'broken'", KeyError)] * 2
 
 
-def test_what_a_callback_raises_goes_on_to_whoever_declares() -> None:
+def test_exception_of_callback_with_raises_reaches_the_declaring_caller() -> None:
     world = StoreWorld()
     with world.store.callbacks.add("on-set", broken, raises=True), pytest.raises(KeyError, match="gone"):
         world.declare("a", 1)
     assert not world.store.has("a") and world.events == world.failures == []
 
 
-def test_what_a_post_set_callback_raises_comes_when_all_have_heard() -> None:
+def test_exception_of_post_set_callback_is_raised_after_all_callbacks_ran() -> None:
     world = declared("a")
     world.store.callbacks.add("post-set", lambda ps: 1 / 0, raises=True)
     world.store.callbacks.add("post-set", broken, raises=True)
@@ -85,7 +85,7 @@ def test_what_a_post_set_callback_raises_comes_when_all_have_heard() -> None:
     assert world.failures == [("the post-set callback '<lambda>'", ZeroDivisionError)]  # only one of two can be raised
 
 
-def test_of_declarations_that_are_made_together_all_are_heard_of() -> None:
+def test_post_set_callbacks_run_for_every_declaration_of_a_batch() -> None:
     world = StoreWorld()
     world.store.callbacks.add("post-set", broken, raises=True)
     with pytest.raises(KeyError, match="gone"), world.store.declare_batch() as declared:
@@ -95,7 +95,7 @@ def test_of_declarations_that_are_made_together_all_are_heard_of() -> None:
     assert world.heard == ["a", "b"] and set(world.values()) == {"a", "b"}
 
 
-def test_an_event_that_cannot_be_published_changes_nothing() -> None:
+def test_failed_parameter_event_is_reported_and_values_are_set() -> None:
     failures: list[str] = []
     store = ParameterStore(on_event=broken, on_failure=failures.append)
     store.declare("a", parameter_value(1))
@@ -107,7 +107,7 @@ def test_an_event_that_cannot_be_published_changes_nothing() -> None:
     "answer",
     [None, True, "no", 5, SetResult(False, None), SetResult(True, b"x")],  # type: ignore[arg-type]
 )
-def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
+def test_on_set_callback_must_return_a_set_result(answer: Any) -> None:
     world = declared("a")
     world.store.callbacks.add("on-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"'<lambda>' returned .*, expected a SetResult with a str"):
@@ -117,7 +117,7 @@ def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
     assert world.values() == {"a": 1} and world.events == []
 
 
-def test_what_looks_like_a_result_is_one() -> None:
+def test_on_set_callback_may_return_any_object_with_result_attributes() -> None:
     world = declared("a")
     added = world.store.callbacks.add("on-set", lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
     assert world.set(a=2) == SetResult(False, "as in rclpy")
@@ -128,7 +128,7 @@ def test_what_looks_like_a_result_is_one() -> None:
 
 
 @pytest.mark.parametrize("answer", [None, "text", 5, [1], {"a": 1}, p("a", 2)])
-def test_a_pre_set_callback_must_answer_parameters(answer: Any) -> None:
+def test_pre_set_callback_must_return_parameters(answer: Any) -> None:
     world = declared("a")
     world.store.callbacks.add("pre-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"returned .*, expected a list of Parameter objects"):
@@ -143,13 +143,13 @@ class Later:
 
 @pytest.mark.parametrize("callback", [later, Later(), functools.partial(later, 1), None, 5])
 @pytest.mark.parametrize("kind", ["pre", "on", "post"])
-def test_only_plain_functions_can_be_callbacks(kind: str, callback: Any) -> None:
+def test_parameter_callbacks_must_be_plain_functions(kind: str, callback: Any) -> None:
     store = ParameterStore()
     with pytest.raises(TypeError, match=f"the {kind}-set callback .*(is async, but a set cannot wait|must be a func)"):
         store.callbacks.add(f"{kind}-set", callback)
 
 
-def test_an_async_function_in_disguise_is_refused_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
+def test_coroutine_returned_by_callback_is_refused_without_warning(recwarn: pytest.WarningsRecorder) -> None:
     world = declared("a")
     world.store.callbacks.add("on-set", lambda ps: later())  # type: ignore[arg-type,return-value]
     with pytest.raises(CallbackAnswerError, match="returned <coroutine"):
@@ -181,7 +181,7 @@ class Checked:
             self.missing  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
+def test_raising_validator_refuses_only_its_own_field() -> None:
     world = StoreWorld()
     checked = bind_class(world.store, Checked)
     world.events.clear()
@@ -195,7 +195,7 @@ def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
     assert (checked.v, checked.t) == (5, 2) and world.values() == {"v": 5, "t": 2, "items": ()}
 
 
-def test_post_init_refuses_with_its_text_or_is_named_when_it_fails() -> None:
+def test_post_init_value_error_is_the_reason_and_other_errors_are_logged() -> None:
     world = StoreWorld()
     bind_class(world.store, Checked)
     assert world.set(t=-1) == SetResult(False, "t must not be negative")
@@ -207,7 +207,7 @@ def test_post_init_refuses_with_its_text_or_is_named_when_it_fails() -> None:
 
 
 @pytest.mark.parametrize("answer", [True, False, 5, b"no"])
-def test_a_validator_must_answer_none_or_a_text(answer: Any) -> None:
+def test_class_validator_must_return_none_or_a_string(answer: Any) -> None:
     world = StoreWorld()
     answers: list[Any] = [None]
     checked = bind_class(world.store, Checked, validator=lambda new: answers[0])
@@ -234,7 +234,7 @@ def test_validators_cannot_set_parameters() -> None:
     assert world.get("other") == 1 and not world.store.has("another") and checked.t == 1
 
 
-def test_a_validator_cannot_change_what_is_stored() -> None:
+def test_validator_and_post_init_cannot_change_stored_values() -> None:
     @dataclass
     class Lists:
         names: tuple[str, ...] = ("b", "a")

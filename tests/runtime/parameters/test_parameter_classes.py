@@ -75,7 +75,7 @@ class Drive:
     small: Int8 = 0
 
 
-def test_every_field_is_declared_with_type_and_descriptor() -> None:
+def test_parameter_class_declares_every_field_with_type_and_descriptor() -> None:
     world = StoreWorld()
     bind_class(world.store, Drive)
     assert {name: value.type for name, value in world.store.values().items()} == {
@@ -103,7 +103,7 @@ def test_every_field_is_declared_with_type_and_descriptor() -> None:
     assert len(world.events) == 11
 
 
-def test_the_object_has_the_values_and_compares_and_prints_like_an_instance() -> None:
+def test_parameter_object_has_initial_values_and_equals_a_plain_instance() -> None:
     world = StoreWorld(max_speed=1.5, left__pwm=77, mode="manual", limit=3.0, gear=2)
     drive = bind_class(world.store, Drive)
     assert (drive.max_speed, drive.left.pwm, drive.mode, drive.limit, drive.gear) == (1.5, 77, "manual", 3.0, Gear.HIGH)
@@ -113,7 +113,7 @@ def test_the_object_has_the_values_and_compares_and_prints_like_an_instance() ->
     assert repr(drive) == repr(expected) and "max_speed" in dir(drive)
 
 
-def test_it_follows_sets_from_outside() -> None:
+def test_parameter_object_follows_external_sets() -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     left = drive.left
@@ -123,7 +123,7 @@ def test_it_follows_sets_from_outside() -> None:
     assert world.set(limit=None).successful and drive.limit is None
 
 
-def test_attributes_set_parameters_and_publish() -> None:
+def test_assigning_attributes_sets_parameters_and_publishes_events() -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     drive.max_speed = 2
@@ -167,7 +167,7 @@ def test_attributes_set_parameters_and_publish() -> None:
         ({"max_speed": 1.0, "teeth": 7}, "7 is odd"),
     ],
 )
-def test_refusals_say_why_and_change_nothing(values: dict[str, object], reason: str) -> None:
+def test_refused_set_returns_reason_and_changes_no_value(values: dict[str, object], reason: str) -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     before, events = snapshot(drive), len(world.events)
@@ -175,7 +175,7 @@ def test_refusals_say_why_and_change_nothing(values: dict[str, object], reason: 
     assert drive == before and len(world.events) == events
 
 
-def test_assigning_a_refused_value_raises_and_changes_nothing() -> None:
+def test_assigning_a_refused_value_raises_and_changes_no_value() -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     with pytest.raises(InvalidParameterValueError, match="out of range"):
@@ -189,7 +189,7 @@ def test_assigning_a_refused_value_raises_and_changes_nothing() -> None:
     assert drive == Drive()
 
 
-def test_the_object_is_complete_when_the_event_and_the_callbacks_come() -> None:
+def test_post_set_callback_sees_all_new_values_of_the_object() -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     seen: list[tuple[float, int]] = []
@@ -199,7 +199,7 @@ def test_the_object_is_complete_when_the_event_and_the_callbacks_come() -> None:
     assert seen == [(1.0, 1)]
 
 
-def test_a_class_validator_sees_the_complete_new_object() -> None:
+def test_class_validator_receives_the_complete_new_object() -> None:
     world = StoreWorld()
 
     def check(new: Drive) -> str | None:
@@ -212,7 +212,7 @@ def test_a_class_validator_sees_the_complete_new_object() -> None:
     assert (drive.mode, drive.max_speed) == ("auto", 2.0)
 
 
-def test_post_init_may_refuse_too() -> None:
+def test_post_init_can_refuse_a_set() -> None:
     @dataclass
     class Pair:
         low: int = 0
@@ -242,14 +242,14 @@ def test_post_init_may_refuse_too() -> None:
         ({"teeth": 3}, InvalidParameterValueError),
     ],
 )
-def test_a_bad_override_declares_nothing(overrides: dict[str, object], error: type[Exception]) -> None:
+def test_invalid_override_declares_no_parameter(overrides: dict[str, object], error: type[Exception]) -> None:
     world = StoreWorld(**overrides)
     with pytest.raises(error):
         bind_class(world.store, Drive)
     assert world.store.values() == {} and world.events == []
 
 
-def test_a_taken_name_declares_nothing() -> None:
+def test_already_declared_name_prevents_declaration_of_the_class() -> None:
     world = StoreWorld()
     world.declare("left.pwm", 1)
     with pytest.raises(ParameterAlreadyDeclaredError):
@@ -258,7 +258,7 @@ def test_a_taken_name_declares_nothing() -> None:
     assert world.set(left__pwm=999).successful
 
 
-def test_prefix_and_initial_object() -> None:
+def test_prefix_and_initial_object_apply_to_bound_class() -> None:
     world = StoreWorld(a__left__pwm=5)
     first = bind_class(world.store, Drive, prefix="a", initial=Drive(max_speed=2.0))
     second = bind_class(world.store, Drive, prefix="b")
@@ -295,7 +295,7 @@ def test_arrays_of_every_type_and_ranges_for_their_items() -> None:
     assert (arrays.numbers, arrays.names) == ([9], ["a"])
 
 
-def test_widths() -> None:
+def test_integer_width_annotations_define_ranges() -> None:
     @dataclass
     class Widths:
         a: UInt16 = 0
@@ -306,7 +306,7 @@ def test_widths() -> None:
     assert plans == {"a": IntRange(0, 65535), "b": IntRange(0, 2**63 - 1), "c": IntRange(5, 10)}
 
 
-def test_enums_with_mixed_values_go_by_name() -> None:
+def test_enum_with_mixed_value_types_is_stored_by_name() -> None:
     @dataclass
     class Choice:
         mixed: Mixed = Mixed.A
@@ -316,7 +316,7 @@ def test_enums_with_mixed_values_go_by_name() -> None:
     assert choice == Choice(Mixed.B) and world.set(mixed="A").successful and choice == Choice(Mixed.A)
 
 
-def test_frozen_and_slotted_classes_work() -> None:
+def test_frozen_slotted_dataclass_can_be_bound() -> None:
     @dataclass(frozen=True, slots=True)
     class Frozen:
         a: int = 1
@@ -328,7 +328,7 @@ def test_frozen_and_slotted_classes_work() -> None:
         frozen.a = 3  # type: ignore[misc]
 
 
-def test_copies_are_plain_and_independent() -> None:
+def test_copies_of_parameter_object_are_plain_and_independent() -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     for made in (copy.copy(drive), copy.deepcopy(drive), snapshot(drive), pickle.loads(pickle.dumps(drive))):
@@ -338,7 +338,7 @@ def test_copies_are_plain_and_independent() -> None:
     assert drive == Drive() and world.get("max_speed") == 0.8
 
 
-def test_what_has_no_default_needs_an_initial_object() -> None:
+def test_field_without_default_needs_an_initial_object() -> None:
     @dataclass
     class Bare:
         a: int
@@ -358,14 +358,14 @@ def test_what_has_no_default_needs_an_initial_object() -> None:
         ({"validator": later}, "the validator 'later' is async"),
     ],
 )
-def test_arguments_of_the_wrong_type(arguments: dict[str, Any], reason: str) -> None:
+def test_bind_class_refuses_arguments_of_wrong_type(arguments: dict[str, Any], reason: str) -> None:
     world = StoreWorld()
     with pytest.raises(TypeError, match=reason):
         bind_class(world.store, Drive, **arguments)
     assert world.store.values() == {}
 
 
-# ------------------------------------------------------------------------------------- what cannot be parameters
+# ------------------------------------------------------------------------------------- unsupported annotations
 
 
 @pytest.mark.parametrize(
@@ -391,13 +391,13 @@ def test_arguments_of_the_wrong_type(arguments: dict[str, Any], reason: str) -> 
         (Annotated[int, later], "the validator 'later' is async"),
     ],
 )
-def test_what_cannot_be_a_parameter_is_said_with_class_and_field(annotation: object, reason: str) -> None:
+def test_unsupported_annotation_error_names_class_and_field(annotation: object, reason: str) -> None:
     made = dataclasses.make_dataclass("Bad", [("x", annotation, None)])
     with pytest.raises(ParameterClassError, match=f"Bad.x: .*{reason}"):
         parameter_fields_of(made)
 
 
-def test_an_annotation_that_cannot_be_resolved_is_explained() -> None:
+def test_unresolvable_annotation_is_reported() -> None:
     @dataclass
     class Local:
         pwm: int = 0
@@ -410,7 +410,7 @@ def test_an_annotation_that_cannot_be_resolved_is_explained() -> None:
         parameter_fields_of(Holder)
 
 
-def test_only_dataclasses() -> None:
+def test_parameter_class_must_be_a_dataclass() -> None:
     with pytest.raises(ParameterClassError, match="is an object; pass its class"):
         parameter_fields_of(Motor())  # type: ignore[arg-type]
     with pytest.raises(ParameterClassError, match="is not a dataclass"):

@@ -49,7 +49,7 @@ EMPTY = {"flags": [], "numbers": [], "reals": [], "tags": [], "unset": [], "blob
 
 
 @pytest.mark.every_transport
-async def test_empty_lists_get_the_type_of_the_remote_parameter(world: World) -> None:
+async def test_empty_lists_are_set_with_type_of_the_remote_parameter(world: World) -> None:
     node = world.node("n")
     lists = node.declare_parameters(Lists)
     remote = world.node("other").create_parameter_client("/n")
@@ -65,7 +65,7 @@ async def test_empty_lists_get_the_type_of_the_remote_parameter(world: World) ->
     assert await remote.set({"left.pwm": []}, 5) == [SetResult(False, refused)]
 
 
-async def test_all_questions_for_empty_lists_share_one_timeout(world: World) -> None:
+async def test_setting_several_empty_lists_uses_one_timeout(world: World) -> None:
     remote = world.node("other").create_parameter_client("/gone")
     start = asyncio.get_running_loop().time()
     with pytest.raises(CallTimeoutError):
@@ -73,7 +73,7 @@ async def test_all_questions_for_empty_lists_share_one_timeout(world: World) -> 
     assert asyncio.get_running_loop().time() - start < 10
 
 
-async def test_what_is_dumped_is_loaded_back_with_empty_lists(
+async def test_dumped_yaml_with_empty_lists_can_be_loaded(
     world: World, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("yaml") / "p.yaml"
@@ -87,9 +87,7 @@ async def test_what_is_dumped_is_loaded_back_with_empty_lists(
     assert set(results.values()) == {OK} and lists == Lists([], [], [], [], [], b"")
 
 
-async def test_all_documents_of_a_file_are_loaded_and_an_empty_map_deletes_nothing(
-    memory: World, tmp_path: Path
-) -> None:
+async def test_all_yaml_documents_are_loaded_and_empty_map_deletes_no_parameter(memory: World, tmp_path: Path) -> None:
     node, path = memory.node("n", allow_undeclared_parameters=True), tmp_path / "p.yaml"
     node.set_parameters({"a": 1, "b": 1, "c": 1})
     path.write_text("/:\n  n: {ros__parameters: {a: 2}}\n---\nn: {ros__parameters: {b: 3, c: {}}}\n", encoding="utf-8")
@@ -112,7 +110,7 @@ READ_ONLY = {"real": math.nan, "tags": (), "whole": 2.0}
         ("nope: 1", False, "Invalid access to undeclared parameter(s): ['nope']"),
     ],
 )
-async def test_a_file_may_repeat_what_is_read_only_but_not_change_it(
+async def test_file_may_repeat_but_not_change_read_only_values(
     memory: World, tmp_path: Path, line: str, successful: bool, reason: str
 ) -> None:
     node, path = memory.node("n"), tmp_path / "p.yaml"
@@ -124,7 +122,7 @@ async def test_a_file_may_repeat_what_is_read_only_but_not_change_it(
     assert list(results.values()) == [SetResult(successful, reason)]
 
 
-async def test_a_node_that_refuses_whole_numbers_for_doubles_is_given_doubles(
+async def test_integers_are_sent_as_doubles_to_nodes_that_refuse_integers(
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(store, "widened", lambda value, kind: value)  # as rclcpp and rclpy do
@@ -151,7 +149,7 @@ async def test_a_node_that_refuses_whole_numbers_for_doubles_is_given_doubles(
         ("", "has parameters of no node"),
     ],
 )
-async def test_a_file_without_anything_for_the_node_is_an_error(
+async def test_file_without_parameters_for_the_node_raises_error(
     world: World, tmp_path: Path, text: str, reason: str
 ) -> None:
     path = tmp_path / "p.yaml"
@@ -162,7 +160,7 @@ async def test_a_file_without_anything_for_the_node_is_an_error(
         await remote.load_yaml(path, timeout_s=5)
 
 
-async def test_a_section_without_parameters_is_no_error(world: World, tmp_path: Path) -> None:
+async def test_file_with_empty_section_for_the_node_is_accepted(world: World, tmp_path: Path) -> None:
     path = tmp_path / "p.yaml"
     path.write_text("/n:\n  ros__parameters: {}\n", encoding="utf-8")
     world.node("n")
@@ -172,7 +170,7 @@ async def test_a_section_without_parameters_is_no_error(world: World, tmp_path: 
 # ------------------------------------------------------------------------------------------------------------ names
 
 
-async def test_one_name_gives_one_answer(world: World) -> None:
+async def test_single_name_returns_single_result(world: World) -> None:
     node = world.node("n")
     node.declare_parameters(Lists)
     remote = world.node("other").create_parameter_client("/n")
@@ -186,21 +184,21 @@ async def test_one_name_gives_one_answer(world: World) -> None:
     assert (await remote.list(["left"], timeout_s=5)).names == ("left.pwm",)
     values = await remote.get_all(timeout_s=5)
     assert (values["left.pwm"], values["reals"], "unset" in values) == (10, (1.0,), False)
-    for ask in (remote.get, remote.get_types, remote.describe):
+    for method in (remote.get, remote.get_types, remote.describe):
         with pytest.raises(ParameterNotDeclaredError, match=r"\['nope'\]"):
-            await ask("nope", 5)
+            await method("nope", 5)
     assert node.list_parameters("left") == node.list_parameters(["left"])
     assert node.list_parameters("left").names == ("left.pwm",)
 
 
-async def test_remote_names_must_be_texts(world: World) -> None:
+async def test_remote_parameter_names_must_be_strings(world: World) -> None:
     world.node("n")
     remote: Any = world.node("other").create_parameter_client("/n")
-    for ask in (remote.get, remote.get_types, remote.describe):
+    for method in (remote.get, remote.get_types, remote.describe):
         with pytest.raises(TypeError, match="the name of a parameter must be a str, got 5 of type int"):
-            await ask([5], 5)
+            await method([5], 5)
         with pytest.raises(TypeError, match="must be a list of str, got 5"):
-            await ask(5, 5)
+            await method(5, 5)
     with pytest.raises(TypeError, match="prefixes must be a list of str, got 5"):
         await remote.list(5, timeout_s=5)
     with pytest.raises(TypeError, match="the name of a parameter must be a str, got 5"):
@@ -234,7 +232,7 @@ BAD_CALLS: list[tuple[Callable[[Any], object], type[Exception], str]] = [
 
 
 @pytest.mark.parametrize(("call", "error", "reason"), BAD_CALLS)
-def test_wrong_arguments_are_explained(
+def test_parameter_methods_refuse_arguments_of_wrong_type(
     world: World, call: Callable[[Any], object], error: type[Exception], reason: str
 ) -> None:
     node = world.node("n")
@@ -244,7 +242,7 @@ def test_wrong_arguments_are_explained(
     assert node.get_parameter("tags") == ("a",) and not node.has_parameter("x")
 
 
-def test_wrong_overrides_are_explained(world: World) -> None:
+def test_invalid_parameter_overrides_are_refused(world: World) -> None:
     with pytest.raises(InvalidParameterValueError, match="parameter 'a': <object"):
         world.node("n", parameter_overrides={"a": object()})
     with pytest.raises(TypeError, match="parameter must be a str, got 5"):

@@ -31,7 +31,7 @@ class Lamp:
     on: bool = True
 
 
-def test_a_callback_after_the_set_may_correct_what_is_declared() -> None:
+def test_post_set_callback_can_correct_declared_values() -> None:
     world = StoreWorld()
 
     def clamp(parameters: list[Parameter]) -> None:
@@ -47,7 +47,7 @@ def test_a_callback_after_the_set_may_correct_what_is_declared() -> None:
     assert drive.speed == world.get("speed") == 2.0
 
 
-def test_a_callback_before_the_set_may_set_a_field_that_is_declared_already() -> None:
+def test_on_set_callback_can_set_an_already_declared_field() -> None:
     world = StoreWorld()
 
     def slow_down(parameters: list[Parameter]) -> SetResult:
@@ -60,7 +60,7 @@ def test_a_callback_before_the_set_may_set_a_field_that_is_declared_already() ->
     assert (drive.speed, drive.mode) == (1.0, "auto") and world.get("speed") == 1.0
 
 
-def test_what_a_callback_sets_must_please_the_validator() -> None:
+def test_values_set_by_callback_during_declaration_are_validated() -> None:
     world = StoreWorld()
 
     def slow_down(parameters: list[Parameter]) -> SetResult:
@@ -72,7 +72,7 @@ def test_what_a_callback_sets_must_please_the_validator() -> None:
     assert world.values() == {} and world.events == [] and world.heard == []
 
 
-def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
+def test_other_changes_during_a_failed_declaration_are_reported() -> None:
     world = StoreWorld()
     world.declare("other", 1)
     world.forget_reports()
@@ -90,7 +90,7 @@ def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
     assert world.heard == ["other", "on"] and set(world.store.values()) == {"other", "on"}
 
 
-def test_events_and_callbacks_keep_their_order_and_find_everything_declared() -> None:
+def test_declaration_events_and_callbacks_keep_order_and_see_all_fields() -> None:
     world = StoreWorld()
     complete: list[bool] = []
     world.store.callbacks.add("post-set", lambda ps: complete.append(world.store.has("limit")))
@@ -99,7 +99,7 @@ def test_events_and_callbacks_keep_their_order_and_find_everything_declared() ->
     assert world.heard == ["speed", "mode", "gear", "limit"] and complete == [True] * 4
 
 
-def test_callbacks_after_a_declaration_hold_up_no_other_thread() -> None:
+def test_post_set_callbacks_of_a_declaration_do_not_block_other_threads() -> None:
     world = StoreWorld()
     world.declare("other", 1)
     results: list[SetResult] = []
@@ -115,10 +115,10 @@ def test_callbacks_after_a_declaration_hold_up_no_other_thread() -> None:
     assert results == [SetResult(True)] and world.get("other") == 2 and "other" in world.heard
 
 
-# ----------------------------------------------------------------------------------------- fields that go and return
+# ---------------------------------------------------------------------------------- undeclared and redeclared fields
 
 
-def test_a_field_that_returns_with_its_type_is_followed_again() -> None:
+def test_redeclared_field_with_same_type_is_bound_again() -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
@@ -132,7 +132,7 @@ def test_a_field_that_returns_with_its_type_is_followed_again() -> None:
 
 
 @pytest.mark.parametrize("dynamic", [False, True])
-def test_a_field_cannot_return_with_another_type(dynamic: bool) -> None:
+def test_field_cannot_be_redeclared_with_another_type(dynamic: bool) -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
@@ -142,7 +142,7 @@ def test_a_field_cannot_return_with_another_type(dynamic: bool) -> None:
     assert drive.speed == 5.0 and not world.store.has("speed")
 
 
-def test_a_field_that_returns_dynamically_typed_still_keeps_its_type() -> None:
+def test_redeclared_dynamically_typed_field_keeps_its_type() -> None:
     world = StoreWorld()
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")

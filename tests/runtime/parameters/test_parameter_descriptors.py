@@ -31,7 +31,7 @@ def node(memory: World) -> Node:
     return made
 
 
-def test_the_value_stays_where_it_fits_and_nobody_hears_of_it(node: Node) -> None:
+def test_set_descriptor_keeps_a_fitting_value_without_event(node: Node) -> None:
     events: list[ParameterEvent] = []
     node.add_parameter_event_callback(events.append)
     assert node.set_descriptor("a", ParameterDescriptor("other name", integer_range=IntRange(0, 10)), 3) == 5
@@ -43,15 +43,15 @@ def test_the_value_stays_where_it_fits_and_nobody_hears_of_it(node: Node) -> Non
         node.set_parameter("a", 11)
 
 
-def test_the_alternative_is_set_where_the_value_does_not_fit(node: Node) -> None:
+def test_set_descriptor_sets_the_alternative_if_the_value_does_not_fit(node: Node) -> None:
     events: list[ParameterEvent] = []
     node.add_parameter_event_callback(events.append)
-    heard: list[str] = []
-    node.add_post_set_callback(lambda parameters: heard.extend(one.name for one in parameters))
+    post_set_names: list[str] = []
+    node.add_post_set_callback(lambda parameters: post_set_names.extend(one.name for one in parameters))
     described = ParameterDescriptor(type=ParameterType.DOUBLE, floating_point_range=FloatRange(0.0, 4.0))
     assert node.set_descriptor("a", described, 2) == 2.0  # a whole number is a double where one is declared
     assert node.get_parameter("a") == 2.0 and node.describe_parameter("a").type is ParameterType.DOUBLE
-    assert [one.value.value for event in events for one in event.changed] == [2.0] and heard == ["a"]
+    assert [one.value.value for event in events for one in event.changed] == [2.0] and post_set_names == ["a"]
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_the_alternative_is_set_where_the_value_does_not_fit(node: Node) -> None
         (SMALL, object(), "not a parameter value"),
     ],
 )
-def test_what_fits_neither_value_is_refused_and_changes_nothing(
+def test_set_descriptor_refuses_descriptor_that_fits_neither_value(
     node: Node, descriptor: ParameterDescriptor, alternative: object, reason: str
 ) -> None:
     with pytest.raises(InvalidParameterValueError, match=reason):
@@ -73,7 +73,7 @@ def test_what_fits_neither_value_is_refused_and_changes_nothing(
     assert node.get_parameter("a") == 5 and node.describe_parameter("a").description == "before"
 
 
-def test_a_callback_may_refuse_the_alternative(node: Node) -> None:
+def test_on_set_callback_can_refuse_the_alternative_value(node: Node) -> None:
     with node.add_on_set_callback(lambda parameters: SetResult(False, "not now")):
         with pytest.raises(
             InvalidParameterValueError, match="'a' cannot have this descriptor with the value 7: not now"
@@ -82,7 +82,7 @@ def test_a_callback_may_refuse_the_alternative(node: Node) -> None:
         assert node.set_descriptor("a", SMALL) == 5  # nothing is set
 
 
-def test_the_class_that_shows_a_parameter_keeps_its_type(memory: World) -> None:
+def test_set_descriptor_cannot_change_type_of_a_bound_field(memory: World) -> None:
     @dataclass
     class Drive:
         speed: float = 1.5
@@ -95,7 +95,7 @@ def test_the_class_that_shows_a_parameter_keeps_its_type(memory: World) -> None:
     assert drive.speed == 0.5
 
 
-def test_dynamic_typing_comes_and_goes(node: Node) -> None:
+def test_set_descriptor_can_switch_dynamic_typing_on_and_off(node: Node) -> None:
     assert node.set_descriptor("a", ParameterDescriptor(dynamic_typing=True)) == 5
     node.set_parameter("a", "text")
     assert node.describe_parameter("a").type is ParameterType.STRING
@@ -104,13 +104,13 @@ def test_dynamic_typing_comes_and_goes(node: Node) -> None:
         node.set_parameter("a", 5)
 
 
-def test_an_empty_list_takes_the_type_of_the_descriptor(node: Node) -> None:
+def test_empty_list_takes_the_type_of_the_new_descriptor(node: Node) -> None:
     node.declare_parameter("l", [], ParameterDescriptor(type=ParameterType.STRING_ARRAY))
     assert node.set_descriptor("l", ParameterDescriptor(type=ParameterType.INTEGER_ARRAY)) == ()
     assert node.get_parameters_by_prefix()["l"].value.type is ParameterType.INTEGER_ARRAY
 
 
-def test_read_only_and_undeclared_ones_are_refused(node: Node, memory: World) -> None:
+def test_set_descriptor_refuses_read_only_and_undeclared_parameters(node: Node, memory: World) -> None:
     node.set_descriptor("a", ParameterDescriptor(read_only=True))
     with pytest.raises(ParameterImmutableError, match="'a' is read-only; its descriptor cannot be changed"):
         node.set_descriptor("a", ParameterDescriptor())
@@ -122,7 +122,7 @@ def test_read_only_and_undeclared_ones_are_refused(node: Node, memory: World) ->
 
 
 @pytest.mark.parametrize("descriptor", [None, {}, ParameterDescriptor(read_only=1)])  # type: ignore[arg-type]
-def test_what_is_no_descriptor_is_refused(node: Node, descriptor: Any) -> None:
+def test_set_descriptor_refuses_values_that_are_not_descriptors(node: Node, descriptor: Any) -> None:
     with pytest.raises(TypeError, match="parameter 'a': "):
         node.set_descriptor("a", descriptor)
     assert node.describe_parameter("a").description == "before"

@@ -49,14 +49,14 @@ REFUSED_TEXT = "x"
 class Known:
     value: ParameterValue
     kind: ParameterType
-    described: ParameterDescriptor
+    descriptor: ParameterDescriptor
 
 
-def in_range(value: ParameterValue, described: ParameterDescriptor) -> bool:
+def in_range(value: ParameterValue, descriptor: ParameterDescriptor) -> bool:
     if value.type is ParameterType.INTEGER:
-        return value.value in ALLOWED_INTS[described.integer_range]
+        return value.value in ALLOWED_INTS[descriptor.integer_range]
     if value.type is ParameterType.DOUBLE:
-        return value.value in ALLOWED_FLOATS[described.floating_point_range]
+        return value.value in ALLOWED_FLOATS[descriptor.floating_point_range]
     return True
 
 
@@ -65,22 +65,22 @@ class StoreAgainstModel(RuleBasedStateMachine):
         super().__init__()
         self.model: dict[str, Known] = {}
         self.from_events: dict[str, ParameterValue] = {}
-        self.heard: dict[str, ParameterValue] = {}
+        self.post_set_values: dict[str, ParameterValue] = {}
         self.refusing = False
 
     @initialize(allow=st.booleans())
     def create(self, allow: bool) -> None:
         self.allow = allow
         self.store = ParameterStore(allow_undeclared=allow, on_event=self.hear)
-        self.store.callbacks.add("on-set", self.judge)
-        self.store.callbacks.add("post-set", self.note)
+        self.store.callbacks.add("on-set", self.on_set)
+        self.store.callbacks.add("post-set", self.on_post_set)
 
-    def judge(self, parameters: list[Parameter]) -> SetResult:
+    def on_set(self, parameters: list[Parameter]) -> SetResult:
         refused = self.refusing and any(parameter.value.value == REFUSED_TEXT for parameter in parameters)
         return SetResult(not refused, "no x" if refused else "")
 
-    def note(self, parameters: list[Parameter]) -> None:
-        self.heard |= {parameter.name: parameter.value for parameter in parameters}
+    def on_post_set(self, parameters: list[Parameter]) -> None:
+        self.post_set_values |= {parameter.name: parameter.value for parameter in parameters}
 
     def hear(self, event: ParameterEvent) -> None:
         for parameter in event.new:
@@ -92,11 +92,11 @@ class StoreAgainstModel(RuleBasedStateMachine):
         for parameter in event.deleted:
             del self.from_events[parameter.name]
 
-    def agreed(self, value: ParameterValue) -> bool:
+    def is_accepted(self, value: ParameterValue) -> bool:
         return not (self.refusing and value.value == REFUSED_TEXT)
 
     @rule(refusing=st.booleans())
-    def change_mind(self, refusing: bool) -> None:
+    def set_refusing(self, refusing: bool) -> None:
         self.refusing = refusing
 
     @rule(
@@ -117,16 +117,19 @@ class StoreAgainstModel(RuleBasedStateMachine):
         floats: FloatRange | None,
     ) -> None:
         given = parameter_value(value)
-        described = ParameterDescriptor(
+        descriptor = ParameterDescriptor(
             dynamic_typing=dynamic, read_only=read_only, integer_range=ints, floating_point_range=floats
         )
         possible = (
-            name not in self.model and (dynamic or given.is_set) and in_range(given, described) and self.agreed(given)
+            name not in self.model
+            and (dynamic or given.is_set)
+            and in_range(given, descriptor)
+            and self.is_accepted(given)
         )
         try:
-            self.store.declare(name, given, described)
+            self.store.declare(name, given, descriptor)
             assert possible
-            self.model[name] = Known(given, given.type, described)
+            self.model[name] = Known(given, given.type, descriptor)
         except (ParameterAlreadyDeclaredError, InvalidParameterValueError):
             assert not possible
 
@@ -137,64 +140,64 @@ class StoreAgainstModel(RuleBasedStateMachine):
         except ParameterNotDeclaredError:
             assert name not in self.model
         except ParameterImmutableError:
-            assert self.model[name].described.read_only
+            assert self.model[name].descriptor.read_only
         else:
-            assert not self.model.pop(name).described.read_only
+            assert not self.model.pop(name).descriptor.read_only
             self.from_events.pop(name, None)
 
     @rule(items=st.lists(st.tuples(NAMES, VALUES), min_size=1, max_size=4))
     def set_atomically(self, items: list[tuple[str, object]]) -> None:
-        asked = [Parameter(name, parameter_value(value)) for name, value in items]
-        wanted = [self.meant(parameter) for parameter in asked]
+        requested = [Parameter(name, parameter_value(value)) for name, value in items]
+        wanted = [self.convert(parameter) for parameter in requested]
         possible = all(self.may_set(parameter) for parameter in wanted)
-        self.heard.clear()
-        assert self.store.set_atomically(asked).successful == possible
-        assert self.heard == ({parameter.name: parameter.value for parameter in wanted} if possible else {})
+        self.post_set_values.clear()
+        assert self.store.set_atomically(requested).successful == possible
+        assert self.post_set_values == ({parameter.name: parameter.value for parameter in wanted} if possible else {})
         if possible:
             self.apply(wanted)
 
     @rule(items=st.lists(st.tuples(NAMES, VALUES), max_size=4))
     def set_each(self, items: list[tuple[str, object]]) -> None:
-        asked = [Parameter(name, parameter_value(value)) for name, value in items]
-        for one, result in zip(asked, self.store.set_individually(asked), strict=True):
-            parameter = self.meant(one)
+        requested = [Parameter(name, parameter_value(value)) for name, value in items]
+        for one, result in zip(requested, self.store.set_individually(requested), strict=True):
+            parameter = self.convert(one)
             assert result.successful == self.may_set(parameter)
             if result.successful:
                 self.apply([parameter])
 
-    def meant(self, parameter: Parameter) -> Parameter:
-        known = self.model.get(parameter.name)
-        if known is None or known.described.dynamic_typing or known.kind is not ParameterType.DOUBLE:
+    def convert(self, parameter: Parameter) -> Parameter:
+        declared = self.model.get(parameter.name)
+        if declared is None or declared.descriptor.dynamic_typing or declared.kind is not ParameterType.DOUBLE:
             return parameter
         value = parameter.value.value
         return Parameter(parameter.name, parameter_value(float(value))) if type(value) is int else parameter
 
     def may_set(self, parameter: Parameter) -> bool:
-        known = self.model.get(parameter.name)
-        if not self.agreed(parameter.value):
+        declared = self.model.get(parameter.name)
+        if not self.is_accepted(parameter.value):
             return False
-        if known is None:
+        if declared is None:
             return self.allow
-        fits = known.described.dynamic_typing or parameter.value.type is known.kind
-        return fits and not known.described.read_only and in_range(parameter.value, known.described)
+        fits = declared.descriptor.dynamic_typing or parameter.value.type is declared.kind
+        return fits and not declared.descriptor.read_only and in_range(parameter.value, declared.descriptor)
 
     def apply(self, parameters: list[Parameter]) -> None:
         for parameter in {parameter.name: parameter for parameter in parameters}.values():
-            known = self.model.get(parameter.name)
+            declared = self.model.get(parameter.name)
             if not parameter.value.is_set:
                 self.model.pop(parameter.name, None)
                 continue
-            described = known.described if known else ParameterDescriptor(dynamic_typing=True)
-            self.model[parameter.name] = Known(parameter.value, parameter.value.type, described)
+            descriptor = declared.descriptor if declared else ParameterDescriptor(dynamic_typing=True)
+            self.model[parameter.name] = Known(parameter.value, parameter.value.type, descriptor)
 
     @invariant()
     def agree(self) -> None:
-        values = {name: known.value for name, known in self.model.items()}
+        values = {name: declared.value for name, declared in self.model.items()}
         assert self.store.values() == values
         assert {name: value for name, value in values.items() if value.is_set} == self.from_events
         assert set(self.store.listing().names) == set(values)
-        for name, known in self.model.items():
-            assert self.store.describe(name).read_only == known.described.read_only
+        for name, declared in self.model.items():
+            assert self.store.describe(name).read_only == declared.descriptor.read_only
 
 
 TestStoreAgainstModel = StoreAgainstModel.TestCase

@@ -26,8 +26,8 @@ DYNAMIC = ParameterDescriptor(dynamic_typing=True)
 
 
 @pytest.mark.parametrize("number", [10, 77, 255])
-async def test_a_type_that_does_not_exist_is_refused_and_undeclares_nothing(world: World, number: int) -> None:
-    """rclpy and rclcpp raise an error, so that nobody answers; NOT_SET, which undeclares, it is not either."""
+async def test_unknown_parameter_type_in_request_is_refused_without_undeclaring(world: World, number: int) -> None:
+    """rclpy and rclcpp raise an error and send no response; the type must not undeclare as NOT_SET does."""
     node, other = world.node("n"), world.node("other")
     node.declare_parameter("d", 1, DYNAMIC)
     node.declare_parameter("e", 1)
@@ -44,7 +44,7 @@ async def test_a_type_that_does_not_exist_is_refused_and_undeclares_nothing(worl
     assert node.get_parameters(["d", "e"]) == [1, 5]
 
 
-async def test_an_empty_answer_says_that_one_is_missing_but_not_which(world: World) -> None:
+async def test_empty_response_raises_error_that_lists_all_requested_names(world: World) -> None:
     node = world.node("n", "/ns")
     node.declare_parameter("a", 1)
     node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.BOOL))
@@ -54,12 +54,12 @@ async def test_an_empty_answer_says_that_one_is_missing_but_not_which(world: Wor
         await remote.get(["a", "unset"], 5)
     assert caught.value.names == ("a", "unset")
     text = r"^at least one of \['a', 'nope'\] is undeclared or has no value on /ns/n$"
-    for ask in (remote.get_types, remote.describe):
+    for method in (remote.get_types, remote.describe):
         with pytest.raises(ParameterNotDeclaredError, match=text):
-            await ask(["a", "nope"], 5)
+            await method(["a", "nope"], 5)
 
 
-async def test_closed_streams_are_not_kept(world: World) -> None:
+async def test_closed_event_streams_are_not_retained(world: World) -> None:
     remote = world.node("other").create_parameter_client("/n")
     kept = remote.events()
     owned = list(remote._parts.owned.values())
@@ -82,7 +82,7 @@ async def test_closed_streams_are_not_kept(world: World) -> None:
         lambda node: node.undeclare_parameter("a"),
     ],
 )
-def test_a_closed_node_takes_no_sets(world: World, call: Callable[[Any], object]) -> None:
+def test_closed_node_refuses_parameter_sets(world: World, call: Callable[[Any], object]) -> None:
     node = world.node("n")
     node.declare_parameter("a", 1)
     node.close()
@@ -100,7 +100,9 @@ ODD = [
 
 
 @pytest.mark.parametrize(("odd", "reason"), ODD)
-def test_values_that_do_not_fit_their_type_are_stored_nowhere(world: World, odd: ParameterValue, reason: str) -> None:
+def test_parameter_values_that_contradict_their_type_are_refused_everywhere(
+    world: World, odd: ParameterValue, reason: str
+) -> None:
     node = world.node("n")
     node.declare_parameter("d", 1, DYNAMIC)
     calls: list[Callable[[], object]] = [

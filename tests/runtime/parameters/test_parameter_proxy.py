@@ -70,7 +70,7 @@ def store() -> ParameterStore:
     return ParameterStore()
 
 
-def put(store: ParameterStore, **values: object) -> None:
+def set_values(store: ParameterStore, **values: object) -> None:
     assert store.set_atomically([Parameter(name, parameter_value(value)) for name, value in values.items()]).successful
 
 
@@ -94,7 +94,7 @@ def put(store: ParameterStore, **values: object) -> None:
         lambda tags: tags.__imul__(2),
     ],
 )
-def test_a_list_cannot_be_changed_in_place(store: ParameterStore, change: Any) -> None:
+def test_list_parameter_cannot_be_changed_in_place(store: ParameterStore, change: Any) -> None:
     drive = bind_class(store, Drive, initial=Drive(tags=["b", "a"]))
     for tags in (drive.tags, drive.left.gains):
         with pytest.raises(TypeError, match=r"cannot be changed in place; assign a new one"):
@@ -102,7 +102,7 @@ def test_a_list_cannot_be_changed_in_place(store: ParameterStore, change: Any) -
     assert drive.tags == ["b", "a"] and store.get("tags").value == ("b", "a")
 
 
-def test_a_list_is_a_list_in_every_other_way(store: ParameterStore) -> None:
+def test_list_parameter_is_a_list_and_copies_to_plain_lists(store: ParameterStore) -> None:
     drive = bind_class(store, Drive, initial=Drive(tags=["b", "a"]))
     tags = drive.tags
     assert isinstance(tags, list) and sorted(tags) == ["a", "b"] and json.dumps(tags) == '["b", "a"]'
@@ -120,7 +120,7 @@ def test_a_list_is_a_list_in_every_other_way(store: ParameterStore) -> None:
     assert repr(tags) == "['b', 'a']" and drive.tags == ["b", "a"]
 
 
-def test_assigning_a_list_sets_the_parameter(store: ParameterStore) -> None:
+def test_assigning_a_list_sets_its_parameter(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     given = ["a"]
     drive.tags = given
@@ -134,7 +134,7 @@ def test_assigning_a_list_sets_the_parameter(store: ParameterStore) -> None:
 # -------------------------------------------------------------------------------------------- replacing and comparing
 
 
-def test_a_changed_copy_is_a_plain_object_and_may_be_assigned(store: ParameterStore) -> None:
+def test_modified_copy_of_parameter_object_can_be_assigned(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     made = dataclasses.replace(snapshot(drive), mode="manual")
     assert type(made) is Drive and type(made.left) is Motor and made == Drive(mode="manual")
@@ -147,7 +147,7 @@ def test_a_changed_copy_is_a_plain_object_and_may_be_assigned(store: ParameterSt
     assert store.get("left.pwm").value == drive.left.pwm == 12
 
 
-def test_objects_compare_by_value(store: ParameterStore) -> None:
+def test_parameter_objects_compare_by_value(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     other = bind_class(ParameterStore(), Drive, initial=Drive(speed=1.0))
     assert drive == Drive() and drive != other and drive != 5 and drive.left == Motor() == other.left
@@ -157,7 +157,7 @@ def test_objects_compare_by_value(store: ParameterStore) -> None:
         hash(drive)
 
 
-def test_fields_cannot_be_deleted(store: ParameterStore) -> None:
+def test_parameter_fields_cannot_be_deleted(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     for live, name in ((drive, "mode"), (drive, "left"), (drive.left, "pwm")):
         with pytest.raises(AttributeError, match=name):
@@ -168,13 +168,13 @@ def test_fields_cannot_be_deleted(store: ParameterStore) -> None:
 # ---------------------------------------------------------------------------------------------- fields without init
 
 
-def test_computed_fields_follow(store: ParameterStore) -> None:
+def test_computed_fields_follow_their_parameters(store: ParameterStore) -> None:
     computed = bind_class(store, Computed, initial=Computed(4))
     assert list(store.values()) == ["width", "height"]
     assert (computed.area, computed.sides, computed.note, computed.perimeter) == (12, [4, 3], "4x3", 14)
     computed.width = 5
     assert (computed.area, computed.sides, computed.note, computed.perimeter) == (15, [5, 3], "5x3", 16)
-    put(store, width=1, height=1)
+    set_values(store, width=1, height=1)
     assert computed.area == 1 and snapshot(computed) == Computed(1, 1) and snapshot(computed).note == "1x1"
     with pytest.raises(AttributeError, match="Computed has no parameter 'area'"):
         computed.area = 7
@@ -184,13 +184,13 @@ def test_computed_fields_follow(store: ParameterStore) -> None:
         update_parameters(computed, area=3)
 
 
-def test_properties_with_a_setter_work(store: ParameterStore) -> None:
+def test_property_setters_set_parameters(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     drive.speed_kmh = 7.2
     assert drive.speed == 2.0 and store.get("speed").value == 2.0 and drive.speed_kmh == 7.2
 
 
-def test_methods_may_set_parameters(store: ParameterStore) -> None:
+def test_methods_of_parameter_class_can_set_parameters(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     drive.stop()
     assert drive.speed == store.get("speed").value == 0.0 and Drive.of_speed(2.0).speed == 2.0
@@ -200,7 +200,7 @@ def test_methods_may_set_parameters(store: ParameterStore) -> None:
 # ------------------------------------------------------------------------------------------------------ wrong values
 
 
-def test_a_group_takes_only_an_object_of_its_class(store: ParameterStore) -> None:
+def test_nested_group_accepts_only_objects_of_its_class(store: ParameterStore) -> None:
     drive = bind_class(store, Drive)
     with pytest.raises(TypeError, match="left must be an object of Motor, got 5 of type int"):
         drive.left = 5  # type: ignore[assignment]
@@ -229,14 +229,14 @@ class Triple:
         self.total = self.a + self.b + self.nested.pwm
 
 
-def test_no_thread_sees_half_an_update(store: ParameterStore) -> None:
+def test_threads_never_read_partial_updates(store: ParameterStore) -> None:
     live = bind_class(store, Triple)
     torn: list[object] = []
     done = threading.Event()
 
     def read() -> None:
         while not done.is_set():
-            # What is read later is never older: a after b, b after the nested one.
+            # A later read never returns an older value: a is read after b, b after the nested field.
             order = live.nested.pwm, live.b, live.a
             seen = snapshot(live)
             stored = [value.value for value in store.get_all(["a", "b", "nested.pwm"])]
@@ -256,7 +256,7 @@ def test_no_thread_sees_half_an_update(store: ParameterStore) -> None:
     assert torn == []
 
 
-def test_sets_of_several_threads_are_one_after_the_other(store: ParameterStore) -> None:
+def test_sets_of_several_threads_are_serialized(store: ParameterStore) -> None:
     live = bind_class(store, Triple)
 
     def count(parameters: list[Parameter]) -> list[Parameter]:
@@ -273,7 +273,7 @@ def test_sets_of_several_threads_are_one_after_the_other(store: ParameterStore) 
     assert live.a == 8
 
 
-def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStore) -> None:
+def test_reads_do_not_wait_for_slow_set_callbacks(store: ParameterStore) -> None:
     live = bind_class(store, Triple)
     entered, release = threading.Event(), threading.Event()
 
@@ -289,7 +289,7 @@ def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStor
     release.set()
     setter.join()
     added.close()
-    # After a set is stored, its post-set callbacks hold up nobody.
+    # After a set is stored, its post-set callbacks block no other thread.
     entered.clear()
     release.clear()
     added = store.callbacks.add("post-set", slow)

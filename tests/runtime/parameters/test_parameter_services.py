@@ -56,7 +56,7 @@ SERVICES = [
 ALL_TYPES: list[Any] = [None, True, -5, 2.5, "text", b"\x01\xff", [True, False], [1, 2], [0.5], ["a", "ü"]]
 
 
-def test_only_the_selected_member_is_set() -> None:
+def test_parameter_message_uses_only_the_member_of_its_type() -> None:
     assert value_to_message(parameter_value(7)) == ValueMessage(type=2, integer_value=7)
     assert value_from_message(ValueMessage(type=200, integer_value=7)) == ParameterValue()
 
@@ -68,12 +68,12 @@ def test_only_the_selected_member_is_set() -> None:
         ParameterDescriptor("a", ParameterType.DOUBLE, dynamic_typing=True, floating_point_range=FloatRange(0, 1, 0.5)),
     ],
 )
-def test_descriptors_survive_the_message(descriptor: ParameterDescriptor) -> None:
+def test_descriptors_round_trip_through_messages(descriptor: ParameterDescriptor) -> None:
     assert descriptor_from_message(descriptor_to_message(descriptor)) == descriptor
 
 
 @pytest.mark.every_transport
-def test_every_node_has_what_rclpy_nodes_have(world: World) -> None:
+def test_node_has_the_services_and_parameters_of_rclpy_nodes(world: World) -> None:
     node = world.node("n", "/ns", logger_services=True)
     services = dict(node.get_service_names_and_types())
     for name in SERVICES:
@@ -95,7 +95,7 @@ def test_the_type_description_service_can_be_switched_off(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_raw_services_answer_as_rclpy_does(world: World) -> None:
+async def test_parameter_services_reply_like_rclpy(world: World) -> None:
     node = world.node("n")
     node.declare_parameter("a", 1)
     node.declare_parameter("g.b", "x")
@@ -126,15 +126,15 @@ async def test_raw_services_answer_as_rclpy_does(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_the_answer_comes_before_the_events_it_caused(world: World) -> None:
+async def test_set_parameters_response_is_sent_before_its_event(world: World) -> None:
     node, other = world.node("n"), world.node("other")
     node.declare_parameter("a", 1)
     events, client = other.parameter_events("/n"), other.create_parameter_client("/n")
     assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
     await until(lambda: entity(node, "/parameter_events").has_subscriptions)
     written: list[str] = []
-    _note(entity(node, "/parameter_events"), "_write", "event", written)
-    _note(entity(node, "/set_parameters")._transport_server, "send", "answer", written)
+    record_calls(entity(node, "/parameter_events"), "_write", "event", written)
+    record_calls(entity(node, "/set_parameters")._transport_server, "send", "answer", written)
     assert (await client.set({"a": 2}, 5))[0].successful
     await until(lambda: len(written) == 2)
     assert written == ["answer", "event"]
@@ -142,22 +142,22 @@ async def test_the_answer_comes_before_the_events_it_caused(world: World) -> Non
     node.set_parameter("a", 3)
     await until(lambda: written == ["event"])
     await asyncio.to_thread(node.set_parameter, "a", 4)
-    assert written == ["event"] * 2  # at once where no loop runs that could have an answer to send
+    assert written == ["event"] * 2  # written at once if no loop runs that may have a response to send
 
 
-def _note(of: Any, function: str, name: str, written: list[str]) -> None:
+def record_calls(of: Any, function: str, name: str, written: list[str]) -> None:
     write = getattr(of, function)
 
-    def noted(*sent: object) -> bool:
+    def recorded(*sent: object) -> bool:
         written.append(name)
         return bool(write(*sent))
 
-    setattr(of, function, noted)
+    setattr(of, function, recorded)
 
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh("sessions find each other after the node has published the first of these events")
-async def test_events_say_who_when_and_what(world: World) -> None:
+async def test_parameter_events_contain_node_stamp_and_changes(world: World) -> None:
     listener = world.node("listener")
     seen = listener.create_subscription(EventMessage, "/parameter_events", None, 100)
     node = world.node("n", "/ns")
@@ -187,7 +187,7 @@ async def test_every_type_can_be_set_and_read_remotely(world: World, value: obje
 
 
 @pytest.mark.every_transport
-async def test_a_stream_of_another_nodes_events(world: World) -> None:
+async def test_parameter_events_of_another_node_can_be_iterated(world: World) -> None:
     node, noise, other = world.node("n"), world.node("noise"), world.node("other")
     remote = other.create_parameter_client("/n")
     events, everything = remote.events(), other.parameter_events()
@@ -197,7 +197,7 @@ async def test_a_stream_of_another_nodes_events(world: World) -> None:
     node.declare_parameter("a", 1)
     got = await take(events)
     assert (got.node, got.event.new) == ("/n", (Parameter("a", parameter_value(1)),))
-    assert {(await take(everything)).node for _ in range(2)} == {"/noise", "/n"}  # connections of their own
+    assert {(await take(everything)).node for _ in range(2)} == {"/noise", "/n"}  # each stream has its own subscription
     remote.close()
     remote.close()
     with pytest.raises(StopAsyncIteration):
@@ -205,7 +205,7 @@ async def test_a_stream_of_another_nodes_events(world: World) -> None:
 
 
 @pytest.mark.every_transport
-def test_plain_api(world: World) -> None:
+def test_node_parameter_methods_declare_get_set_and_undeclare(world: World) -> None:
     node = world.node("n", parameter_overrides={"given": 5})
     assert node.declare_parameter("given", 1) == 5
     assert node.declare_parameter("empty", [], ParameterDescriptor(type=ParameterType.STRING_ARRAY)) == ()
@@ -226,7 +226,7 @@ def test_plain_api(world: World) -> None:
     assert node.get_parameters(["given", "empty"]) == [6, ()]
 
 
-def test_command_line_and_constructor_overrides(world: World) -> None:
+def test_command_line_overrides_yield_to_constructor_overrides(world: World) -> None:
     node = world.node(
         "n",
         args="--ros-args -p a:=1 -p b:=2 -p other:c:=3 -p use_sim_time:=true",
@@ -241,28 +241,28 @@ def test_command_line_and_constructor_overrides(world: World) -> None:
 
 @pytest.mark.every_transport
 @pytest.mark.real_time("an error has the whole timeout, not the rest of it")
-async def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> None:
+async def test_parameter_client_times_out_without_remote_node(world: World) -> None:
     remote = world.node("other").create_parameter_client("/gone")
     with pytest.raises(WaitTimeoutError, match=r"does not serve its parameters: no server of .* appeared in 0.05 s"):
         await remote.wait_for_services(timeout_s=0.05)
-    for ask in (remote.get, remote.get_types, remote.describe):
+    for method in (remote.get, remote.get_types, remote.describe):
         with pytest.raises(CallTimeoutError, match=r"no server of .* appeared in 0\.05 s"):
-            await ask("a", timeout_s=0.05)
+            await method("a", timeout_s=0.05)
 
 
 def policies(qos: QoSProfile) -> tuple[History, int, Reliability, Durability]:
     return qos.history, qos.depth, qos.reliability, qos.durability
 
 
-def test_the_profiles_are_those_of_ros() -> None:
+def test_parameter_qos_profiles_match_ros() -> None:
     expected = (History.KEEP_LAST, 1000, Reliability.RELIABLE, Durability.VOLATILE)
     assert policies(PARAMETERS) == policies(PARAMETER_EVENTS) == expected
 
 
 @pytest.mark.every_transport
 @pytest.mark.without_zenoh("it announces a depth for endpoints that keep all, too")
-async def test_endpoints_are_announced_with_types_and_qos(world: World) -> None:
-    """History takes no part in matching; ours keeps all where rclpy keeps 1000, so that no call is overwritten."""
+async def test_parameter_endpoints_are_announced_with_types_and_qos(world: World) -> None:
+    """History does not affect matching; our endpoints keep all, rclpy keeps 1000, so that no call is overwritten."""
     node, other = world.node("n"), world.node("other")
     other.create_parameter_client("/n")
     other.parameter_events()
@@ -296,7 +296,7 @@ def wire(*parts: str) -> str:
     return text + "0" * (-len(text) % 8)
 
 
-async def test_bytes_of_a_set_and_of_its_event(dds: World) -> None:
+async def test_bytes_of_set_parameters_and_its_event_match_ros(dds: World) -> None:
     watcher, node, remote = dds.node("watcher"), dds.node("n"), dds.node("other").create_parameter_client("/n")
     node.declare_parameter("ab", 1)
     kind = "rcl_interfaces::srv::dds_::SetParameters_"
@@ -338,7 +338,9 @@ def broken(*_: object) -> Any:
         ("on", lambda ps: SetResult(False, "caf\udce9 \U0001f916"), "caf? \U0001f916"),
     ],
 )
-async def test_callbacks_that_fail_are_answered(world: World, kind: str, callback: Any, reason: str) -> None:
+async def test_failing_set_callback_refuses_remote_sets_with_reason(
+    world: World, kind: str, callback: Any, reason: str
+) -> None:
     node = world.node("n")
     node.declare_parameter("a", 1)
     getattr(node, f"add_{kind}_set_callback")(callback)

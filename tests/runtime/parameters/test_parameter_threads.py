@@ -20,12 +20,12 @@ class Pair:
     b: int = 0
 
 
-async def test_a_stream_of_changes_is_woken_by_a_thread(world: World) -> None:
+async def test_parameter_changes_stream_is_woken_by_sets_and_close_in_threads(world: World) -> None:
     node = world.node("n")
     pair = node.declare_parameters(Pair)
     changes = node.parameter_changes()
     reader = asyncio.ensure_future(take(changes))
-    await asyncio.sleep(0.05)  # the loop rests; only the thread can wake it
+    await asyncio.sleep(0.05)  # the loop is idle; only the thread can wake it
     worker = threading.Thread(target=lambda: update_parameters(pair, a=1, b=2))
     worker.start()
     assert await asyncio.wait_for(reader, 10) == ("a", 1)
@@ -46,7 +46,7 @@ async def anext_or_end(stream: AsyncQueue[object]) -> object:
         return "end"
 
 
-async def test_changes_of_several_threads_keep_the_order_of_the_sets(world: World) -> None:
+async def test_parameter_changes_of_several_threads_keep_set_order(world: World) -> None:
     node = world.node("n")
     node.declare_parameter("a", -1)
     changes = node.parameter_changes()
@@ -76,7 +76,7 @@ async def test_changes_of_several_threads_keep_the_order_of_the_sets(world: Worl
 
 
 @pytest.mark.every_transport
-async def test_events_and_services_go_on_while_a_thread_sets(world: World) -> None:
+async def test_parameter_events_and_services_work_while_a_thread_sets(world: World) -> None:
     node = world.node("n")
     pair = node.declare_parameters(Pair)
     other = world.node("other")
@@ -93,12 +93,12 @@ async def test_events_and_services_go_on_while_a_thread_sets(world: World) -> No
             update_parameters(pair, a=number, b=number)
 
     worker = asyncio.ensure_future(asyncio.to_thread(work))
-    asked = 0
-    while not worker.done() or asked < 5:
+    requests = 0
+    while not worker.done() or requests < 5:
         a, b = await remote.get(["a", "b"], 5)
         seen = snapshot(pair)
         assert a == b and seen.a == seen.b
-        asked += 1
+        requests += 1
     await worker
 
     def ours() -> list[EventMessage]:
@@ -115,7 +115,7 @@ async def collect(subscription: object, into: list[EventMessage]) -> None:
 
 
 @pytest.mark.every_transport
-async def test_remote_sets_and_a_thread_do_not_block_each_other(world: World) -> None:
+async def test_remote_sets_and_sets_of_a_thread_do_not_block_each_other(world: World) -> None:
     node = world.node("n")
     pair = node.declare_parameters(Pair)
     remote = world.node("other").create_parameter_client("/n")
@@ -134,7 +134,7 @@ async def test_remote_sets_and_a_thread_do_not_block_each_other(world: World) ->
     assert (pair.a, pair.b, len(waited)) == (49, 49, 50)
 
 
-async def test_sim_time_can_be_switched_on_by_a_thread(world: World) -> None:
+async def test_use_sim_time_can_be_set_by_a_thread(world: World) -> None:
     node, simulator = world.node("n"), world.node("simulator")
     clock = simulator.create_sim_time_publisher()
     await asyncio.to_thread(node.set_parameter, "use_sim_time", True)
@@ -143,7 +143,7 @@ async def test_sim_time_can_be_switched_on_by_a_thread(world: World) -> None:
     await until(lambda: node.clock.now_ns() == 7_000_000_000)
 
 
-def test_a_stream_works_without_any_loop_and_across_loops() -> None:
+def test_async_queue_works_without_a_loop_and_across_loops() -> None:
     stream: AsyncQueue[int] = AsyncQueue(2)
     for number in range(3):
         stream._push(number)

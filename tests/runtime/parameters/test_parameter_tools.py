@@ -33,22 +33,24 @@ def broken(*_: object) -> Any:
     raise KeyError("gone")
 
 
-def test_all_parameters_come_by_name_with_their_types(memory: World) -> None:
+def test_parameters_by_prefix_are_returned_with_types(memory: World) -> None:
     node = memory.node("n", time_source=False)
     for name, value in {"arm": 1, "arm.speed": 2.5, "arm.left.tags": ["a"], "army": True}.items():
         node.declare_parameter(name, value)
     node.declare_parameter("arm.unset", None, DYNAMIC)
     below = {"speed": p("arm.speed", 2.5), "left.tags": p("arm.left.tags", ["a"]), "unset": p("arm.unset")}
     assert node.get_parameters_by_prefix("arm") == below
-    every = node.get_parameters_by_prefix()
-    assert {"arm", "army", "arm.speed", "start_type_description_service"} <= set(every) and len(every) == 6
-    assert every["arm"].value.type is ParameterType.INTEGER
+    all_parameters = node.get_parameters_by_prefix()
+    assert {"arm", "army", "arm.speed", "start_type_description_service"} <= set(all_parameters) and len(
+        all_parameters
+    ) == 6
+    assert all_parameters["arm"].value.type is ParameterType.INTEGER
     assert node.get_parameters_by_prefix("nope") == {}
     with pytest.raises(TypeError, match="a prefix must be a str"):
         node.get_parameters_by_prefix(5)  # type: ignore[arg-type]
 
 
-def test_undeclared_names_are_refused_or_raised(memory: World) -> None:
+def test_undeclared_names_are_refused_or_raise_with_require_declared(memory: World) -> None:
     node = memory.node("n")
     node.declare_parameter("a", 1)
     node.declare_parameter("b", 1)
@@ -69,7 +71,7 @@ def test_undeclared_names_are_refused_or_raised(memory: World) -> None:
 
 
 @pytest.mark.parametrize("kind", ["pre", "on", "post"])
-def test_what_callbacks_raise_goes_on_to_whoever_sets(memory: World, kind: str) -> None:
+def test_exception_of_callback_with_raises_reaches_the_setting_caller(memory: World, kind: str) -> None:
     node = memory.node("n")
     node.declare_parameter("a", 1)
     with getattr(node, f"add_{kind}_set_callback")(broken, raises=True):
@@ -82,7 +84,7 @@ def test_what_callbacks_raise_goes_on_to_whoever_sets(memory: World, kind: str) 
 
 
 @pytest.mark.every_transport
-async def test_a_node_that_sets_from_elsewhere_gets_a_refusal_for_it(
+async def test_remote_set_is_refused_if_a_callback_with_raises_fails(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = world.node("n")
@@ -94,7 +96,7 @@ async def test_a_node_that_sets_from_elsewhere_gets_a_refusal_for_it(
     assert "setting a parameter for another node failed" in caplog.text and node.get_parameter("a") == 1
 
 
-def test_events_are_told_in_the_order_of_the_sets_with_or_without_the_topic(memory: World) -> None:
+def test_event_callbacks_run_in_set_order_without_the_event_topic(memory: World) -> None:
     node = memory.node("n", parameter_events=False)
     events: list[ParameterEvent] = []
     added = node.add_parameter_event_callback(events.append)
@@ -115,7 +117,7 @@ def test_events_are_told_in_the_order_of_the_sets_with_or_without_the_topic(memo
     assert len(events) == 3
 
 
-def test_a_callback_of_events_that_raises_is_logged_and_the_others_hear(
+def test_raising_event_callback_is_logged_and_other_callbacks_run(
     memory: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = memory.node("n")
@@ -132,7 +134,7 @@ def test_a_callback_of_events_that_raises_is_logged_and_the_others_hear(
 
 
 @pytest.mark.every_transport
-async def test_services_made_elsewhere_serve_the_parameters_of_a_node(world: World) -> None:
+async def test_parameter_services_can_be_served_by_another_node(world: World) -> None:
     node, front, asker = world.node("n", start_services=False), world.node("front"), world.node("asker")
     assert not any(name.startswith("/n/set_") for name, _ in node.get_service_names_and_types())
     node.declare_parameter("a", 1, ParameterDescriptor(description="served"))
@@ -151,7 +153,7 @@ async def test_services_made_elsewhere_serve_the_parameters_of_a_node(world: Wor
     assert node.get_parameter("a") == 3 and (await take(events)).event.changed == (p("a", 3),)
 
 
-def test_the_services_are_functions_of_requests(memory: World) -> None:
+def test_parameter_service_handlers_can_be_called_directly(memory: World) -> None:
     node = memory.node("n", start_services=False)
     node.declare_parameter("a", 1)
     services = {one.name: one for one in node.parameter_services()}

@@ -36,7 +36,7 @@ from rosidl_py_gen.runtime.parameters.values import (
         (3, IntRange(-2, 10, 5), ""),
     ],
 )
-def test_integer_ranges(value: int, allowed: IntRange, reason: str) -> None:
+def test_integer_range_violations_have_rclpy_reasons(value: int, allowed: IntRange, reason: str) -> None:
     assert integer_range_reason("p", value, allowed) == reason
 
 
@@ -49,7 +49,7 @@ def test_integer_ranges(value: int, allowed: IntRange, reason: str) -> None:
         (float("nan"), FloatRange(0.0, 2.5), "Parameter p out of range Min: 0.0, Max: 2.5, value: nan"),
         (0.3, FloatRange(0.0, 1.0, 0.1), ""),
         (2.5, FloatRange(0.0, 2.5, 2.0), ""),
-        (1.0, FloatRange(-math.inf, 10.0, 0.5), ""),  # nothing to count steps from; declaring refuses such a range
+        (1.0, FloatRange(-math.inf, 10.0, 0.5), ""),  # steps have no finite start; declaring refuses such a range
         (1.0, FloatRange(0.0, 10.0, 5e-324), ""),
         (11.0, FloatRange(-math.inf, 10.0, 0.5), "Parameter p out of range Min: -inf, Max: 10.0, value: 11.0"),
         (
@@ -59,7 +59,7 @@ def test_integer_ranges(value: int, allowed: IntRange, reason: str) -> None:
         ),
     ],
 )
-def test_float_ranges(value: float, allowed: FloatRange, reason: str) -> None:
+def test_float_range_violations_have_rclpy_reasons(value: float, allowed: FloatRange, reason: str) -> None:
     assert float_range_reason("p", value, allowed) == reason
 
 
@@ -73,7 +73,7 @@ def test_float_ranges(value: float, allowed: FloatRange, reason: str) -> None:
         (FloatRange(-1.0, 1.0, 0.0), True),
     ],
 )
-def test_ranges_that_can_be_sent(allowed: IntRange | FloatRange, is_valid: bool) -> None:
+def test_only_ranges_that_fit_a_message_are_valid(allowed: IntRange | FloatRange, is_valid: bool) -> None:
     assert (range_reason(allowed) == "") is is_valid
 
 
@@ -106,7 +106,7 @@ INT = ParameterDescriptor("p", ParameterType.INTEGER)
         ([1], ParameterDescriptor("p", ParameterType.INTEGER_ARRAY, integer_range=IntRange(2, 3)), ""),
     ],
 )
-def test_descriptor_checks(value: object, descriptor: ParameterDescriptor, reason: str) -> None:
+def test_descriptor_violations_have_rclpy_reasons(value: object, descriptor: ParameterDescriptor, reason: str) -> None:
     assert refusal_reason(Parameter("p", parameter_value(value)), descriptor) == reason
 
 
@@ -128,9 +128,9 @@ NAMES = ["a", "g.x", "g.s.y", "g.s.z", "gg.x", "h.x.y.z"]
         (["nothing"], 0, []),
     ],
 )
-def test_listing(prefixes: list[str], depth: int, names: list[str]) -> None:
+def test_parameter_names_are_listed_by_prefix_and_depth(prefixes: list[str], depth: int, names: list[str]) -> None:
     assert list(list_names(NAMES, prefixes, depth).names) == names
 
 
-def test_groups_are_the_text_before_the_last_dot_without_duplicates() -> None:
+def test_listed_prefixes_are_unique_group_names() -> None:
     assert list_names(NAMES, [], 0).prefixes == ("g", "g.s", "gg", "h.x.y")

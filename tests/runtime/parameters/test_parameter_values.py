@@ -67,7 +67,7 @@ class Metres(float):
         (ParameterValue(T.STRING_ARRAY, ()), T.STRING_ARRAY, ()),
     ],
 )
-def test_inference(value: object, kind: ParameterType, stored: object) -> None:
+def test_parameter_type_is_inferred_from_python_value(value: object, kind: ParameterType, stored: object) -> None:
     got = parameter_value(value)
     assert got == ParameterValue(kind, stored)  # type: ignore[arg-type]
     assert type(got.value) is type(stored)
@@ -92,19 +92,19 @@ def test_inference(value: object, kind: ParameterType, stored: object) -> None:
         (["a", "b\udfff"], "cannot be encoded as UTF-8: surrogates not allowed at character 1"),
     ],
 )
-def test_what_is_no_parameter_value(value: object, reason: str) -> None:
+def test_unsupported_parameter_values_are_refused(value: object, reason: str) -> None:
     with pytest.raises(InvalidParameterValueError, match=reason):
         parameter_value(value)
 
 
-def test_a_stated_type_decides_for_empty_lists_and_is_checked() -> None:
+def test_explicit_type_applies_to_empty_lists_and_is_checked() -> None:
     assert parameter_value([], T.STRING_ARRAY) == ParameterValue(T.STRING_ARRAY, ())
     assert parameter_value((), T.BYTE_ARRAY) == ParameterValue(T.BYTE_ARRAY, b"")
     with pytest.raises(InvalidParameterValueError, match="1 is of type INTEGER, expected DOUBLE"):
         parameter_value(1, T.DOUBLE)
 
 
-def test_what_is_to_be_set_is_a_dict_or_parameters() -> None:
+def test_as_parameters_accepts_dict_or_parameter_objects() -> None:
     one = Parameter("a", parameter_value(1))
     assert as_parameters({"a": 1}) == as_parameters([one]) == as_parameters(iter([one])) == [one]
     assert as_parameters({}) == []
@@ -129,6 +129,6 @@ def test_what_is_to_be_set_is_a_dict_or_parameters() -> None:
         ),
     ],
 )
-def test_anything_else_to_set_is_explained(values: Any, error: type[Exception], reason: str) -> None:
+def test_as_parameters_refuses_other_arguments(values: Any, error: type[Exception], reason: str) -> None:
     with pytest.raises(error, match=reason):
         as_parameters(values)

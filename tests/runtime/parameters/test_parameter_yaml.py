@@ -24,12 +24,12 @@ T = ParameterType
 
 
 @pytest.mark.parametrize("text", ["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
-def test_true(text: str) -> None:
+def test_yaml_true_words_are_bools(text: str) -> None:
     assert plain_scalar(text) == ParameterValue(T.BOOL, True)
 
 
 @pytest.mark.parametrize("text", ["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
-def test_false(text: str) -> None:
+def test_yaml_false_words_are_bools(text: str) -> None:
     assert plain_scalar(text) == ParameterValue(T.BOOL, False)
 
 
@@ -50,7 +50,7 @@ def test_false(text: str) -> None:
         ("-9223372036854775808", -(2**63)),
     ],
 )
-def test_integers_are_read_like_strtoll(text: str, number: int) -> None:
+def test_yaml_integers_are_read_like_strtoll(text: str, number: int) -> None:
     assert plain_scalar(text) == ParameterValue(T.INTEGER, number)
 
 
@@ -81,12 +81,12 @@ def test_integers_are_read_like_strtoll(text: str, number: int) -> None:
         ("-Infinity", -math.inf),
     ],
 )
-def test_floats_are_read_like_strtod(text: str, number: float) -> None:
+def test_yaml_floats_are_read_like_strtod(text: str, number: float) -> None:
     assert plain_scalar(text) == ParameterValue(T.DOUBLE, number)
 
 
 @pytest.mark.parametrize("text", [".nan", ".NaN", ".NAN", "nan", "-NaN"])
-def test_not_a_number(text: str) -> None:
+def test_nan_words_are_doubles(text: str) -> None:
     got = plain_scalar(text)
     assert got.type is T.DOUBLE and isinstance(got.value, float) and math.isnan(got.value)
 
@@ -99,7 +99,7 @@ OUT_OF_RANGE = "1e400 1e-400 -1e-400 1e-310 5e-324 2.2250738585072011e-308 0x1p-
 @pytest.mark.parametrize(
     "text", [*LIKE_OTHER_TYPES.split(), *OUT_OF_RANGE.split(), "1" + "0" * 5000 + "e-5320", "9" * 5000]
 )
-def test_everything_else_is_text(text: str) -> None:
+def test_other_yaml_scalars_are_strings(text: str) -> None:
     assert plain_scalar(text) == ParameterValue(T.STRING, text)
 
 
@@ -143,7 +143,7 @@ def test_everything_else_is_text(text: str) -> None:
         ("|\n  5\n", "5\n"),
     ],
 )
-def test_argument_values(text: str, value: object) -> None:
+def test_parameter_argument_values_are_parsed_like_rcl(text: str, value: object) -> None:
     assert parse_parameter_value(text) == parameter_value(value)
 
 
@@ -162,13 +162,15 @@ def test_argument_values(text: str, value: object) -> None:
         ("5", 5),
     ],
 )
-def test_tags_decide_about_the_type_since_lyrical(text: str, value: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_yaml_tags_determine_the_type_since_lyrical(text: str, value: object, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DISTRO", "lyrical")
     assert parse_parameter_value(text) == parameter_value(value)
 
 
 @pytest.mark.parametrize(("text", "wanted"), [("!!int yes", "INTEGER"), ("!!bool 1", "BOOL"), ("!!float x", "DOUBLE")])
-def test_a_value_of_another_type_than_its_tag(text: str, wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_yaml_value_that_contradicts_its_tag_is_refused(
+    text: str, wanted: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ROS_DISTRO", "lyrical")
     with pytest.raises(ParameterFileError, match=f"<value>:1:1: the tag requires a value of type {wanted}, found '"):
         parse_parameter_value(text)
@@ -190,7 +192,7 @@ def test_a_value_of_another_type_than_its_tag(text: str, wanted: str, monkeypatc
         ("\x00", "control characters"),
     ],
 )
-def test_bad_argument_values(text: str, reason: str) -> None:
+def test_invalid_parameter_argument_values_are_refused(text: str, reason: str) -> None:
     with pytest.raises(ParameterFileError, match=reason):
         parse_parameter_value(text)
 
@@ -213,7 +215,7 @@ deep:
 """
 
 
-def test_a_file_gives_patterns_and_dotted_names_in_order() -> None:
+def test_parameter_file_yields_node_patterns_and_dotted_names_in_order() -> None:
     entries = parse_parameter_file(FILE)
     assert [(entry.pattern, {n: v.value for n, v in entry.values.items()}) for entry in entries] == [
         ("/talker", {"rate": 5, "group.sub": 1, "group.deeper.x": ("a", "b")}),
@@ -223,7 +225,7 @@ def test_a_file_gives_patterns_and_dotted_names_in_order() -> None:
     ]
 
 
-def test_the_last_matching_entry_wins_not_the_most_specific() -> None:
+def test_last_matching_entry_of_a_parameter_file_wins() -> None:
     entries = parse_parameter_file(FILE)
     assert overrides_for(entries, "/talker")["rate"].value == 9
     assert overrides_for(entries, "/other") == {"rate": parameter_value(9)}
@@ -243,7 +245,7 @@ def test_the_last_matching_entry_wins_not_the_most_specific() -> None:
         ("/**" * 400 + "/x", ["/x", "/a/b/c/d/x"], ["/a/b/c/d/e"]),
     ],
 )
-def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
+def test_node_patterns_match_names_with_wildcards(pattern: str, matching: list[str], others: list[str]) -> None:
     entry = ParameterOverrides(pattern, {})
     assert [name for name in matching + others if entry.matches(name)] == matching
 
@@ -273,12 +275,12 @@ def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
         ("a:\n  ros__parameters: [1]", "f.yaml:2:20: expected parameter names"),
     ],
 )
-def test_bad_files_are_refused_with_the_place(text: str, reason: str) -> None:
+def test_invalid_parameter_file_error_has_line_and_column(text: str, reason: str) -> None:
     with pytest.raises(ParameterFileError, match=reason):
         parse_parameter_file(text, "f.yaml")
 
 
-def test_a_value_that_an_earlier_type_hides_is_reported() -> None:
+def test_value_ignored_because_of_an_earlier_type_is_reported() -> None:
     table = ParameterTable()
     table.read_file("/**: {ros__parameters: {x: 1, y: 1, z: [1]}}", "f.yaml")
     table.read_argument("/**", "x", "2.5", "-p x:=2.5")
@@ -312,7 +314,7 @@ def test_many_repeated_names_are_read_in_linear_time() -> None:
     ],
     ids=["nodes", "parameters"],
 )
-def test_names_that_grow_out_of_proportion_are_refused(keys: list[str]) -> None:
+def test_excessively_long_nested_parameter_names_are_refused(keys: list[str]) -> None:
     groups = [key for key in keys if key.endswith(":")]
     lines = [f"{'  ' * level}{key}" for level, key in enumerate(groups)]
     text = "\n".join([*lines, *("  " * len(groups) + key for key in keys[len(groups) :])])
@@ -324,7 +326,7 @@ def test_an_empty_file_has_no_parameters() -> None:
     assert parse_parameter_file("") == parse_parameter_file("# nothing\n") == []
 
 
-def test_the_dump_is_what_ros2_param_dump_shows() -> None:
+def test_dump_parameters_equals_ros2_param_dump() -> None:
     values = {
         "use_sim_time": parameter_value(False),
         "group.sub": parameter_value(1),
@@ -345,7 +347,7 @@ def test_the_dump_is_what_ros2_param_dump_shows() -> None:
     )
 
 
-def test_deep_and_long_names_and_large_texts_are_read_back() -> None:
+def test_deep_names_and_large_texts_round_trip_through_a_dump() -> None:
     deep = ".".join("abc"[index % 3] for index in range(5000))
     values = {
         name: parameter_value(name[:5])
@@ -387,7 +389,7 @@ NAME = st.text("abc_.1", min_size=1, max_size=6)
 
 @settings(max_examples=examples(400))
 @given(st.dictionaries(NAME, st.one_of(SCALAR, LIST, st.binary(max_size=8)), min_size=1, max_size=6))
-def test_what_is_dumped_is_read_back(raw: dict[str, object]) -> None:
+def test_dumped_parameters_round_trip(raw: dict[str, object]) -> None:
     values = {name: parameter_value(value) for name, value in raw.items()}
     entries = parse_parameter_file(dump_parameters("/ns/node", values))
     assert overrides_for(entries, "/ns/node") == values
@@ -407,7 +409,7 @@ def test_any_text_is_read_or_refused_with_our_error(text: str) -> None:
 
 
 @pytest.mark.parametrize("value", [5e-324, -5e-324, 1e-310, 2.225073858507201e-308, 2.2250738585072014e-308, -0.0])
-def test_tiny_numbers_are_written_so_that_they_stay_numbers(value: float) -> None:
+def test_subnormal_numbers_round_trip_through_a_dump(value: float) -> None:
     text = dump_parameters("/n", {"a": parameter_value(value), "b": parameter_value([value])})
     (entry,) = parse_parameter_file(text)
     assert entry.values == {"a": parameter_value(value), "b": parameter_value([value])}

@@ -44,12 +44,12 @@ def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
     assert world.get("b") is None
 
 
-def test_default_and_descriptor_must_agree() -> None:
+def test_default_of_another_type_than_the_descriptor_is_refused() -> None:
     with pytest.raises(WrongParameterTypeError, match="is of type INTEGER, expected DOUBLE"):
         StoreWorld().declare("a", 1, ParameterDescriptor(type=ParameterType.DOUBLE))
 
 
-def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> None:
+def test_overrides_replace_defaults_unless_ignored_and_must_match_the_type() -> None:
     world = StoreWorld(a=5, b="text", c=7)
     assert world.declare("a", 1) == 5
     with pytest.raises(WrongParameterTypeError, match="'b' is of type STRING, expected INTEGER"):
@@ -78,14 +78,14 @@ def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> N
         ),
     ],
 )
-def test_a_wrong_descriptor_is_explained(descriptor: object, error: type[Exception], reason: str) -> None:
+def test_invalid_descriptor_is_refused_with_reason(descriptor: object, error: type[Exception], reason: str) -> None:
     world = StoreWorld()
     with pytest.raises(error, match=reason):
         world.declare("a", 1, descriptor)  # type: ignore[arg-type]
     assert not world.store.has("a")
 
 
-def test_names_that_cannot_be_sent_are_refused() -> None:
+def test_parameter_names_that_cannot_be_encoded_are_refused() -> None:
     world = StoreWorld(allow_undeclared=True)
     for name in ("", "\ud800"):
         with pytest.raises(InvalidParameterNameError):
@@ -93,7 +93,7 @@ def test_names_that_cannot_be_sent_are_refused() -> None:
     assert not world.set(p("\ud800", 1)).successful and world.declare("ä", 1) == 1
 
 
-def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_nothing() -> None:
+def test_declaration_out_of_range_or_against_a_callback_declares_no_parameter() -> None:
     world = StoreWorld()
     with pytest.raises(InvalidParameterValueError, match=r"out of range. Min: 0, Max: 2, value: 3"):
         world.declare("a", 3, ParameterDescriptor(integer_range=IntRange(0, 2)))
@@ -103,7 +103,7 @@ def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_not
     assert not world.store.has("a") and world.events == []
 
 
-def test_all_undeclared_names_are_in_the_reason() -> None:
+def test_refusal_reason_lists_all_undeclared_names() -> None:
     """rclpy forgets the first name (docs/internals/protocol.md 9.4); a single one gives an empty list there."""
     world = StoreWorld()
     world.declare("a", 1)
@@ -135,7 +135,7 @@ def test_allow_undeclared_declares_with_dynamic_typing() -> None:
     assert not world.set(p("", 1)).successful
 
 
-def test_services_answer_nothing_when_one_name_is_missing() -> None:
+def test_queries_return_empty_list_if_one_name_is_undeclared() -> None:
     world = StoreWorld()
     world.declare("a", 1)
     world.declare("u", None, ParameterDescriptor(type=ParameterType.BOOL))
@@ -147,7 +147,7 @@ def test_services_answer_nothing_when_one_name_is_missing() -> None:
     assert world.store.describe_all(["a", "x"]) == []
 
 
-def test_undeclaring_is_silent_and_needs_a_declared_name() -> None:
+def test_undeclaring_publishes_no_event_and_requires_a_declared_name() -> None:
     world = StoreWorld()
     world.declare("a", 1)
     events = len(world.events)
@@ -158,7 +158,7 @@ def test_undeclaring_is_silent_and_needs_a_declared_name() -> None:
     assert world.declare("a", "other type now") == "other type now"
 
 
-def test_callbacks_run_in_the_order_of_rclpy() -> None:
+def test_set_callbacks_run_in_the_order_of_rclpy() -> None:
     world = StoreWorld()
     world.declare("a", 1)
     seen: list[str] = []
@@ -178,7 +178,7 @@ def test_callbacks_run_in_the_order_of_rclpy() -> None:
     assert seen == ["on2:1", "on1:1", "post2:2", "post1:2"]
 
 
-def test_the_first_refusal_ends_the_asking() -> None:
+def test_first_refusing_on_set_callback_stops_the_others() -> None:
     world = StoreWorld()
     world.declare("a", 1)
     asked: list[int] = []
@@ -190,7 +190,7 @@ def test_the_first_refusal_ends_the_asking() -> None:
     assert world.set(p("a", 2)) == OK and asked == [1]
 
 
-def test_pre_set_callbacks_replace_the_list() -> None:
+def test_pre_set_callbacks_replace_the_parameter_list() -> None:
     world = StoreWorld()
     world.declare("a", 1)
     world.declare("b", 1)
@@ -208,7 +208,7 @@ def test_pre_set_callbacks_replace_the_list() -> None:
     world.declare("c", 1)
 
 
-def test_an_optional_parameter_may_be_unset_and_stays_declared_with_its_type() -> None:
+def test_optional_parameter_can_be_unset_and_keeps_its_type() -> None:
     world = StoreWorld()
     world.store.declare("a", parameter_value(1.5), optional=True)
     assert world.set(p("a")) == OK
@@ -219,21 +219,21 @@ def test_an_optional_parameter_may_be_unset_and_stays_declared_with_its_type() -
     assert world.set(p("a", 2.0)) == OK and world.events[-1] == ParameterEvent(new=(p("a", 2.0),))
 
 
-def test_an_override_without_value_declares_a_parameter_without_value() -> None:
+def test_override_without_value_declares_a_parameter_without_value() -> None:
     store = ParameterStore({"a": ParameterValue(), "b": parameter_value(1)})
     store.declare_overrides()
     assert store.values() == {"a": ParameterValue(), "b": parameter_value(1)}
     assert store.describe("a").dynamic_typing
 
 
-def test_an_empty_list_in_an_override_takes_the_declared_type() -> None:
+def test_empty_list_override_takes_the_declared_type() -> None:
     world = StoreWorld(a=[], b=[])
     assert world.store.declare("a", parameter_value(["x"])) == parameter_value([], ParameterType.STRING_ARRAY)
     with pytest.raises(WrongParameterTypeError):
         world.declare("b", 1)
 
 
-def test_whole_numbers_are_doubles_where_doubles_are_declared_and_hold_them() -> None:
+def test_integers_are_converted_to_declared_doubles_if_exact() -> None:
     world = StoreWorld(**{"a": 2, "as": [1, 2], "any": 3, "big": 2**53 + 1})
     assert repr([world.declare("a", 1.5), world.declare("as", [0.5]), world.declare("any", 1.5, DYNAMIC)]) == (
         "[2.0, (1.0, 2.0), 3]"
@@ -251,7 +251,7 @@ def test_whole_numbers_are_doubles_where_doubles_are_declared_and_hold_them() ->
     assert world.set(p("whole", 2.0)).reason == "Wrong parameter type, expected 'Type.INTEGER' got 'Type.DOUBLE'"
 
 
-def test_bound_objects_are_asked_last_and_commit_before_the_event() -> None:
+def test_bound_objects_are_checked_last_and_updated_before_the_event() -> None:
     world = StoreWorld()
     world.declare("a", 1)
     seen: list[object] = []

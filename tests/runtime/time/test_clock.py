@@ -37,19 +37,19 @@ def ros(ns: int) -> Time:
     return Time(nanoseconds=ns, clock_type=ROS)
 
 
-def test_each_type_reads_its_source_and_stamps_its_type() -> None:
+def test_each_clock_type_reads_its_own_time_source() -> None:
     world = World()
     for kind, expected in ((ROS, 1_000), (ClockType.SYSTEM_TIME, 1_000), (ClockType.STEADY_TIME, 5)):
         assert world.make(kind).now() == Time(nanoseconds=expected, clock_type=kind)
 
 
-def test_the_real_clocks_run() -> None:
+def test_clocks_without_injected_sources_read_real_time() -> None:
     assert Clock().now().nanoseconds > 1_500_000_000 * 10**9
     steady = Clock(ClockType.STEADY_TIME)
     assert steady.now() <= steady.now()
 
 
-def test_simulated_time_is_zero_until_set_and_system_time_returns() -> None:
+def test_overridden_time_is_zero_until_set_and_system_time_resumes_when_disabled() -> None:
     clock = World().clock
     clock.enable_ros_time_override()
     assert clock.ros_time_is_active and clock.now_ns() == 0
@@ -59,7 +59,7 @@ def test_simulated_time_is_zero_until_set_and_system_time_returns() -> None:
     assert clock.now_ns() == 1_000 and not clock.ros_time_is_active
 
 
-def test_an_override_set_while_inactive_is_only_stored() -> None:
+def test_time_set_while_override_is_disabled_applies_when_enabled() -> None:
     world = World()
     world.clock.create_jump_callback(pre=lambda j: world.note("pre", j), min_forward=Duration(nanoseconds=1))
     world.clock.set_ros_time_override(ros(9))
@@ -84,7 +84,7 @@ def test_only_ros_clocks_can_be_overridden_and_only_with_ros_times() -> None:
         Clock().set_ros_time_override(5)  # type: ignore[arg-type]
 
 
-def test_callbacks_run_before_and_after_the_change_of_source() -> None:
+def test_jump_callbacks_run_before_and_after_a_time_source_change() -> None:
     world = World()
     world.clock.create_jump_callback(
         pre=lambda j: world.note("pre", j), post=lambda j: world.note("post", j), on_clock_change=True
@@ -113,7 +113,9 @@ def test_callbacks_run_before_and_after_the_change_of_source() -> None:
         (-20, 10, -10, True),
     ],
 )
-def test_thresholds(delta: int, min_forward: int | None, min_backward: int | None, called: bool) -> None:
+def test_jump_callbacks_run_only_for_jumps_beyond_their_thresholds(
+    delta: int, min_forward: int | None, min_backward: int | None, called: bool
+) -> None:
     world = World()
     world.clock.enable_ros_time_override()
     world.clock.set_ros_time_override(ros(100))
@@ -129,7 +131,7 @@ def test_thresholds(delta: int, min_forward: int | None, min_backward: int | Non
     assert world.seen == (expected if called else [])
 
 
-def test_thresholds_must_have_the_right_sign() -> None:
+def test_jump_thresholds_of_wrong_sign_or_type_are_refused() -> None:
     with pytest.raises(TimeRangeError, match="min_forward must be a positive"):
         Clock().create_jump_callback(min_forward=Duration())
     with pytest.raises(TimeRangeError, match="min_backward must be a negative"):
@@ -139,7 +141,7 @@ def test_thresholds_must_have_the_right_sign() -> None:
             Clock().create_jump_callback(**{name: 5})  # type: ignore[arg-type]
 
 
-def test_a_closed_callback_is_silent_even_when_closed_by_another_callback() -> None:
+def test_closed_jump_callback_is_not_called() -> None:
     world = World()
     second = []
     handle = world.clock.create_jump_callback(post=lambda j: second.append(j), on_clock_change=True)
@@ -153,7 +155,7 @@ def test_a_closed_callback_is_silent_even_when_closed_by_another_callback() -> N
     assert world.seen == []
 
 
-def test_a_failing_callback_is_logged_and_changes_nothing_else(caplog: pytest.LogCaptureFixture) -> None:
+def test_failing_jump_callback_is_logged_and_others_run(caplog: pytest.LogCaptureFixture) -> None:
     world = World()
 
     def fail(_: TimeJump) -> None:

@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime.time.clock_timer import TimerSchedule, period_to_ns
 from rosidl_py_gen.runtime.time.values import Duration, TimeRangeError
 
 
-def test_due_times_stay_on_the_grid_although_calls_are_late() -> None:
+def test_late_calls_do_not_shift_later_due_times() -> None:
     schedule = TimerSchedule(10, 100)
     assert not schedule.is_ready(109) and schedule.is_ready(110)
     call = schedule.mark_called(113)
@@ -23,7 +23,7 @@ def test_due_times_stay_on_the_grid_although_calls_are_late() -> None:
 
 
 @given(st.integers(1, 50), st.lists(st.integers(0, 300), max_size=30))
-def test_the_next_call_is_always_the_first_grid_point_after_now(period: int, steps: list[int]) -> None:
+def test_next_call_is_the_first_grid_point_after_now(period: int, steps: list[int]) -> None:
     start = now = 1000
     schedule = TimerSchedule(period, start)
     skipped = calls = 0
@@ -53,7 +53,7 @@ def test_period_zero_is_always_ready() -> None:
         ("1", TypeError, "period_s must be a number of seconds, got '1'"),
     ],
 )
-def test_bad_periods_in_seconds_are_refused_by_name(bad: Any, error: type[Exception], words: str) -> None:
+def test_invalid_timer_periods_are_refused(bad: Any, error: type[Exception], words: str) -> None:
     node = Node("n", context=Context(0, args=["p"], transport=MemoryTransport()))
     timer = node.create_timer(1)
     for make in (period_to_ns, node.create_timer, node.create_wall_timer, timer.change_period):
@@ -64,7 +64,7 @@ def test_bad_periods_in_seconds_are_refused_by_name(bad: Any, error: type[Except
     assert period_to_ns(0.25) == 250_000_000
 
 
-def test_a_timer_needs_a_function_and_a_clock() -> None:
+def test_timer_refuses_invalid_callback_or_clock() -> None:
     node = Node("n", context=Context(0, args=["p"], transport=MemoryTransport()))
     before = len(node._scope.owned)
     with pytest.raises(TypeError, match="callback must be a function, got 5"):
@@ -75,7 +75,7 @@ def test_a_timer_needs_a_function_and_a_clock() -> None:
     node.context.close()
 
 
-def test_cancel_and_reset() -> None:
+def test_reset_of_canceled_timer_starts_a_new_period() -> None:
     schedule = TimerSchedule(10, 100)
     schedule.canceled = True
     assert schedule.time_until_ns(1000) is None and not schedule.is_ready(1000)
@@ -84,7 +84,7 @@ def test_cancel_and_reset() -> None:
     assert schedule.mark_called(1010).since_last_ns == 910
 
 
-def test_a_changed_period_counts_from_the_next_call() -> None:
+def test_changed_period_applies_after_the_next_call() -> None:
     schedule = TimerSchedule(10, 100)
     schedule.period_ns = 3
     assert schedule.time_until_ns(100) == 10
@@ -92,27 +92,27 @@ def test_a_changed_period_counts_from_the_next_call() -> None:
     assert schedule.next_ns == 113
 
 
-def test_a_ros_clock_that_reads_zero_makes_the_timer_wait() -> None:
+def test_timer_waits_while_its_ros_clock_reads_zero() -> None:
     schedule = TimerSchedule(0, 0, waits_at_zero=True)
     assert schedule.time_until_ns(0) is None and not schedule.is_ready(0)
     assert schedule.is_ready(1)
 
 
-def test_a_change_of_source_keeps_the_elapsed_part_of_the_period() -> None:
+def test_time_source_change_keeps_elapsed_part_of_the_period() -> None:
     schedule = TimerSchedule(100, 1_000_000)
     schedule.before_source_change(1_000_030)
     schedule.after_source_change(500)
     assert (schedule.time_until_ns(500), schedule.last_ns) == (70, 470)
 
 
-def test_an_overdue_timer_is_due_at_once_in_the_new_time() -> None:
+def test_overdue_timer_is_due_at_once_after_time_source_change() -> None:
     schedule = TimerSchedule(100, 1_000_000)
     schedule.before_source_change(1_005_000)
     schedule.after_source_change(500)
     assert schedule.time_until_ns(500) == 0
 
 
-def test_nothing_is_credited_while_the_clock_reads_zero() -> None:
+def test_elapsed_time_is_discarded_while_the_clock_reads_zero() -> None:
     schedule = TimerSchedule(100, 1_000_000, waits_at_zero=True)
     schedule.before_source_change(1_000_030)
     schedule.after_source_change(0)
@@ -125,7 +125,7 @@ def test_nothing_is_credited_while_the_clock_reads_zero() -> None:
     assert fresh.time_until_ns(1_000_000) == 100
 
 
-def test_a_forward_jump_makes_it_due_and_a_backward_jump_starts_a_period() -> None:
+def test_forward_jump_makes_timer_due_and_backward_jump_restarts_its_period() -> None:
     schedule = TimerSchedule(100, 1_000)
     schedule.after_jump(5_000)
     assert schedule.is_ready(5_000) and schedule.mark_called(5_000).missed == 39

@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duratio
 from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 STEPS = 5
-"""Rounds of the event loop after which whoever can go on has gone on."""
+"""Iterations of the event loop after which every task that can resume has resumed."""
 
 
 def ros(seconds: float) -> Time:
@@ -63,7 +63,7 @@ class Simulation:
         return seen
 
 
-async def test_a_rate_stays_on_its_grid_and_begins_anew_when_time_goes_back() -> None:
+async def test_rate_keeps_its_grid_and_restarts_after_backward_jump() -> None:
     simulation = Simulation(10)
     rounds = await simulation.rounds(1)
     await simulation.at(10.5, 11.2, 11.9, 12.0, 14.7, 14.9, 15.1, 5.0, 5.9, 6.0, 6.5, 7.0)
@@ -71,7 +71,7 @@ async def test_a_rate_stays_on_its_grid_and_begins_anew_when_time_goes_back() ->
     simulation.task.cancel()
 
 
-async def test_a_rate_notices_that_time_went_back_between_two_rounds() -> None:
+async def test_rate_restarts_after_backward_jump_between_two_sleeps() -> None:
     simulation = Simulation(100)
     rate = Rate(simulation.clock, 10)
     first = await simulation.start(rate.sleep())  # type: ignore[arg-type]
@@ -86,7 +86,7 @@ async def test_a_rate_notices_that_time_went_back_between_two_rounds() -> None:
 
 
 @pytest.mark.parametrize("begins_at", [0.5, 50])
-async def test_a_rate_survives_activation_and_deactivation(begins_at: float) -> None:
+async def test_rate_continues_after_activation_and_deactivation_of_sim_time(begins_at: float) -> None:
     simulation = Simulation(None)
     rounds = await simulation.rounds(10)
     simulation.clock.enable_ros_time_override()
@@ -98,11 +98,11 @@ async def test_a_rate_survives_activation_and_deactivation(begins_at: float) -> 
     simulation.clock.disable_ros_time_override()
     await simulation.settle()
     simulation.system_s += 0.11
-    await until(lambda: len(rounds) == 3)  # system time is looked at by itself
+    await until(lambda: len(rounds) == 3)  # system time is polled
     simulation.task.cancel()
 
 
-async def test_a_source_that_changes_between_two_rounds_starts_a_period() -> None:
+async def test_time_source_change_between_two_sleeps_restarts_the_rate() -> None:
     simulation = Simulation(10)
     rate = Rate(simulation.clock, 1)
     first = await simulation.start(rate.sleep())  # type: ignore[arg-type]
@@ -118,7 +118,7 @@ async def test_a_source_that_changes_between_two_rounds_starts_a_period() -> Non
     assert second.done()
 
 
-def test_a_late_rate_lets_others_run() -> None:
+def test_overdue_rate_lets_other_tasks_run() -> None:
     async def main() -> None:
         simulation = Simulation(10)
         rate = Rate(simulation.clock, 10)
@@ -145,7 +145,7 @@ def test_a_late_rate_lets_others_run() -> None:
 
 @pytest.mark.parametrize("activate", [True, False])
 @pytest.mark.parametrize("kind", ["until", "for"])
-async def test_a_change_of_source_ends_a_sleep(activate: bool, kind: str) -> None:
+async def test_time_source_change_ends_a_sleep_with_false(activate: bool, kind: str) -> None:
     simulation = Simulation(None if activate else 10)
     clock = simulation.clock
     now = clock.now()
@@ -161,7 +161,7 @@ async def test_a_change_of_source_ends_a_sleep(activate: bool, kind: str) -> Non
 
 
 @pytest.mark.every_transport
-def test_a_sleep_that_began_before_use_sim_time_does_not_wait_for_2023(world: World) -> None:
+def test_sleep_started_before_use_sim_time_ends_when_sim_time_is_activated(world: World) -> None:
     async def main() -> None:
         node, source = world.node("n"), world.node("source").create_sim_time_publisher()
         sleep = asyncio.ensure_future(node.clock.sleep_for(60))
@@ -174,7 +174,7 @@ def test_a_sleep_that_began_before_use_sim_time_does_not_wait_for_2023(world: Wo
                 rounds += 1
 
         task = asyncio.ensure_future(loop())
-        await asyncio.sleep(0)  # both sleep by now
+        await asyncio.sleep(0)  # both are sleeping now
         node.set_parameter("use_sim_time", True)
         assert await asyncio.wait_for(sleep, 5) is False
         assert await source.wait_for_subscribers(5)
@@ -192,7 +192,7 @@ def test_a_sleep_that_began_before_use_sim_time_does_not_wait_for_2023(world: Wo
     run(main)
 
 
-async def test_a_sleep_for_a_duration_begins_anew_when_time_goes_back() -> None:
+async def test_sleep_for_restarts_after_backward_jump() -> None:
     simulation = Simulation(100)
     for_task = await simulation.start(simulation.clock.sleep_for(0.3))
     until_task = await simulation.start(simulation.clock.sleep_until(ros(100.3)))
@@ -200,7 +200,7 @@ async def test_a_sleep_for_a_duration_begins_anew_when_time_goes_back() -> None:
     assert not for_task.done()
     await simulation.at(10.3)
     assert for_task.result() is True
-    assert not until_task.done()  # a point in time is waited for, as in rclpy
+    assert not until_task.done()  # sleep_until waits for the absolute time, as in rclpy
     await simulation.at(100.3)
     assert until_task.result() is True
 
@@ -218,7 +218,7 @@ async def test_no_sleep_ends_before_simulated_time_starts() -> None:
     assert list(clock._jump_callbacks) == []
 
 
-async def test_a_time_that_was_reached_counts_even_if_it_is_gone_when_the_task_wakes() -> None:
+async def test_sleep_ends_if_its_time_was_reached_before_a_backward_jump() -> None:
     simulation = Simulation(10)
     tasks = [await simulation.start(sleep) for sleep in (simulation.clock.sleep_for(1), simulation.clock.sleep_for(9))]
     simulation.clock.set_ros_time_override(ros(11))
@@ -231,7 +231,7 @@ async def test_a_time_that_was_reached_counts_even_if_it_is_gone_when_the_task_w
     assert list(simulation.clock._jump_callbacks) == []
 
 
-async def test_wrong_arguments_of_sleeps_are_named() -> None:
+async def test_sleeps_refuse_invalid_arguments() -> None:
     clock = Clock(ClockType.STEADY_TIME)
     with pytest.raises(TypeError, match=r"^until must be a Time such as .*, got 5"):
         await clock.sleep_until(5)  # type: ignore[arg-type]
@@ -259,7 +259,7 @@ async def test_wrong_arguments_of_sleeps_are_named() -> None:
         (5e-324, TimeRangeError),
     ],
 )
-def test_a_rate_needs_a_frequency(frequency: Any, error: type[Exception]) -> None:
+def test_rate_refuses_invalid_frequencies(frequency: Any, error: type[Exception]) -> None:
     with pytest.raises(error, match=r"^frequency_hz must be"):
         Rate(Clock(), frequency)
     world = World("memory")

@@ -28,7 +28,7 @@ def test_clock_types_have_the_numbers_of_rcl() -> None:
     assert [int(kind) for kind in (ROS, SYSTEM, STEADY)] == [1, 2, 3]
 
 
-def test_seconds_and_nanoseconds_add_up() -> None:
+def test_seconds_and_nanoseconds_are_added() -> None:
     assert Duration(seconds=1.5, nanoseconds=3).nanoseconds == 1_500_000_003
     assert Duration(seconds=-2).nanoseconds == -2_000_000_000
     assert Time(seconds=2**40, nanoseconds=1).nanoseconds == 2**40 * 10**9 + 1
@@ -36,20 +36,20 @@ def test_seconds_and_nanoseconds_add_up() -> None:
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
-def test_endless_durations_are_refused(bad: float) -> None:
+def test_non_finite_durations_are_refused(bad: float) -> None:
     with pytest.raises(TimeRangeError, match="finite"):
         Duration(seconds=bad)
 
 
 @pytest.mark.parametrize("bad", ["1", None, True, 1j, [1]])
-def test_seconds_are_numbers(bad: Any) -> None:
+def test_seconds_must_be_numbers(bad: Any) -> None:
     with pytest.raises(TypeError, match="seconds must be a number of seconds, got"):
         Duration(seconds=bad)
     with pytest.raises(TypeError, match="start must be a number of seconds, got"):
         seconds_to_ns("start", bad)
 
 
-def test_numbers_of_every_kind_are_seconds() -> None:
+def test_seconds_may_be_any_kind_of_number() -> None:
     for value in (np.float32(1.5), np.float64(1.5), Fraction(3, 2), 1.5):
         assert seconds_to_ns("x", value) == 1_500_000_000
     assert seconds_to_ns("x", np.int64(2)) == seconds_to_ns("x", 2) == 2_000_000_000
@@ -57,7 +57,7 @@ def test_numbers_of_every_kind_are_seconds() -> None:
     assert seconds_to_ns("x", 1e300) == int(1e300) * 10**9  # more than a float can hold
 
 
-def test_a_time_is_never_negative_and_nanoseconds_are_ints() -> None:
+def test_negative_time_and_float_nanoseconds_are_refused() -> None:
     with pytest.raises(TimeRangeError, match="negative"):
         Time(seconds=-1)
     with pytest.raises(TimeRangeError, match="must be an int"):
@@ -84,12 +84,12 @@ def test_time_minus_time_undoes_time_plus_duration(a: int, d: int) -> None:
     assert hash(later) == hash(Time(nanoseconds=a + d, clock_type=ROS))
 
 
-def test_division() -> None:
+def test_duration_can_be_divided_by_number_and_duration() -> None:
     assert Duration(seconds=3) / 2 == Duration(seconds=1.5)
     assert Duration(seconds=3) / Duration(seconds=2) == 1.5
 
 
-def test_times_of_different_clocks_do_not_mix() -> None:
+def test_times_of_different_clocks_cannot_be_compared_or_subtracted() -> None:
     a, b = Time(nanoseconds=1, clock_type=ROS), Time(nanoseconds=1, clock_type=STEADY)
     assert a != b
     for wrong in (lambda: a < b, lambda: a <= b, lambda: a > b, lambda: a >= b, lambda: a - b):
@@ -97,7 +97,7 @@ def test_times_of_different_clocks_do_not_mix() -> None:
             wrong()
 
 
-def test_nonsense_operands_are_type_errors() -> None:
+def test_time_arithmetic_with_wrong_operands_raises_type_error() -> None:
     for wrong in (
         lambda: Time() + Time(),  # type: ignore[operator]
         lambda: Duration() + 1,  # type: ignore[operator]
@@ -111,25 +111,25 @@ def test_nonsense_operands_are_type_errors() -> None:
 
 
 @given(st.integers(0, 2**31 * 10**9 - 1))
-def test_datetime_keeps_microseconds(ns: int) -> None:
+def test_datetime_round_trip_keeps_microseconds(ns: int) -> None:
     moment = Time(nanoseconds=ns).to_datetime()
     assert moment.tzinfo is timezone.utc
     assert Time.from_datetime(moment).nanoseconds == ns // 1000 * 1000
 
 
-def test_datetime_needs_a_zone_and_a_date() -> None:
+def test_datetime_conversion_requires_time_zone_and_non_steady_clock() -> None:
     with pytest.raises(TimeRangeError, match="no time zone"):
         Time.from_datetime(datetime(2024, 1, 1))
     with pytest.raises(ClockTypeError, match="arbitrary zero"):
         Time(clock_type=STEADY).to_datetime()
 
 
-def test_timedelta() -> None:
+def test_duration_converts_to_and_from_timedelta() -> None:
     assert Duration(seconds=-1.5).to_timedelta() == timedelta(seconds=-1.5)
     assert Duration.from_timedelta(timedelta(days=-1, microseconds=1)).nanoseconds == -86400 * 10**9 + 1000
 
 
-def test_from_any_message_like_object() -> None:
+def test_time_and_duration_convert_from_any_message_like_object() -> None:
     assert Time.from_msg(Stamp(3, 5)) == Time(nanoseconds=3_000_000_005, clock_type=ROS)
     assert Time.from_msg(Stamp(3, 5), STEADY).clock_type is STEADY
     assert Duration.from_msg(Stamp(-1, 500_000_000)).nanoseconds == -500_000_000
@@ -138,14 +138,14 @@ def test_from_any_message_like_object() -> None:
 @pytest.mark.parametrize(
     ("nanoseconds", "sec", "nanosec"), [(0, 0, 0), (1_500_000_000, 1, 500_000_000), (-1, -1, 999_999_999)]
 )
-def test_to_msg_rounds_seconds_down(nanoseconds: int, sec: int, nanosec: int) -> None:
+def test_duration_to_msg_rounds_seconds_down(nanoseconds: int, sec: int, nanosec: int) -> None:
     pytest.importorskip("rosidl_py_gen.msgs.builtin_interfaces.msg")
     message = Duration(nanoseconds=nanoseconds).to_msg()
     assert (message.sec, message.nanosec) == (sec, nanosec)
     assert Duration.from_msg(message).nanoseconds == nanoseconds
 
 
-def test_a_time_beyond_2038_does_not_fit_a_message() -> None:
+def test_time_beyond_2038_cannot_be_converted_to_a_message() -> None:
     pytest.importorskip("rosidl_py_gen.msgs.builtin_interfaces.msg")
     assert Time(seconds=2**31 - 1).to_msg().sec == 2**31 - 1
     with pytest.raises(TimeRangeError, match="int32"):

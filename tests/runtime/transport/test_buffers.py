@@ -1,4 +1,4 @@
-"""Publishers of Lyrical send images to one of two topics; a publisher on each stands for them."""
+"""Publishers of Lyrical send images to one of two topics; two of our publishers simulate one of them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ async def exchange(subscription: Subscription[Any], both: tuple[Publisher[Any], 
 
 
 @pytest.mark.parametrize("is_first", ["publisher", "subscription"])
-async def test_messages_of_both_topics_arrive_once(dds: World, is_first: str) -> None:
+async def test_messages_on_plain_and_buffer_topic_arrive_once(dds: World, is_first: str) -> None:
     alice, bob = dds.pair()
     if is_first == "publisher":
         both = of_lyrical(alice)
@@ -51,7 +51,7 @@ async def test_messages_of_both_topics_arrive_once(dds: World, is_first: str) ->
     await until(lambda: not both[1].subscription_count)
 
 
-async def test_callbacks_and_polling_get_messages_of_the_second_topic(dds: World) -> None:
+async def test_callbacks_and_take_receive_messages_of_the_buffer_topic(dds: World) -> None:
     alice, bob = dds.pair()
     received: list[int] = []
     bob.create_subscription(Image, "image", lambda message: received.append(message.height), qos=ALL)
@@ -78,7 +78,9 @@ async def test_callbacks_and_polling_get_messages_of_the_second_topic(dds: World
     [(String, ALL), (Image, QoSProfile().transient_local())],
     ids=["no bytes", "transient local"],
 )
-async def test_other_subscriptions_have_no_second_reader(dds: World, message_type: Any, qos: QoSProfile) -> None:
+async def test_subscriptions_without_bytes_or_volatility_have_no_buffer_reader(
+    dds: World, message_type: Any, qos: QoSProfile
+) -> None:
     alice, bob = dds.pair()
     plain, buffers = of_lyrical(alice, message_type, qos)
     bob.create_subscription(message_type, "image", qos=qos)
@@ -94,7 +96,7 @@ async def test_subscription_creates_one_reader_if_no_publisher_is_of_lyrical(dds
     assert f"/{BUFFERS}" not in dict(alice.get_topic_names_and_types())
 
 
-async def test_buffers_of_a_later_publisher_arrive_after_the_first_has_gone(dds: World) -> None:
+async def test_buffer_messages_of_a_second_publisher_arrive_after_the_first_closed(dds: World) -> None:
     alice, bob = dds.pair()
     subscription = bob.create_subscription(Image, "image", qos=ALL)
     for _ in range(2):
@@ -104,7 +106,7 @@ async def test_buffers_of_a_later_publisher_arrive_after_the_first_has_gone(dds:
             publisher.close()
 
 
-async def test_a_second_reader_is_not_left_behind_by_a_subscription_that_closes_meanwhile(dds: World) -> None:
+async def test_subscription_closed_during_discovery_leaves_no_buffer_reader(dds: World) -> None:
     node = dds.node()
     node.create_subscription(Image, "image", qos=ALL)
     participant: Any = node._scope.participant

@@ -1,4 +1,4 @@
-"""The configuration of Cyclone: docs/internals/protocol.md 10.6."""
+"""Configuration of Cyclone DDS: docs/internals/protocol.md 10.6."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.transport.cyclone.config import DEFAULT_CONFIG, OPTIO
 LOCALHOST, OFF = DiscoveryRange.LOCALHOST, DiscoveryRange.OFF
 
 
-def test_subnet_sets_what_ros_peers_expect() -> None:
+def test_subnet_configuration_matches_rmw_cyclonedds() -> None:
     assert cyclone_xml(DomainSettings(), process_id=1) == (
         '<CycloneDDS><Domain Id="any"><Discovery><ParticipantIndex>auto</ParticipantIndex>'
         "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><SPDPInterval>3s</SPDPInterval>"
@@ -23,7 +23,7 @@ def test_subnet_sets_what_ros_peers_expect() -> None:
     )
 
 
-def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> None:
+def test_localhost_configuration_binds_to_loopback_without_multicast() -> None:
     assert cyclone_xml(DomainSettings(discovery_range=LOCALHOST), process_id=1) == (
         '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>'
         "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
@@ -33,7 +33,7 @@ def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> No
     )
 
 
-def test_system_default_says_nothing() -> None:
+def test_system_default_configuration_is_empty() -> None:
     assert cyclone_xml(DomainSettings(discovery_range=DiscoveryRange.SYSTEM_DEFAULT), process_id=1) == ""
 
 
@@ -51,7 +51,7 @@ INNER = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></Genera
         (OFF, {}, (), True),
     ],
 )
-def test_only_a_static_peer_elsewhere_chosen_interfaces_or_an_old_library_keep_us_from_binding(
+def test_loopback_binding_is_skipped_for_remote_peers_own_interfaces_or_old_library(
     mode: DiscoveryRange, more: dict[str, Any], unsupported: tuple[str, ...], is_bound: bool
 ) -> None:
     text = cyclone_xml(DomainSettings(discovery_range=mode, **more), process_id=77, unsupported=unsupported)
@@ -60,7 +60,7 @@ def test_only_a_static_peer_elsewhere_chosen_interfaces_or_an_old_library_keep_u
     assert ("<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_77</Tag>" in text) is (mode is OFF)
 
 
-def test_the_users_configuration_comes_after_ours_but_cannot_turn_multicast_on_in_localhost_mode() -> None:
+def test_user_configuration_cannot_enable_multicast_in_localhost_mode() -> None:
     text = cyclone_xml(DomainSettings(discovery_range=LOCALHOST, cyclonedds_uri="file:///c.xml"), process_id=1)
     ours, theirs, last = text.split(",")
     assert "localhost" in ours and theirs == "file:///c.xml"
@@ -68,7 +68,7 @@ def test_the_users_configuration_comes_after_ours_but_cannot_turn_multicast_on_i
     assert cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1).endswith(",<x/>")
 
 
-def test_what_a_library_does_not_know_is_left_out() -> None:
+def test_elements_unsupported_by_the_library_are_omitted() -> None:
     local = DomainSettings(discovery_range=LOCALHOST)
     last = "<SharedMemory><Enable>false</Enable></SharedMemory>"
     text = cyclone_xml(local, process_id=1, extra=DEFAULT_CONFIG + last, unsupported=OPTIONAL_ELEMENTS)
@@ -79,7 +79,7 @@ def test_what_a_library_does_not_know_is_left_out() -> None:
     } >= OPTIONAL_ELEMENTS
 
 
-def test_shared_memory_is_switched_off_behind_the_users_configuration() -> None:
+def test_shared_memory_is_disabled_after_the_user_configuration() -> None:
     text = cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1, last="<off/>")
     assert text.endswith(',<x/>,<CycloneDDS><Domain Id="any"><off/></Domain></CycloneDDS>')
     off = "<SharedMemory><Enable>false</Enable></SharedMemory>"
@@ -88,7 +88,7 @@ def test_shared_memory_is_switched_off_behind_the_users_configuration() -> None:
 
 
 @given(st.lists(st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1, max_size=8)))
-def test_peers_never_break_the_xml(peers: list[str]) -> None:
+def test_any_static_peer_text_is_escaped_in_the_xml(peers: list[str]) -> None:
     text = cyclone_xml(DomainSettings(static_peers=tuple(peers)), process_id=1)
     found = [element.get("address") for element in ElementTree.fromstring(text).iter("Peer")]
     assert found == peers

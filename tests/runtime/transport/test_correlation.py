@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Hashable
 
 
-def test_only_positive_results_are_cached_and_only_while_nothing_changes() -> None:
+def test_match_cache_stores_only_positive_results_until_endpoints_change() -> None:
     endpoints, connected, checked = EndpointIndex(), {"a"}, []
 
     def check(key: Hashable) -> bool:
@@ -46,12 +46,12 @@ def test_only_positive_results_are_cached_and_only_while_nothing_changes() -> No
     connected.add("b")
     assert cache.get("b") and cache.get("b") and checked[3:] == ["b"]
     connected.clear()
-    assert cache.get("a")  # still cached
+    assert cache.get("a")  # cached result
     endpoints.version += 1
     assert not cache.get("a") and not cache.get("b")
 
 
-def test_a_result_is_not_cached_when_the_endpoints_changed_during_the_check() -> None:
+def test_result_is_not_cached_if_endpoints_changed_during_the_check() -> None:
     endpoints = EndpointIndex()
 
     def check(_: Hashable) -> bool:
@@ -71,7 +71,7 @@ KEEP_10 = QoSProfile().keep_last(10)
 def endpoint(
     prefix: bytes, number: int, *, is_writer: bool, service_id: str = "", qos: QoSProfile = KEEP_10
 ) -> DiscoveredEndpoint:
-    """A request reader or reply writer of the participant whose GUID begins with `prefix`."""
+    """Create a request reader or reply writer of the participant with this GUID prefix."""
     prefix += bytes(12 - len(prefix))
     topic, kind = ("rr/addReply", "Response") if is_writer else ("rq/addRequest", "Request")
     guid = prefix + bytes((0, 0, number, 3 if is_writer else 4))
@@ -110,7 +110,7 @@ def is_available(*servers: tuple[DiscoveredEndpoint, DiscoveredEndpoint], **more
 # -------------------------------------------------------------------------------------------------------------- bytes
 
 
-def test_the_header_sits_between_encapsulation_and_message() -> None:
+def test_request_header_is_stored_between_encapsulation_and_message() -> None:
     wire = add_request_header(MESSAGE, HANDLE, 1)
     assert wire == bytes.fromhex(
         "00010000"  # XCDR1, little endian
@@ -128,7 +128,7 @@ def test_the_header_sits_between_encapsulation_and_message() -> None:
 @given(
     st.binary(max_size=3000), st.integers(0, 2**64 - 1), st.integers(1, 2**63 - 1), st.binary(min_size=16, max_size=16)
 )
-def test_what_is_put_in_comes_out(content: bytes, client: int, number: int, guid: bytes) -> None:
+def test_request_header_and_identity_round_trip(content: bytes, client: int, number: int, guid: bytes) -> None:
     message = b"\0\1\0\0" + content
     wire = add_request_header(message, client, number)
     assert parse_request_header(wire) == (client, number, 20) and extract_identity(wire) is None
@@ -139,7 +139,7 @@ def test_what_is_put_in_comes_out(content: bytes, client: int, number: int, guid
 
 
 @given(st.binary(max_size=64))
-def test_any_bytes_have_a_header_or_are_refused_as_too_few(data: bytes) -> None:
+def test_any_bytes_have_a_request_header_or_raise_decode_error(data: bytes) -> None:
     try:
         _, _, begin = parse_request_header(data)
     except DecodeError as error:
@@ -148,7 +148,7 @@ def test_any_bytes_have_a_header_or_are_refused_as_too_few(data: bytes) -> None:
         assert begin <= len(data)
 
 
-def test_a_client_on_cyclone_is_named_by_its_number_and_its_writer_here() -> None:
+def test_client_gid_is_made_of_cyclone_client_number_or_guid() -> None:
     assert client_gid(1, 2) == b"\1" + bytes(7) + b"\2" + bytes(7)
     assert client_gid(READER, 2) == READER
 
@@ -162,7 +162,7 @@ def client_of(*readers: DiscoveredEndpoint, uses_sample_identity: bool = False) 
     return client
 
 
-def test_servers_on_cyclone_get_a_header_and_others_an_identity_until_they_have_answered() -> None:
+def test_requests_have_header_for_cyclone_and_identity_until_fast_dds_replied() -> None:
     plain = client_of(CYCLONE[0])
     assert plain.request(MESSAGE, 1) == (add_request_header(MESSAGE, HANDLE, 1), None)
     client = client_of(FAST[0], uses_sample_identity=True)
@@ -173,14 +173,14 @@ def test_servers_on_cyclone_get_a_header_and_others_an_identity_until_they_have_
     assert client.request(MESSAGE, 3) == (MESSAGE, (READER, 3))
 
 
-def test_replies_for_others_are_nobody_elses() -> None:
+def test_replies_for_other_clients_are_ignored() -> None:
     client = client_of(FAST[0], uses_sample_identity=True)
     assert client.reply(add_request_header(MESSAGE, HANDLE, 7), CYCLONE[1].guid) == (7, MESSAGE)
     assert client.reply(add_request_header(MESSAGE, HANDLE + 1, 7), CYCLONE[1].guid) is None
     assert client.reply(embed_identity(MESSAGE, (bytes(16), 7)), FAST[1].guid) is None
     # A header of a server that has identities is part of its message.
     assert client.reply(add_request_header(MESSAGE, HANDLE, 7), FAST[1].guid) is None
-    assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))  # none of these was an answer of that server
+    assert client.request(MESSAGE, 1) == (MESSAGE, (READER, 1))  # none of these replies came from that server
     for name in (READER, WRITER):
         assert client.reply(embed_identity(MESSAGE, (name, 7)), None) == (7, MESSAGE)
 
@@ -188,7 +188,7 @@ def test_replies_for_others_are_nobody_elses() -> None:
 # ------------------------------------------------------------------------------------------------------------ servers
 
 
-def test_a_server_is_there_when_both_of_its_ends_are_connected() -> None:
+def test_server_is_available_when_both_endpoints_are_matched() -> None:
     assert find() == (ServerAvailability(), False)
     assert is_available(CYCLONE)
     assert not is_available(CYCLONE, replying=(OTHER[1],))  # endpoints of two servers
@@ -196,18 +196,18 @@ def test_a_server_is_there_when_both_of_its_ends_are_connected() -> None:
     assert is_available(server(b"\1\x10\1"), replying=(OTHER[1],))  # a server without id
 
 
-def test_a_server_on_fast_dds_has_both_ends_in_one_participant() -> None:
+def test_fast_dds_server_has_both_endpoints_in_one_participant() -> None:
     assert is_available(FAST) and find(FAST)[1]
     assert not is_available(FAST, replying=(server(b"\1\x0f\2")[1],))
     assert is_available(FAST, CYCLONE) and find(FAST, CYCLONE)[1]
 
 
-def test_a_server_of_another_definition_is_none() -> None:
+def test_server_of_another_definition_is_not_available() -> None:
     assert not is_available(CYCLONE, without=(CYCLONE[0],))
     assert not is_available(FAST, without=(FAST[1],))
 
 
-def test_servers_that_cannot_be_talked_to_are_named_where_there_are_no_others() -> None:
+def test_incompatible_server_is_reported_if_no_other_server_exists() -> None:
     why = "this build is not known"
     named = IncompatiblePeer(FAST[0].guid, why)
     assert find(FAST, refusal=why) == (ServerAvailability(False, 10, named), False)
@@ -217,13 +217,13 @@ def test_servers_that_cannot_be_talked_to_are_named_where_there_are_no_others() 
 
 
 @pytest.mark.parametrize(("depth", "clients", "expected"), [(10, 1, 10), (10, 3, 3), (10, 20, 1), (0, 2, 0)])
-def test_clients_share_what_a_server_keeps(depth: int, clients: int, expected: int) -> None:
+def test_request_queue_depth_is_divided_between_clients(depth: int, clients: int, expected: int) -> None:
     qos = QoSProfile().keep_last(depth) if depth else QoSProfile().keep_all()
     writers = tuple(replace(CYCLONE[1], guid=bytes([n]) * 16, participant_guid=bytes([n]) * 16) for n in range(clients))
     assert find(server(b"\1\x10\1", "a", qos), clients=writers)[0].request_queue_depth == expected
 
 
-def test_servers_on_fast_dds_are_taken_for_what_ros_has_by_default() -> None:
+def test_fast_dds_server_is_assumed_to_have_default_queue_depth() -> None:
     assert find(server(b"\1\x0f\1", qos=QoSProfile().keep_all()))[0].request_queue_depth == 10
 
 
@@ -240,8 +240,8 @@ def test_servers_on_fast_dds_are_taken_for_what_ros_has_by_default() -> None:
         ([{"A1", "A3"}, "A2", "A4"], False),  # replies of two servers of one process look alike
     ],
 )
-def test_all_servers_have_answered(steps: list[str | set[str]], expected: bool) -> None:
-    """A set is the request readers, a text the writer of a reply; the letter is the participant."""
+def test_all_answered_is_true_after_a_reply_of_every_server(steps: list[str | set[str]], expected: bool) -> None:
+    """A set contains request readers, a string names the writer of a reply; the letter is the participant."""
 
     def guid(name: str) -> bytes:
         return name[0].encode() * 12 + name[1].encode() * 4
@@ -273,7 +273,7 @@ def test_all_servers_have_answered(steps: list[str | set[str]], expected: bool) 
         (WRITER, None, [], True),  # a client that is named by its writer
     ],
 )
-def test_a_response_is_held_until_its_client_listens(
+def test_response_is_delayed_until_reply_reader_is_matched(
     client: int | bytes, writer: DiscoveredEndpoint | None, matched: list[bytes], expected: bool
 ) -> None:
     assert is_reply_reader_matched(client, writer, lambda: matched, {CYCLONE[0].guid: CYCLONE[0]}.get) is expected
@@ -282,7 +282,7 @@ def test_a_response_is_held_until_its_client_listens(
 # -------------------------------------------------------------------------------------------------------------- peers
 
 
-def test_nothing_is_retained_of_services_that_went() -> None:
+def test_service_peers_retain_no_reference_to_lost_endpoints() -> None:
     peers, keys = ServicePeers(), [one.topic_key for one in (*CYCLONE, *OTHER)]
     before = [*map(sys.getrefcount, keys)]
     peers.apply([*CYCLONE, *OTHER])

@@ -1,4 +1,4 @@
-"""Requests for what was sent before the first heartbeat; real peers: `interop_rclpy/test_services.py`."""
+"""Requests for samples sent before the first heartbeat; real peers: `interop_rclpy/test_services.py`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OURS, THEIRS = bytes.fromhex("01100102030405060708090a000001c1"), bytes.fromhex(
 UDP4, UDP6 = socket.AF_INET, socket.AF_INET6
 
 
-def test_the_question_names_both_and_begins_with_number_zero() -> None:
+def test_acknack_packet_bytes_name_both_participants_and_start_at_zero() -> None:
     assert acknack_packet(OURS, THEIRS).hex(" ", 4) == (
         "52545053 02010110 01100102 03040506 0708090a "  # RTPS 2.1, Cyclone DDS, our prefix
         "0e010c00 010f1112 13141516 1718191a "  # INFO_DST: their prefix
@@ -58,11 +58,13 @@ def test_the_question_names_both_and_begins_with_number_zero() -> None:
         ),
     ],
 )
-def test_only_a_few_unicast_addresses_count(text: str, locators: list[tuple[int, str, int]]) -> None:
+def test_parse_locators_returns_at_most_eight_unicast_addresses(
+    text: str, locators: list[tuple[int, str, int]]
+) -> None:
     assert parse_locators(text) == locators
 
 
-def test_it_is_sent_to_this_machine_only_when_nothing_may_leave_it() -> None:
+def test_endpoint_request_is_sent_only_to_loopback_in_local_mode() -> None:
     with socket.socket(UDP4, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
@@ -73,7 +75,7 @@ def test_it_is_sent_to_this_machine_only_when_nothing_may_leave_it() -> None:
     assert sender[0] == "127.0.0.1"
 
 
-def test_writers_are_asked_at_the_port_behind_that_of_discovery() -> None:
+def test_sample_requests_are_sent_to_the_port_after_discovery_in_limited_packets() -> None:
     reader, writer = OURS[:12] + b"\0\0\x0a\x04", THEIRS[:12] + b"\0\0\x14\x03"
     with socket.socket(UDP4, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
@@ -115,14 +117,14 @@ def newest_reader(node: Node) -> Any:
 
 
 @pytest.mark.parametrize(("qos", "wants_all"), KINDS)
-def test_reliable_readers_want_all_there_is(dds: World, qos: QoSProfile, wants_all: bool) -> None:
+def test_reliable_readers_request_existing_samples(dds: World, qos: QoSProfile, wants_all: bool) -> None:
     node = dds.node()
     node.create_subscription(String, "topic", qos=qos)
     flags = flags_of(newest_reader(node).entity)
     assert (flags & 1, bool(flags & ALL)) == (wants_all, wants_all)
 
 
-def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_history_flag_is_set_before_the_first_writer_is_matched(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     node = dds.node()
     node.create_publisher(String, "topic")
     request = private_layout.set_requests_history
@@ -134,7 +136,7 @@ def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, mon
     assert not flags_of(newest_reader(node).entity) & ALL
 
 
-def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_readers_are_not_modified_if_their_layout_is_unknown(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     unknown, participant = FastDdsInterop(cyclone._api), dds.node()._scope.participant
     early = EarlySampleReaders(cyclone._api, unknown, listener := cyclone._api.create_listener(None))
     monkeypatch.setattr(private_layout, "probe_reader_offsets", lambda *_: None)
@@ -148,7 +150,9 @@ def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monk
     cyclone._api.delete_listener(listener)
 
 
-def test_a_reader_that_is_not_as_known_is_left_alone_and_ends_it(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reader_of_unexpected_layout_is_not_modified_and_disables_the_feature(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node, known = dds.node(), cyclone._fast_dds.reader_offsets
     assert known is not None
     monkeypatch.setattr(cyclone._fast_dds, "early_refusal", "")  # restored at the end

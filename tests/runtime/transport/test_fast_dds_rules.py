@@ -88,7 +88,7 @@ async def main():
         own = node.create_client(Types, "own")
         assert list((await own.call(Types.Request(names=["abc"]), 10)).types) == [3]
 
-def child():  # which creates everything anew
+def child():  # recreates everything
     pid = os.fork()
     if pid == 0:
         asyncio.run(main())
@@ -151,7 +151,7 @@ def server_without_peers(dds: World) -> tuple[Node, Any, Any]:
 # -------------------------------------------------------------------------------------------------------------- hooks
 
 
-def test_functions_of_topics_are_left_alone(dds: World) -> None:
+def test_vtables_of_topic_types_are_not_modified(dds: World) -> None:
     node = with_service(dds.node("ours"))
     node.create_publisher(String, "topic")
     node.create_publisher(Int32, "number")
@@ -162,15 +162,15 @@ def test_functions_of_topics_are_left_alone(dds: World) -> None:
     assert len(set(addresses)) == 3
 
 
-def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there(dds: World) -> None:
+def test_receive_hook_is_active_only_while_fast_dds_peers_may_exist(dds: World) -> None:
     node, participant, plain = server_without_peers(dds)
     fast_dds = participant.fast_dds
-    for guid, is_looked_into in ((CYCLONE_GUID, False), (FAST_GUID, True)):
+    for guid, is_hooked in ((CYCLONE_GUID, False), (FAST_GUID, True)):
         fast_dds.on_participants_pending(READER)
         assert receive_function(node) != plain
         fast_dds.begin_read(READER)
         fast_dds.end_read(READER, [ParticipantDiscovered(guid, None)])
-        assert (receive_function(node) != plain) is is_looked_into
+        assert (receive_function(node) != plain) is is_hooked
     fast_dds.end_read(READER, [EntityLost(FAST_GUID)])
     assert receive_function(node) == plain
     fast_dds.begin_read(READER)
@@ -182,7 +182,7 @@ def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there
     assert receive_function(node) == plain
 
 
-def test_a_new_participant_is_noticed_at_once_whatever_the_loop_does(dds: World) -> None:
+def test_receive_hook_is_activated_by_new_participant_without_a_loop(dds: World) -> None:
     node, participant, plain = server_without_peers(dds)
     with python_process(SERVER):  # no loop runs here
         deadline = time.monotonic() + 20
@@ -196,7 +196,7 @@ def test_a_new_participant_is_noticed_at_once_whatever_the_loop_does(dds: World)
 # -------------------------------------------------------------------------------------------------- sample identities
 
 
-async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fast_dds: None) -> None:
+async def test_calls_with_sample_identity_work_inside_one_process(dds: World, as_fast_dds: None) -> None:
     requests: list[bool] = []
     client = with_service(dds.node("ours"), requests.append).create_client(SetBool, "set_bool")
     for number in range(20):
@@ -206,7 +206,7 @@ async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fa
 
 
 @pytest.mark.parametrize("lossiness", [0, 100], ids=["all packets", "one of ten lost"])
-async def test_calls_in_the_way_of_fast_dds_between_processes(
+async def test_calls_with_sample_identity_work_between_processes_with_packet_loss(
     dds: World, as_fast_dds: None, lossiness: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     test = f"<Internal><Test><XmitLossiness>{lossiness}</XmitLossiness></Test></Internal>"
@@ -223,7 +223,7 @@ async def test_calls_in_the_way_of_fast_dds_between_processes(
     assert fast_dds.refusal is None
 
 
-async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: None) -> None:
+async def test_endpoints_can_be_created_and_closed_during_calls_of_other_nodes(dds: World, as_fast_dds: None) -> None:
     server = dds.node("server")
     server.create_service(
         GetParameterTypes,
@@ -232,7 +232,7 @@ async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: 
     )
     is_over = threading.Event()
 
-    def come_and_go(number: int) -> None:
+    def create_and_close(number: int) -> None:
         node = dds.node(f"busy_{number}")
         while not is_over.is_set():
             service = node.create_service(f"std_srvs/srv/{('Empty', 'Trigger', 'SetBool')[number]}", "own")
@@ -241,7 +241,7 @@ async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: 
             for endpoint in (service, client, publisher):
                 endpoint.close()
 
-    threads = [threading.Thread(target=come_and_go, args=(number,)) for number in range(3)]
+    threads = [threading.Thread(target=create_and_close, args=(number,)) for number in range(3)]
     with python_process(CALLER) as first, python_process(CALLER) as second:
         for thread in threads:
             thread.start()
@@ -256,7 +256,7 @@ async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: 
 
 
 @pytest.mark.timeout(3000)
-def test_processes_start_stop_and_fork() -> None:
+def test_processes_with_hooks_start_stop_and_fork() -> None:
     for number in range(int(os.environ.get("HOOK_ROUNDS", "4"))):
         with python_process(SHORT_LIFE, *(["leave"] if number % 2 else [])) as process:
             assert process.wait(60) == 0
@@ -266,7 +266,7 @@ def test_processes_start_stop_and_fork() -> None:
 
 
 @pytest.mark.parametrize("probe", ["probe_vtable_slots", "probe_size_offset"])
-def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
+def test_library_of_unknown_layout_is_refused_and_not_modified(
     dds: World, probe: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node = with_service(dds.node("ours"))
@@ -280,9 +280,7 @@ def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
     assert fast_dds.capabilities()["services of nodes on Fast DDS"] == fast_dds.refusal
 
 
-def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refused(
-    dds: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_samples_without_constant_payload_offset_are_copied(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     participant: Any = with_service(dds.node("ours"))._scope.participant
     fast_dds = FastDdsInterop(cyclone._api)
     fast_dds.prepare(participant.domain.types[REQUEST]._replace(payload_offset=None), REQUEST)
@@ -295,12 +293,12 @@ def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refuse
         assert String.decode(subscription._items.popleft()[0]).data == text
 
 
-def test_a_process_of_32_bits_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fast_dds_services_are_refused_in_a_32_bit_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(private_layout, "WORD", 4)
     assert FastDdsInterop(cyclone._api).refusal == "not tested on Linux with 32 bits, little-endian"
 
 
-def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
+def test_refusal_is_warned_about_once_when_a_fast_dds_peer_appears() -> None:
     fast_dds = FastDdsInterop(cyclone._api)
     fast_dds.refusal = "a test"
     fast_dds.end_read(READER, [ParticipantDiscovered(CYCLONE_GUID, None)])
@@ -312,7 +310,7 @@ def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
     assert [warning.endswith("may end this process: another") for warning in fast_dds.new_warnings()] == [True]
 
 
-async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_build(
+async def test_unknown_build_refuses_fast_dds_services_but_topics_work(
     dds: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cyclone._fast_dds, "refusal", "this build is not known")
@@ -335,13 +333,13 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
 
 
 class Packet:
-    """Packet that is being built, in the layout of Cyclone."""
+    """Packet under construction, in the layout of Cyclone DDS."""
 
     def __init__(self, submessage: bytes, *, source: int = INFO_SRC) -> None:
         self.data = ct.create_string_buffer(
             bytes((source,)).ljust(24, b"\0") + bytes((INFO_DST,)).ljust(16, b"\0") + submessage + bytes(80)
         )
-        self.words = (ct.c_uint64 * 64)()  # all that is read
+        self.words = (ct.c_uint64 * 64)()  # all words that the hook reads
         self.words[1], self.words[2] = len(submessage) + 80, len(submessage)  # capacity and size
         self.words[19] = ct.addressof(self.data)
         self.iov = ct.addressof(self.words) + 40
@@ -367,7 +365,7 @@ def packet(kind: int = DATA, *, writer: bytes = WRITER, number: int = 0, source:
     ],
     ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head"],
 )
-def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(made: Packet, is_known: bool) -> None:
+def test_inline_qos_is_appended_only_to_packets_of_known_layout(made: Packet, is_known: bool) -> None:
     fast_dds = FastDdsInterop(cyclone._api)
     before, size = made.data.raw, made.words[2]
     fast_dds.append_inline_qos(made.iov, WRITER, INLINE_QOS)
@@ -377,8 +375,8 @@ def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(made: Pac
     assert (fast_dds.refusal is None) is is_known
 
 
-def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() -> None:
-    # Cyclone does not clear that memory: it may contain the address twice, or that of an older packet.
+def test_stale_packet_addresses_are_not_mistaken_for_the_packet() -> None:
+    # Cyclone does not clear this memory: it may contain the address twice, or the address of an older packet.
     fast_dds, first, older = FastDdsInterop(cyclone._api), packet(number=7), packet(number=6)
     first.words[18] = first.words[19]
     first.words[16] = first.words[30] = older.words[19]
@@ -400,7 +398,7 @@ def test_what_earlier_packets_left_is_not_taken_for_the_place_of_the_packet() ->
 
 
 @pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
-def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, value: int) -> None:
+def test_complete_or_foreign_packets_are_not_modified_and_cause_no_refusal(word: int, value: int) -> None:
     fast_dds = FastDdsInterop(cyclone._api)
     made = packet()
     made.words[word] = value
@@ -430,7 +428,7 @@ def interrupted(hooks: Any) -> Iterator[list[Any]]:
             signal.signal(signal.SIGINT, before)
 
 
-async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None) -> None:
+async def test_ctrl_c_is_raised_after_the_send_hook_returned_to_cyclone(dds: World, as_fast_dds: None) -> None:
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
     await client.call(SetBool.Request(), timeout_s=10)
     with python_process(SERVER):
@@ -447,7 +445,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
         assert len(calls) == 1
 
 
-async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of_lost(
+async def test_calls_are_refused_after_unexpected_data_disabled_the_hooks(
     dds: World, as_fast_dds: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")

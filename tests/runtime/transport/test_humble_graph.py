@@ -32,7 +32,7 @@ NODES = [NodeEntities("/robot", "talker", frozenset([READER]), frozenset([WRITER
 Humble: Any = get_message(TYPE, distro="humble")
 
 
-def test_the_format_of_humble_is_what_its_class_writes() -> None:
+def test_humble_graph_message_equals_the_encoded_humble_class() -> None:
     data = discovery_info.encode_message(GUID, NODES, is_humble=True)
     message = Humble.decode(data)
     assert message.encode() == data
@@ -46,12 +46,12 @@ def test_the_format_of_humble_is_what_its_class_writes() -> None:
             assert (found.guid, found.nodes, found.is_humble) == (GUID, tuple(NODES), is_humble)
 
 
-def test_later_distributions_read_no_nodes_in_the_format_of_humble() -> None:
+def test_humble_graph_message_has_no_nodes_for_later_distributions() -> None:
     data = discovery_info.encode_message(GUID, NODES, is_humble=True)
     assert ParticipantEntitiesInfo.decode(data).node_entities_info_seq == []
 
 
-def test_humble_takes_a_namespace_for_the_number_of_nodes() -> None:
+def test_humble_reads_a_later_graph_message_with_namespace_as_node_count() -> None:
     data = discovery_info.encode_message(GUID, NODES)
     assert int.from_bytes(data[HEADER_BYTES + 24 :][:4], "little") == int.from_bytes(b"/rob", "little") > 1.6e9
     with pytest.raises(DecodeError):
@@ -59,7 +59,7 @@ def test_humble_takes_a_namespace_for_the_number_of_nodes() -> None:
 
 
 @pytest.mark.parametrize(("value", "expected"), [("humble", "humble"), (" Humble ", "humble"), ("jazzy", "jazzy")])
-def test_the_environment_selects_the_format(value: str, expected: str) -> None:
+def test_the_environment_selects_the_graph_message_format(value: str, expected: str) -> None:
     assert read_environment({"ROS_DISTRO": value}).ros_distro == expected
     assert read_environment({}).ros_distro == ""
     assert read_environment({"ROS_DISTRO": value}, distro="kilted").ros_distro == "kilted"
@@ -111,13 +111,13 @@ class SingleParticipant:
         self.topic.read()
 
 
-async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_and_while_humble_is(
+async def test_humble_format_is_used_until_later_peers_appear_and_while_humble_peers_exist(
     dds: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.delenv("ROS_DISTRO", raising=False)
     alice, bob = dds.pair()
     formats = Formats(bob, alice)
-    await until(lambda: formats.is_humble() is True)  # both read it, and no node of Humble that comes is harmed
+    await until(lambda: formats.is_humble() is True)  # both read it, and later nodes of Humble are not harmed
     with monkeypatch.context() as patch:
         patch.setenv("ROS_DISTRO", "jazzy")
         new = dds.node("new")
@@ -126,18 +126,18 @@ async def test_the_format_is_that_of_humble_until_a_later_distribution_is_there_
     old = humble_node(dds, "old")
     await until(lambda: formats.is_humble() is True)
     assert await bob.wait_for_node("alice", 10) and await old.wait_for_node("alice", 10)
-    said = "So this process announces its nodes in the format of Humble, "
-    await until(lambda: caplog.text.count(said) == 2)  # alice's context and bob's
+    warning = "So this process announces its nodes in the format of Humble, "
+    await until(lambda: caplog.text.count(warning) == 2)  # alice's context and bob's
     alice.create_publisher("std_msgs/msg/String", "late")
     await until(lambda: bob.count_publishers("late") == 1)
     old.context.close()
     await until(lambda: formats.is_humble() is False)
     new.context.close()
     await until(lambda: formats.is_humble() is True)
-    assert caplog.text.count(said) == 2
+    assert caplog.text.count(warning) == 2
 
 
-def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_otherwise(
+def test_writer_without_hash_is_treated_as_humble_until_its_message_shows_otherwise(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     """Its reader would get our last message before its own is here."""
@@ -153,7 +153,7 @@ def test_a_writer_without_hash_counts_as_humble_until_its_message_tells_otherwis
 
 
 @pytest.mark.parametrize("distro", ["jazzy", "humble"])
-async def test_a_selected_distribution_decides(
+async def test_ros_distro_fixes_the_graph_message_format(
     dds: World, distro: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("ROS_DISTRO", distro)
@@ -162,16 +162,16 @@ async def test_a_selected_distribution_decides(
     await until(lambda: formats.is_humble() is (distro == "humble"))
     old = humble_node(dds, "old")
     await alice.wait_for_node("old", 10)
-    said = "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble"
+    warning = "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble"
     if distro == "jazzy":
-        await until(lambda: caplog.text.count(said) == 2)
+        await until(lambda: caplog.text.count(warning) == 2)
     assert formats.is_humble() is (distro == "humble")
-    assert (said in caplog.text) is (distro == "jazzy")
+    assert (warning in caplog.text) is (distro == "jazzy")
     assert await bob.wait_for_node("alice", 10) and await old.wait_for_node("alice", 10)
     assert bob.get_publishers_info_by_topic("/rosout")
 
 
-def test_a_message_that_is_read_after_its_writer_has_left_does_not_decide_about_the_format() -> None:
+def test_graph_message_of_lost_writer_does_not_change_the_format() -> None:
     own, short = SingleParticipant(), writer_of(WRITER, "")
     own.topic.forward_events([LATER, short])
     own.topic.forward_events([EntityLost(WRITER)])
@@ -183,7 +183,7 @@ def test_a_message_that_is_read_after_its_writer_has_left_does_not_decide_about_
     assert own.is_humble is True and own.events == [short]
 
 
-def test_a_writer_that_was_lost_and_found_again_at_once_is_known() -> None:
+def test_writer_rediscovered_in_the_same_batch_is_known() -> None:
     own, found = SingleParticipant(), writer_of(WRITER, "")
     own.topic.forward_events([LATER, found])
     own.topic.forward_events([EntityLost(WRITER), found])

@@ -33,11 +33,11 @@ def stub(folder: Path, names: tuple[str, ...], bodies: Mapping[str, str] = Mappi
     return str(made)
 
 
-def test_a_variable_says_which_one_and_nothing_else_is_tried() -> None:
+def test_rosidl_libddsc_variable_is_the_only_candidate() -> None:
     assert list(candidates({"ROSIDL_LIBDDSC": "/somewhere/libddsc.so"})) == ["/somewhere/libddsc.so"]
 
 
-def test_the_order_is_wheels_then_ros_then_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_library_candidates_are_wheels_then_ros_then_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     site = "site/rosidl_libddsc/lib/libddsc.so.11", "site/rosidl_libddsc/__init__.py"
     for name in (*site, "ros/lib/libddsc.so", "ros/lib/x86_64-linux-gnu/libddsc.so"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -61,19 +61,19 @@ def test_the_order_is_wheels_then_ros_then_the_system(tmp_path: Path, monkeypatc
         ("libm.so.6", "libm.so.6: it is not a libddsc"),
     ],
 )
-def test_what_is_no_libddsc_is_named(name: str, reason: str) -> None:
+def test_invalid_libddsc_error_names_the_file_and_reason(name: str, reason: str) -> None:
     found = load({"ROSIDL_LIBDDSC": name})
     assert isinstance(found, str) and reason in found and found.endswith("Correct ROSIDL_LIBDDSC, or unset it")
 
 
-def test_where_there_is_none_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_libddsc_error_contains_install_advice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "candidates", lambda environ: iter(["libnowhere.so"]))
     found = load({})
     assert isinstance(found, str) and found.endswith(f"To install it: {library.install_advice()}")
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-def test_a_library_without_one_function_is_refused_by_its_name(tmp_path: Path) -> None:
+def test_library_without_a_required_function_is_refused_by_name(tmp_path: Path) -> None:
     complete = load({"ROSIDL_LIBDDSC": stub(tmp_path, REQUIRED_SYMBOLS)})
     assert isinstance(complete, DdscLibrary) and complete.version == "9.8"
     assert complete.unsupported_elements >= {"IgnoreTypeInformation", "SPDPInterval"}
@@ -102,13 +102,15 @@ PROBED = {
         (dict.fromkeys(PROBED, ""), None),
     ],
 )
-def test_slots_are_those_that_leave_no_doubt(tmp_path: Path, wrong: dict[str, str], found: VtableSlots | None) -> None:
+def test_vtable_slots_are_used_only_if_unambiguous(
+    tmp_path: Path, wrong: dict[str, str], found: VtableSlots | None
+) -> None:
     loaded = load({"ROSIDL_LIBDDSC": stub(tmp_path, tuple({*REQUIRED_SYMBOLS, *PROBED}), {**PROBED, **wrong})})
     assert isinstance(loaded, DdscLibrary)
     assert FastDdsInterop(CycloneApi(loaded.handle)).slots == found
 
 
-def test_the_loaded_one_tells_its_file_and_version() -> None:
+def test_loaded_library_reports_file_and_version() -> None:
     found = library.find()
     assert Path(found.file).is_file() and found.version[0].isdigit()
     assert found is library.find()

@@ -44,7 +44,7 @@ asyncio.run(main())
 """
 
 
-async def test_what_was_lost_comes_soon(dds: World) -> None:
+async def test_lost_reliable_messages_are_resent_quickly(dds: World) -> None:
     # With the defaults of Cyclone half of the messages took 0.2 s and more.
     assert dds
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "CYCLONEDDS_URI": LOSES_A_TENTH}

@@ -46,7 +46,7 @@ def test_enumerations_have_the_numbers_of_rmw() -> None:
     assert [int(v) for v in (Durability.TRANSIENT_LOCAL, Durability.VOLATILE)] == [1, 2]
 
 
-def test_builder_calls_chain_and_leave_the_original_alone() -> None:
+def test_qos_builder_calls_chain_and_return_new_profiles() -> None:
     profile = QoSProfile().keep_last(5).best_effort().transient_local().deadline(0.5).lifespan(2).manual_liveliness(3)
     assert profile == QoSProfile(
         History.KEEP_LAST, 5, BE, TL, 500_000_000, 2 * 10**9, Liveliness.MANUAL_BY_TOPIC, 3 * 10**9
@@ -58,24 +58,24 @@ def test_builder_calls_chain_and_leave_the_original_alone() -> None:
     assert profile.no_ros_prefix().avoid_ros_namespace_conventions
 
 
-def test_an_int_is_a_keep_last_depth() -> None:
+def test_int_is_converted_to_keep_last_depth() -> None:
     assert as_profile(7) == DEFAULT.keep_last(7)
     assert as_profile(SYSTEM_DEFAULT) is SYSTEM_DEFAULT
 
 
 @pytest.mark.parametrize("bad", [-1, True, 2**31, "10", 1.5])
-def test_impossible_depths_are_refused(bad: object) -> None:
+def test_invalid_qos_depths_are_refused(bad: object) -> None:
     with pytest.raises(InvalidQoSError):
         as_profile(bad)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bad", [-1.0, math.nan, -math.inf, 1e300, "x", None, True, [1]])
-def test_impossible_durations_are_refused(bad: float) -> None:
+def test_invalid_qos_durations_are_refused(bad: float) -> None:
     with pytest.raises(InvalidQoSError, match="deadline must be seconds"):
         QoSProfile().deadline(bad)
 
 
-def test_the_numbers_of_rmw_become_policies() -> None:
+def test_rmw_numbers_are_converted_to_policies() -> None:
     profile = QoSProfile(reliability=2, durability=1, liveliness=3)  # type: ignore[arg-type]
     assert profile.reliability is BE and profile.durability is TL and profile.liveliness is Liveliness.MANUAL_BY_TOPIC
     assert profile == QoSProfile().best_effort().transient_local().manual_liveliness()
@@ -102,7 +102,7 @@ def test_the_numbers_of_rmw_become_policies() -> None:
         ("avoid_ros_namespace_conventions", "yes", "must be True or False, got 'yes'"),
     ],
 )
-def test_values_that_are_no_policy_are_refused_in_words(field: str, bad: Any, words: str) -> None:
+def test_invalid_qos_values_are_refused_with_advice(field: str, bad: Any, words: str) -> None:
     with pytest.raises(InvalidQoSError, match=words):
         QoSProfile(**{field: bad})
     with pytest.raises(InvalidQoSError, match=words):
@@ -110,7 +110,7 @@ def test_values_that_are_no_policy_are_refused_in_words(field: str, bad: Any, wo
 
 
 @pytest.mark.parametrize("name", ["history", "reliability", "durability", "liveliness"])
-def test_unknown_policies_are_shown_but_not_offered(name: str) -> None:
+def test_unknown_policies_of_discovered_profiles_cannot_be_used(name: str) -> None:
     kind = type(getattr(DEFAULT, name))
     discovered = replace(DEFAULT, **{name: kind["UNKNOWN"]})
     with pytest.raises(InvalidQoSError, match=rf"{name} must not be {kind.__name__}\.UNKNOWN"):
@@ -120,7 +120,7 @@ def test_unknown_policies_are_shown_but_not_offered(name: str) -> None:
 TRANSIENT = QoSProfile().transient_local()
 
 
-def test_stronger_offers_match_and_infinite_is_no_deadline() -> None:
+def test_stronger_offers_match_and_infinite_means_no_deadline() -> None:
     strong = QoSProfile().transient_local().manual_liveliness(1).deadline(1)
     weak = QoSProfile().best_effort().automatic_liveliness(2).deadline(2)
     assert check_compatible(strong, weak).compatibility is Compatibility.OK
@@ -135,7 +135,7 @@ def test_best_available_publisher_takes_the_strongest_policies() -> None:
     assert (got.deadline_ns, got.liveliness_lease_ns) == (10**9, 4 * 10**9)
 
 
-def test_best_available_subscription_takes_what_all_publishers_offer() -> None:
+def test_best_available_subscription_requests_only_policies_all_publishers_offer() -> None:
     peers = [TRANSIENT.manual_liveliness(1), QoSProfile().best_effort().manual_liveliness(2)]
     got = resolve_best_available(BEST_AVAILABLE, publisher=False, peers=peers)
     assert (got.reliability, got.durability, got.liveliness) == (BE, VOL, Liveliness.MANUAL_BY_TOPIC)
@@ -151,13 +151,13 @@ def test_best_available_subscription_without_publishers_matches_any_that_appears
     assert all(check_compatible(offered, got).matches for offered in (DEFAULT, DEFAULT.best_effort()))
 
 
-def test_policies_that_are_stated_stay_and_services_never_use_best_available() -> None:
-    stated = QoSProfile().best_effort()
-    assert resolve_best_available(stated, publisher=False, peers=[DEFAULT]) == stated
+def test_explicit_policies_stay_and_services_never_use_best_available() -> None:
+    explicit = QoSProfile().best_effort()
+    assert resolve_best_available(explicit, publisher=False, peers=[DEFAULT]) == explicit
     assert without_best_available(BEST_AVAILABLE) == qos.SERVICES_DEFAULT
 
 
-def test_each_kind_of_incompatibility_has_a_text_about_both_and_about_the_peer() -> None:
+def test_each_incompatibility_kind_has_text_for_both_endpoints_and_for_the_peer() -> None:
     writer = DiscoveredEndpoint(b"w", b"", True, TopicKey("topic", "/t"), "p/msg/A", SENSOR_DATA, "RIHS01_1")
     reader = replace(writer, guid=b"r", is_writer=False, qos=DEFAULT, type_hash="RIHS01_2")
     other = replace(reader, type="p/msg/B")

@@ -10,7 +10,7 @@ from rosidl_py_gen.runtime.transport.reply_window import ACK_TIMEOUT_S, HOLD_S, 
 
 
 class Server:
-    """Server whose window decides when replies are sent; `acknowledged` is None if the transport cannot tell."""
+    """Server with a reply window; `acknowledged` is None if the transport reports no acknowledgements."""
 
     def __init__(self, acknowledged: bool | None, depth: int = 10) -> None:
         self.acknowledged, self.now_ns = acknowledged, 10**9
@@ -47,12 +47,12 @@ class Server:
         return sent
 
 
-def test_many_replies_go_out_in_groups_that_clients_can_keep() -> None:
+def test_many_replies_are_sent_in_groups_that_fit_client_queues() -> None:
     for clients in (["a"] * 20, [f"client {number}" for number in range(20)]):
         server = Server(acknowledged=True)
         server.request(*clients)
         assert server.replies(HOLD_S, 3) == [8, 8, 4], clients
-    server = Server(acknowledged=False)  # a dead client: as slow once, later as where no acknowledgements come
+    server = Server(acknowledged=False)  # a dead client: delayed once, later as without acknowledgements
     server.request(*["a"] * 40)
     assert server.replies(HOLD_S, 8) == [8, 0, 0, 8, 8, 8, 8, 0]
     assert 2 < ACK_TIMEOUT_S / HOLD_S <= 3
@@ -61,7 +61,7 @@ def test_many_replies_go_out_in_groups_that_clients_can_keep() -> None:
     assert server.replies(HOLD_S / 2, 5) == [8, 0, 8, 0, 4]
 
 
-def test_calls_one_after_another_wait_once_for_a_short_time() -> None:
+def test_sequential_calls_are_delayed_only_once_and_briefly() -> None:
     for acknowledged in (True, False, None):
         server = Server(acknowledged)
         waited = 0
@@ -79,7 +79,7 @@ def test_calls_one_after_another_wait_once_for_a_short_time() -> None:
             server.wait(PROBE_S)
 
 
-def test_some_calls_at_a_time_wait_once_too() -> None:
+def test_groups_of_calls_are_delayed_only_once() -> None:
     server = Server(acknowledged=False)
     sent = []
     server.request(*["a"] * 5)
@@ -90,7 +90,7 @@ def test_some_calls_at_a_time_wait_once_too() -> None:
     assert sent[1] == 0 and min(sent[2:]) > 0
 
 
-def test_a_client_that_sends_all_requests_before_it_takes_a_reply_is_found_out() -> None:
+def test_client_that_sends_many_requests_before_reading_is_limited() -> None:
     # The server is faster than the client, so it never sees two requests at once before it waits.
     server = Server(acknowledged=True)
     for _ in range(3):
@@ -103,7 +103,7 @@ def test_a_client_that_sends_all_requests_before_it_takes_a_reply_is_found_out()
         assert sum(server.replies(HOLD_S, 3)) + sent == 20
 
 
-def test_there_is_no_limit_without_clients_that_overwrite_or_at_the_end() -> None:
+def test_replies_are_unlimited_without_short_queues_and_after_release() -> None:
     server = Server(acknowledged=False)
     server.request(*["a"] * 100)
     server.window.set_readers([SERVICES_DEFAULT.keep_all()])
@@ -116,13 +116,13 @@ def test_there_is_no_limit_without_clients_that_overwrite_or_at_the_end() -> Non
     assert server.reply() == 92
 
 
-def test_clients_that_keep_one_reply_get_one_at_a_time() -> None:
+def test_clients_with_queue_depth_one_receive_one_reply_at_a_time() -> None:
     server = Server(acknowledged=True, depth=1)
     server.request("a", "a", "a")
     assert server.replies(HOLD_S, 3) == [1, 1, 1]
 
 
-def test_state_of_clients_is_bounded() -> None:
+def test_reply_window_retains_a_bounded_number_of_clients() -> None:
     server, known, name = Server(acknowledged=True), WeakSet[str](), type("Name", (str,), {})  # with weak references
     for number in range(1000):
         server.request(client := name(f"client {number}"))

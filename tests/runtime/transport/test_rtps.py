@@ -48,7 +48,7 @@ def parameter(pid: int, guid: bytes, number: int, *, big: bool = False) -> bytes
 
 @pytest.mark.parametrize("kind", [DATA, DATA_FRAG])
 @pytest.mark.parametrize("number", [1, 2**31, 2**40 + 5])
-def test_what_we_send_names_the_reader_in_both_forms(kind: int, number: int) -> None:
+def test_encoded_inline_qos_contains_the_reader_in_both_forms(kind: int, number: int) -> None:
     parameters = encode_inline_qos((READER, number))
     assert len(parameters) == INLINE_QOS_BYTES
     assert read_submessage(packet(CYCLONE), submessage(parameters, kind=kind), is_reply=True) == (READER, number)
@@ -64,41 +64,41 @@ def test_what_we_send_names_the_reader_in_both_forms(kind: int, number: int) -> 
     ("vendor", "pid", "is_known"),
     [(FAST, 0x83, True), (FAST, 0x800F, True), (RTI, 0x800F, True), (CYCLONE, 0x83, True), (CYCLONE, 0x800F, False)],
 )
-def test_replies_belong_to_whom_they_name(vendor: bytes, pid: int, is_known: bool, big: bool) -> None:
+def test_reply_identity_is_read_from_inline_qos_by_vendor(vendor: bytes, pid: int, is_known: bool, big: bool) -> None:
     data = submessage(parameter(pid, READER, 3, big=big), big=big)
     assert read_submessage(packet(vendor), data, is_reply=True) == ((READER, 3) if is_known else None)
 
 
-def test_requests_are_numbered_by_the_middleware_and_answered_to_the_reader_they_name() -> None:
+def test_request_identity_is_named_reader_and_rtps_sequence_number() -> None:
     unknown_number = parameter(0x800F, READER, -1 << 32)
     assert read_submessage(packet(FAST), submessage(unknown_number, number=9), is_reply=False) == (READER, 9)
 
 
 @pytest.mark.parametrize("parameters", [b"", parameter(0x83, bytes(16), 0)])
-def test_requests_that_name_nobody_are_answered_to_their_writer(parameters: bytes) -> None:
+def test_request_identity_without_reader_is_its_writer(parameters: bytes) -> None:
     head = packet(FAST)
     assert read_submessage(head, submessage(parameters), is_reply=False) == (head[8:20] + WRITER_ID, 7)
 
 
 @pytest.mark.parametrize("vendor", [CYCLONE, OTHER])
 @pytest.mark.parametrize("is_reply", [False, True])
-def test_samples_of_others_have_no_identity(vendor: bytes, is_reply: bool) -> None:
+def test_samples_of_other_vendors_have_no_identity(vendor: bytes, is_reply: bool) -> None:
     assert read_submessage(packet(vendor), submessage(), is_reply=is_reply) is None
 
 
 @pytest.mark.parametrize("length", [1, 8, 20, 23])
-def test_a_payload_inside_the_header_has_no_identity_and_is_no_reason_for_distrust(length: int) -> None:
+def test_truncated_submessage_has_no_identity_and_raises_no_error(length: int) -> None:
     assert read_submessage(packet(FAST), submessage()[:length], is_reply=False) is None
 
 
-def test_other_parameters_are_passed_over() -> None:
+def test_other_inline_qos_parameters_are_skipped() -> None:
     key_hash = struct.pack("<HH16s", 0x70, 16, bytes(16))
     data = submessage(key_hash + parameter(0x83, READER, 4))
     assert read_submessage(packet(FAST), data, is_reply=True) == (READER, 4)
 
 
 @given(st.binary(max_size=20), st.binary(max_size=200), st.booleans())
-def test_hostile_bytes_are_refused_or_read(head: bytes, data: bytes, is_reply: bool) -> None:
+def test_any_packet_bytes_are_parsed_or_raise_value_error(head: bytes, data: bytes, is_reply: bool) -> None:
     try:
         identity = read_submessage(head, data, is_reply=is_reply)
     except ValueError:
@@ -107,7 +107,9 @@ def test_hostile_bytes_are_refused_or_read(head: bytes, data: bytes, is_reply: b
 
 
 @given(st.sampled_from([FAST, CYCLONE]), st.binary(max_size=120), st.booleans(), st.booleans())
-def test_hostile_parameters_end_at_the_payload(vendor: bytes, parameters: bytes, big: bool, is_reply: bool) -> None:
+def test_any_inline_qos_bytes_are_parsed_within_the_payload(
+    vendor: bytes, parameters: bytes, big: bool, is_reply: bool
+) -> None:
     data = bytearray(submessage(parameters, big=big))
     data[1] |= INLINE_QOS_FLAG
     identity = read_submessage(packet(vendor), bytes(data), is_reply=is_reply)

@@ -44,14 +44,14 @@ def governance(folder: Path, domains: str, *rules: tuple[str, str, str], domain_
         ("", False),
     ],
 )
-def test_the_rule_of_the_domain(tmp_path: Path, domains: str, is_found: bool) -> None:
+def test_governance_rule_is_selected_by_domain_id(tmp_path: Path, domains: str, is_found: bool) -> None:
     assert (
         governance(tmp_path, domains, ("*", "NONE", "ENCRYPT")).only_data_reason().startswith("the governance rule '*'")
         is is_found
     )
 
 
-def test_the_first_rule_that_names_a_topic_decides(tmp_path: Path) -> None:
+def test_first_governance_rule_that_matches_the_topic_applies(tmp_path: Path) -> None:
     rules = (
         ("rt/plain*", "NONE", "NONE"),
         ("rq/*", "SIGN", "ENCRYPT"),
@@ -65,13 +65,13 @@ def test_the_first_rule_that_names_a_topic_decides(tmp_path: Path) -> None:
 
 
 @given(st.text(alphabet="<>/ *!-domainrulestpicexpr5", max_size=300))
-def test_any_text_is_no_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+def test_any_governance_text_is_read_without_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     folder = tmp_path_factory.mktemp("governance")
     (folder / "governance.p7s").write_text(text)
     Governance(str(folder), 5).only_data_reason("rt/x")
 
 
-def test_a_file_that_is_not_there_is_no_rule(tmp_path: Path) -> None:
+def test_missing_governance_file_has_no_rules(tmp_path: Path) -> None:
     assert Governance(str(tmp_path), 5).only_data_reason() == ""
 
 
@@ -79,7 +79,7 @@ def test_a_file_that_is_not_there_is_no_rule(tmp_path: Path) -> None:
 
 
 class Api:
-    """Stands for Cyclone, with the sink that was set."""
+    """Fake Cyclone API that records the log sinks."""
 
     def __init__(self) -> None:
         self.sinks: list[Any] = []
@@ -87,7 +87,7 @@ class Api:
 
 
 class Line:
-    """A line as Cyclone gives it to a sink."""
+    """Log line in the form that Cyclone passes to a sink."""
 
     def __init__(self, text: str, file: str = "/src/core/ddsi/src/ddsi_handshake.c") -> None:
         head = b"1.0 [0] fsm: "
@@ -116,7 +116,7 @@ def rejected(subject: str, code: int = 200) -> Line:
     return Line(f"{reason}; subject: /CN=\\/{subject}(code: {code})")
 
 
-def test_a_peer_has_one_record_with_its_subject() -> None:
+def test_rejected_peer_is_logged_once_with_its_subject() -> None:
     records, woken = log_of(rejected("a"), rejected("a"), rejected("b"), rejected("a"))
     assert len(records) == woken == 2
     assert (
@@ -124,7 +124,7 @@ def test_a_peer_has_one_record_with_its_subject() -> None:
     )
 
 
-def test_addresses_and_guids_do_not_make_another_peer() -> None:
+def test_rejections_that_differ_in_addresses_or_guids_are_logged_once() -> None:
     text = "Begin handshake reply failed: Failed to convert octet sequence to ASN1 integer: {}:error:068000A8:asn1"
     records, _ = log_of(*(Line(text.format(thread)) for thread in ("C006AC277B7F0000", "C006AC277B7F0001")))
     assert len(records) == 1 and "only if Cyclone DDS begins the handshake" in records[0] and "error:" not in records[0]
@@ -132,7 +132,7 @@ def test_addresses_and_guids_do_not_make_another_peer() -> None:
     assert len(log_of(Line(text.format("80ab")), Line(text.format("80ac")))[0]) == 1
 
 
-def test_many_subjects_and_long_texts_are_bounded() -> None:
+def test_rejection_records_are_limited_in_number_and_length() -> None:
     records, woken = log_of(*(rejected(f"{number}" + "x" * 5000) for number in range(2000)))
     assert len(records) == woken == 101 and records[-1] == "further rejected peers are not logged"
     assert max(map(len, records)) < 1000
@@ -140,14 +140,14 @@ def test_many_subjects_and_long_texts_are_bounded() -> None:
     assert record.isprintable()
 
 
-def test_other_lines_are_written_as_without_a_sink(capfd: pytest.CaptureFixture[str]) -> None:
+def test_unrelated_log_lines_of_cyclone_are_written_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
     assert log_of(Line("something else", "/src/core/ddsi/src/q_init.c")) == ([], 0)
     assert capfd.readouterr().err == "1.0 [0] fsm: something else\n"
     assert log_of(Line("Remote secure participant 1:2:3:1c1 not allowed", "ddsi_entity.c")) == ([], 0)
     assert capfd.readouterr().err == ""
 
 
-def test_the_sink_is_removed_with_the_last_participant() -> None:
+def test_log_sink_is_removed_with_the_last_participant() -> None:
     api = Api()
     log = security.SecurityLog(api)  # type: ignore[arg-type]
     one, two = (lambda: None), (lambda: None)
@@ -161,7 +161,7 @@ def test_the_sink_is_removed_with_the_last_participant() -> None:
     log.close(one)
 
 
-def test_lines_of_the_creating_thread_are_captured() -> None:
+def test_log_lines_of_the_creating_thread_are_captured() -> None:
     log = security.SecurityLog(api := Api())  # type: ignore[arg-type]
     log.open(lambda: None)
     own, peer = rejected("own"), rejected("peer")
@@ -175,12 +175,12 @@ def test_lines_of_the_creating_thread_are_captured() -> None:
 
 
 class Handle:
-    """A library with security."""
+    """Handle of a library with security."""
 
     DDS_Security_Exception_set = None
 
 
-def test_plugins_are_looked_for_beside_the_library(tmp_path: Path) -> None:
+def test_security_plugins_are_searched_next_to_the_library(tmp_path: Path) -> None:
     library = tmp_path / "libddsc.so.0.10.5"
     library.touch()
     (tmp_path / "libddsc0debian").mkdir()
@@ -194,7 +194,7 @@ def test_plugins_are_looked_for_beside_the_library(tmp_path: Path) -> None:
     assert "libdds_security_auth.so does not load" in reason
 
 
-def test_plugins_of_another_build_are_refused(tmp_path: Path) -> None:
+def test_security_plugins_of_another_build_are_refused(tmp_path: Path) -> None:
     debian = "/usr/lib/x86_64-linux-gnu/libddsc0debian"
     try:
         for name in ("auth", "crypto", "ac"):
@@ -208,7 +208,7 @@ def test_plugins_of_another_build_are_refused(tmp_path: Path) -> None:
     assert "libdds_security_auth.so belongs to another library, /usr/lib/" in reason and "would crash" in reason
 
 
-def test_guids_of_secured_participants_on_fast_dds() -> None:
+def test_secured_fast_dds_participants_are_recognized_by_registered_guids() -> None:
     hashed, cyclone, fast = (bytes.fromhex(head).ljust(16, b"\1") for head in ("93eb4bd1", "0110", "010f"))
     assert [*map(correlation.has_hashed_guid, (hashed, cyclone, fast))] == [True, False, False]
     assert [*map(correlation.uses_sample_identity, (hashed, cyclone, fast))] == [False, False, True]
@@ -223,7 +223,7 @@ def test_guids_of_secured_participants_on_fast_dds() -> None:
     assert not correlation.uses_sample_identity(hashed) and not correlation.has_secured_fast_dds()
 
 
-def test_a_secured_peer_on_fast_dds_without_endpoints_is_reported(dds: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_secured_fast_dds_peer_without_endpoints_is_reported(dds: World, caplog: pytest.LogCaptureFixture) -> None:
     participant: Any = dds.node("n")._scope.participant
     silent, known = (bytes.fromhex(head).ljust(16, b"\1") for head in ("93eb4bd1", "b604d120"))
     for guid in (silent, known):

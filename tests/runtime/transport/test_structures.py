@@ -44,7 +44,7 @@ def pinned(participant: Any) -> Iterator[Any]:
 # -------------------------------------------------------------------------------------------------------------- probes
 
 
-def test_memory_that_is_not_there_is_no_crash() -> None:
+def test_reading_unmapped_memory_returns_no_bytes() -> None:
     known = ct.create_string_buffer(b"0123456789" * 1000)
     with private_layout.SafeMemoryReader() as peek:
         assert peek(ct.addressof(known), 10_000) == known.raw[:-1]
@@ -52,7 +52,7 @@ def test_memory_that_is_not_there_is_no_crash() -> None:
             assert peek(address, 100) == b"" and peek.word(address) == 0
 
 
-def test_the_type_of_a_topic_is_found_by_its_name(participant: Any, pinned: Any) -> None:
+def test_sertype_of_a_topic_is_probed_by_name_and_version(participant: Any, pinned: Any) -> None:
     topic = pinned(participant.domain.types.create_topic(participant.entity, "rt/topic", TEXT))
     address = participant.domain.types[TEXT].address
     assert private_layout.probe_sertype(topic, TEXT.encode(), API.sertype_version) == address
@@ -60,14 +60,14 @@ def test_the_type_of_a_topic_is_found_by_its_name(participant: Any, pinned: Any)
     assert private_layout.probe_sertype(topic, TEXT.encode(), API.sertype_version + 1) is None
 
 
-def test_types_of_the_domain_are_found_beside_another(participant: Any) -> None:
+def test_other_types_of_the_domain_are_found_from_a_known_type(participant: Any) -> None:
     address = participant.domain.types[TEXT].address
     for name in (b"DDS::Builtin::TypeLookup_Reply", b"DDS::Builtin::TypeLookup_Request"):
         assert private_layout.find_type_of_domain(address, name, API.sertype_version)
     assert private_layout.find_type_of_domain(address, b"DDS::Builtin::Nothing", API.sertype_version) is None
 
 
-def test_a_reader_is_found_by_its_guid(participant: Any, pinned: Any) -> None:
+def test_reader_offsets_are_probed_by_guid(participant: Any, pinned: Any) -> None:
     entity = participant.discovery.entities[0]
     guid = API.guid_of(entity)
     assert private_layout.probe_reader_offsets(pinned(entity), guid) == cyclone._fast_dds.reader_offsets is not None
@@ -77,7 +77,7 @@ def test_a_reader_is_found_by_its_guid(participant: Any, pinned: Any) -> None:
     assert "a reader" in (private_layout.set_requests_history(pinned(entity), wrong, guid, True) or "")
 
 
-def test_flags_that_contradict_the_profile_are_not_touched(participant: Any, pinned: Any, dds: World) -> None:
+def test_reader_flags_that_contradict_the_qos_are_not_modified(participant: Any, pinned: Any, dds: World) -> None:
     reader: Any = dds.node("other").create_subscription(String, "topic")._reader
     offsets = cyclone._fast_dds.reader_offsets
     assert offsets is not None
@@ -85,7 +85,7 @@ def test_flags_that_contradict_the_profile_are_not_touched(participant: Any, pin
     assert unexpected is not None and unexpected.startswith("the flags of a reader")
 
 
-def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
+def test_sample_is_shortened_only_at_its_size_offset(participant: Any) -> None:
     offset = private_layout.probe_size_offset(API, *participant.domain.types[TEXT])
     assert offset is not None
     sample = new(participant, HEADER + b"12345678")
@@ -97,7 +97,7 @@ def test_a_sample_is_shortened_only_where_its_size_is(participant: Any) -> None:
     API.serdata_unref(sample)
 
 
-def test_samples_without_the_functions_of_their_type_are_not_as_known(
+def test_size_offset_is_unknown_if_samples_lack_functions_of_their_type(
     participant: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address, payload_offset = participant.domain.types[TEXT]
@@ -106,9 +106,7 @@ def test_samples_without_the_functions_of_their_type_are_not_as_known(
     assert private_layout.probe_size_offset(API, address, payload_offset) is None
 
 
-def test_every_type_says_that_it_lies_elsewhere_or_the_topic_is_refused(
-    participant: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_topic_is_refused_if_its_sertype_is_not_found(participant: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(vars(API), "get_entity_sertype", None)
     monkeypatch.setattr(private_layout, "probe_sertype", lambda *_: None)
     with pytest.raises(TransportError, match="the type was not found in the topic"):
@@ -134,7 +132,7 @@ def new(participant: Any, data: bytes) -> int:
 
 
 @pytest.mark.parametrize("data", [b"", HEADER[:3], HEADER, b"\0\3\0\0....", b"\xff\xff\0\0...."])
-def test_what_is_no_message_makes_no_sample(participant: Any, data: bytes) -> None:
+def test_invalid_serialized_messages_create_no_sample(participant: Any, data: bytes) -> None:
     assert new(participant, data) == 0
     writer = participant.create_writer(EndpointSpec(TopicKey("topic", "/topic"), TEXT, DEFAULT))
     if len(data) % 4 == 0:
@@ -142,7 +140,7 @@ def test_what_is_no_message_makes_no_sample(participant: Any, data: bytes) -> No
             writer.write(data)
 
 
-def test_a_write_takes_the_reference_unless_it_never_came_to_the_writer(participant: Any) -> None:
+def test_write_consumes_the_sample_reference_unless_it_fails_before_the_writer(participant: Any) -> None:
     writer = participant.create_writer(EndpointSpec(TopicKey("topic", "/topic"), TEXT, DEFAULT))
     for entity, code, left in ((writer.entity, 0, 1), (participant.entity, -12, 2), (0x1234567, -3, 2)):
         sample = new(participant, HEADER + b"12345678")
@@ -153,7 +151,7 @@ def test_a_write_takes_the_reference_unless_it_never_came_to_the_writer(particip
             API.serdata_unref(sample)
 
 
-def test_readers_of_this_process_get_the_very_sample_that_was_written(dds: World) -> None:
+def test_local_readers_share_the_memory_of_the_written_sample(dds: World) -> None:
     node = dds.node("ours")
     publisher = node.create_publisher(String, "large")
     first, second = (node.create_subscription(String, "large") for _ in range(2))
@@ -163,7 +161,7 @@ def test_readers_of_this_process_get_the_very_sample_that_was_written(dds: World
     assert len({ct.addressof(view.obj) for view in views}) == 1
 
 
-def test_a_view_outlives_reader_participant_and_domain(dds: World) -> None:
+def test_sample_view_stays_valid_after_reader_and_domain_closed(dds: World) -> None:
     context = dds.context()
     node = dds.node("ours", context=context)
     publisher, subscription = node.create_publisher(String, "large"), node.create_subscription(String, "large")
@@ -174,7 +172,9 @@ def test_a_view_outlives_reader_participant_and_domain(dds: World) -> None:
     assert String.decode(view).data == "y" * 3_000_000
 
 
-def test_nobody_but_cyclone_keeps_a_sample_with_an_identity(participant: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sample_with_identity_is_not_referenced_by_us_after_the_write(
+    participant: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     kind = "std_srvs::srv::dds_::SetBool_Request_"
     writer = participant.create_writer(EndpointSpec(TopicKey("topic", "/requests"), kind, DEFAULT))
     made: list[int] = []

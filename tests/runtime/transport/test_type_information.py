@@ -101,7 +101,7 @@ async def test_peers_that_announce_type_information_match_by_name(dds: World) ->
 
 
 @needs_cyclonedds
-async def test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_called(dds: World) -> None:
+async def test_server_with_user_data_of_lyrical_on_cyclone_11_is_called(dds: World) -> None:
     parts = {"REQUEST": AddTwoInts.Request, "RESPONSE": AddTwoInts.Response, "SERVICE": AddTwoInts}
     hashes = {name: type_hash(cls) for name, cls in parts.items()}
     with true_typed_peer(**hashes):
@@ -120,7 +120,7 @@ async def test_a_server_on_cyclone_11_with_the_announcements_of_lyrical_is_calle
         assert {one.service_hash for one in theirs} == {hashes["SERVICE"]}
 
 
-async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
+async def test_different_types_on_one_topic_are_not_matched(dds: World) -> None:
     node, peer = dds.pair()
     text, number = peer.create_publisher(String, "mixed"), peer.create_publisher(Int32, "mixed")
     texts, numbers = node.create_subscription(String, "mixed"), node.create_subscription(Int32, "mixed")
@@ -137,10 +137,10 @@ async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
 
 @pytest.mark.parametrize("backends", [b"bufbe=cpu=;", b"BUFBE:cpu=;"])
 @pytest.mark.parametrize("profile", [DEFAULT, DEFAULT.transient_local()], ids=["volatile", "latched"])
-async def test_endpoints_of_lyrical_with_buffer_backends_are_ordinary_ones(
+async def test_endpoints_that_announce_buffer_backends_exchange_messages(
     dds: World, monkeypatch: pytest.MonkeyPatch, backends: bytes, profile: QoSProfile
 ) -> None:
-    """The form of rmw_fastrtps 9.4.6 and that of later versions."""
+    """`bufbe=` is the form of later versions of rmw_fastrtps, `BUFBE:` the form of 9.4.6."""
     ours, theirs = dds.pair()
     with monkeypatch.context() as patch:
         patch.setattr(
@@ -160,7 +160,7 @@ async def test_endpoints_of_lyrical_with_buffer_backends_are_ordinary_ones(
 
 
 @pytest.mark.every_transport
-async def test_services_announce_their_own_hash(world: World) -> None:
+async def test_service_endpoints_announce_the_service_hash(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(SetBool, "s", lambda request: SetBool.Response())
     bob.create_client(SetBool, "s")
@@ -173,7 +173,7 @@ async def test_services_announce_their_own_hash(world: World) -> None:
 
 
 @pytest.mark.every_transport
-async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
+async def test_samples_are_padded_with_zeros(world: World) -> None:
     participant, odd = (
         world.context()._core.participant,
         EndpointSpec(TopicKey("topic", "/odd"), "pkg/msg/Odd", DEFAULT),

@@ -1,4 +1,4 @@
-"""Handles of readers with data, in a pipe."""
+"""Wakeup pipe with handles of readers that have data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rosidl_py_gen.runtime.transport.cyclone.wakeup_pipe import WakeupPipe
 
 
 @pytest.mark.parametrize("in_thread", [False, True])
-def test_handles_come_once_and_in_their_order(in_thread: bool) -> None:
+def test_pipe_returns_each_handle_once_in_order_of_first_notification(in_thread: bool) -> None:
     """A peer's graph message must not be read before its discovery, which Cyclone reports first."""
     pipe, handles = WakeupPipe(), [7, 3, 9, 3, 7, 1]
     arrived = threading.Event()

@@ -1,4 +1,4 @@
-"""Contexts that are closed while other threads, or an interrupted one, use them: an error, not a crash."""
+"""Contexts that close while other threads or an interrupted thread use them raise errors and do not crash."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 STRING: Any = get_message("std_msgs/msg/String")
 
 
-def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_domain_is_deleted_only_after_writing_threads_finished(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     context = Context(discovery="localhost")
     publisher = Node("n", context=context).create_publisher(STRING, "t")
     participant: Any = publisher._scope.participant
@@ -55,27 +55,27 @@ def test_a_domain_ends_when_threads_that_write_are_done(dds: World, monkeypatch:
         publisher.publish(message)
 
 
-def test_discovery_that_a_thread_looks_at_is_not_deleted(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_context_close_waits_for_a_thread_that_reads_discovery(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     with (
-        LoopRunner() as driver,
-        Context(discovery="localhost", loop_runner=driver) as context,
+        LoopRunner() as runner,
+        Context(discovery="localhost", loop_runner=runner) as context,
         dds.node("other") as other,
     ):
         Node("n", context=context)
-        looking, closed, ends = threading.Event(), threading.Event(), list[bool]()
+        reading, closed, ends = threading.Event(), threading.Event(), list[bool]()
         look = discovery.topic_key_of
 
         def slow(name: str) -> Any:
             if threading.current_thread() is thread:
-                looking.set()
+                reading.set()
                 ends.append(closed.wait(0.05))
             return look(name)
 
-        thread = threading.Thread(target=driver.wait, args=(looking.is_set, 20))
+        thread = threading.Thread(target=runner.wait, args=(reading.is_set, 20))
         monkeypatch.setattr(discovery, "topic_key_of", slow)
         other.create_publisher(STRING, "t")
         thread.start()
-        assert looking.wait(20)
+        assert reading.wait(20)
         context.close()
         closed.set()
         thread.join(20)
@@ -103,7 +103,7 @@ with Context(discovery="localhost") as context:  # the domain can be joined agai
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_a_signal_handler_that_closes_the_context_of_an_interrupted_publish(dds: World) -> None:
+def test_signal_handler_can_close_the_context_of_an_interrupted_publish(dds: World) -> None:
     for number in range(4):
         command = [sys.executable, "-c", CLOSES_IN_A_HANDLER, str(0.05 + number / 450)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

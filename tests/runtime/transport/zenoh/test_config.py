@@ -53,7 +53,7 @@ def values(config: Any, keys: Any) -> dict[str, Any]:
     return {key: json.loads(config.get_json(key)) for key in keys}
 
 
-def test_a_session_is_a_peer_on_this_machine_that_goes_to_a_router() -> None:
+def test_default_session_is_a_local_peer_that_connects_to_the_router() -> None:
     expected = {
         **BOTH,
         "mode": "peer",
@@ -66,14 +66,14 @@ def test_a_session_is_a_peer_on_this_machine_that_goes_to_a_router() -> None:
     assert values(session_config({}, refuse), expected) == expected
 
 
-def test_a_router_listens_everywhere() -> None:
+def test_default_router_listens_on_all_interfaces() -> None:
     expected = {**BOTH, "mode": "router", "listen/endpoints": ["tcp/[::]:7447"]}
     config = router_config({}, refuse)
     assert values(config, expected) == expected
     assert endpoints_of(config, "connect") == []
 
 
-def test_endpoints_of_the_caller_win_over_file_and_variables(tmp_path: Path) -> None:
+def test_router_endpoints_of_the_caller_override_file_and_variables(tmp_path: Path) -> None:
     path = tmp_path / "router.json5"
     path.write_text('{mode: "router", listen: {endpoints: ["tcp/127.0.0.1:1"]}}')
     environ = {"ZENOH_ROUTER_CONFIG_URI": str(path), "ZENOH_CONFIG_OVERRIDE": 'listen/endpoints=["tcp/127.0.0.1:2"]'}
@@ -85,12 +85,12 @@ def test_endpoints_of_the_caller_win_over_file_and_variables(tmp_path: Path) -> 
     )
 
 
-def test_a_file_takes_the_place_of_the_defaults(tmp_path: Path) -> None:
+def test_session_configuration_file_replaces_the_defaults(tmp_path: Path) -> None:
     path = tmp_path / "session.json5"
     path.write_text('{mode: "client", /* a comment */ connect: {endpoints: ["tcp/robot:7447"]}}')
     config = session_config({"ZENOH_SESSION_CONFIG_URI": str(path), "ZENOH_ROUTER_CONFIG_URI": "/nowhere"}, refuse)
     assert values(config, ["mode", "connect/endpoints"]) == {"mode": "client", "connect/endpoints": ["tcp/robot:7447"]}
-    assert json.loads(config.get_json("transport/link/tx/lease")) == 10000  # Zenoh's own
+    assert json.loads(config.get_json("transport/link/tx/lease")) == 10000  # the default of Zenoh
 
 
 def test_endpoints_may_depend_on_the_mode(tmp_path: Path) -> None:
@@ -111,7 +111,9 @@ def test_endpoints_may_depend_on_the_mode(tmp_path: Path) -> None:
         (".", None, "Is a directory"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_named(tmp_path: Path, name: str, text: str | None, message: str) -> None:
+def test_unusable_configuration_file_is_named_in_error(
+    tmp_path: Path, name: str, text: str | None, message: str
+) -> None:
     path = tmp_path / name
     if text is not None:
         path.write_text(text)
@@ -121,7 +123,7 @@ def test_a_file_that_cannot_be_used_is_named(tmp_path: Path, name: str, text: st
         assert ".rs" not in str(caught.value)
 
 
-def test_pairs_of_the_override_variable_win() -> None:
+def test_pairs_of_the_override_variable_take_precedence() -> None:
     override = 'mode="client";connect/endpoints=["tcp/a:1", "tcp/b:2?x=y"];;transport/link/tx/lease=5000;'
     for config in (
         session_config({"ZENOH_CONFIG_OVERRIDE": override}, refuse),
@@ -147,7 +149,7 @@ def test_pairs_of_the_override_variable_win() -> None:
         ("lisn/x=1", "ZENOH_CONFIG_OVERRIDE: lisn/x='1': unknown key; this pair has no effect"),
     ],
 )
-def test_a_wrong_pair_is_left_out_with_a_warning(pair: str, warning: str) -> None:
+def test_invalid_override_pair_is_ignored_with_warning(pair: str, warning: str) -> None:
     warnings: list[str] = []
     config = session_config({"ZENOH_CONFIG_OVERRIDE": f"{pair};transport/link/tx/lease=5000"}, warnings.append)
     assert warnings == [warning]
@@ -156,7 +158,7 @@ def test_a_wrong_pair_is_left_out_with_a_warning(pair: str, warning: str) -> Non
 
 @given(st.text())
 @example("a/b=" + "[" * 100_000)  # crashes the parser of Zenoh
-def test_no_override_raises_anything(text: str) -> None:
+def test_any_override_text_raises_no_error(text: str) -> None:
     warnings: list[str] = []
     session_config({"ZENOH_CONFIG_OVERRIDE": text}, warnings.append)
     assert all(len(sentence) < 1000 for sentence in warnings)
@@ -165,11 +167,11 @@ def test_no_override_raises_anything(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "attempts"), [(None, 1), ("", 1), ("1", 1), ("5", 5), ("0", math.inf), ("-1", 0), ("-7", 0)]
 )
-def test_how_often_a_session_looks_for_a_router(text: str | None, attempts: float) -> None:
+def test_router_check_attempts_are_read_from_environment(text: str | None, attempts: float) -> None:
     assert router_attempts({} if text is None else {"ZENOH_ROUTER_CHECK_ATTEMPTS": text}) == attempts
 
 
-def test_a_number_of_attempts_that_is_none_is_refused() -> None:
+def test_invalid_router_check_attempts_are_refused() -> None:
     with pytest.raises(ZenohConfigError, match=r"ZENOH_ROUTER_CHECK_ATTEMPTS must be a whole number .*, got 'many'"):
         router_attempts({"ZENOH_ROUTER_CHECK_ATTEMPTS": "many"})
 
@@ -177,7 +179,7 @@ def test_a_number_of_attempts_that_is_none_is_refused() -> None:
 # ------------------------------------------------------------------------------------------------------------- router
 
 
-def test_a_router_says_where_it_listens_and_gives_it_back() -> None:
+def test_router_reports_its_endpoint_and_frees_it_on_close() -> None:
     with ZenohRouter({}, refuse, listen=["tcp/127.0.0.1:0"]) as router:
         (endpoint,) = router.endpoints
         assert re.fullmatch(r"tcp/127\.0\.0\.1:[1-9]\d*", endpoint)
@@ -189,12 +191,12 @@ def test_a_router_says_where_it_listens_and_gives_it_back() -> None:
         router.close()
 
 
-def test_a_wrong_endpoint_is_named() -> None:
+def test_invalid_router_endpoint_is_named_in_error() -> None:
     with pytest.raises(ZenohConfigError, match=r"""router: listen/endpoints='\["7447"\]': Endpoints must be"""):
         ZenohRouter({}, refuse, listen=["7447"])
 
 
-def test_a_machine_without_ipv6_listens_on_ipv4(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_router_listens_on_ipv4_without_ipv6(monkeypatch: pytest.MonkeyPatch) -> None:
     requested: list[list[str]] = []
 
     def stop(*_: object, listen: list[str], connect: list[str]) -> None:

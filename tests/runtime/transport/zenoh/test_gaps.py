@@ -31,22 +31,22 @@ def counted(*numbers: tuple[bytes, Iterable[int]]) -> int:
     ("numbers", "lost"),
     [
         ([(ONE, [1, 2, 3]), (OTHER, [1, 2]), (ONE, [4])], 0),
-        ([(ONE, [7, 8]), (OTHER, [100])], 0),  # what was before the first one was not for us
+        ([(ONE, [7, 8]), (OTHER, [100])], 0),  # samples before the first received one do not count
         ([(ONE, [1, 4]), (OTHER, [1, 3])], 3),
         ([(ONE, [1, 1, 2, 2])], 0),
         ([(ONE, [1, 3, 2, 4])], 1),  # 2 was overtaken
     ],
 )
-def test_each_publisher_has_numbers_of_its_own(numbers: list[tuple[bytes, list[int]]], lost: int) -> None:
+def test_lost_messages_are_counted_for_each_publisher(numbers: list[tuple[bytes, list[int]]], lost: int) -> None:
     assert counted(*numbers) == lost
 
 
 @given(st.lists(st.integers(0, 20), unique=True, min_size=1).map(sorted))
-def test_of_numbers_in_order_those_between_are_missing(numbers: list[int]) -> None:
+def test_missing_sequence_numbers_are_counted_as_lost(numbers: list[int]) -> None:
     assert counted((ONE, numbers)) == numbers[-1] - numbers[0] + 1 - len(numbers)
 
 
-def test_memory_has_a_bound_and_what_was_counted_stays() -> None:
+def test_sequence_gaps_forget_old_publishers_and_keep_the_count() -> None:
     gaps = SequenceGaps()
     for publisher in range(3000):
         gaps.on_sample(publisher.to_bytes(16, "big"), 1)
@@ -57,11 +57,11 @@ def test_memory_has_a_bound_and_what_was_counted_stays() -> None:
     assert gaps.lost == 3001
 
 
-async def test_a_subscription_is_told_of_numbers_that_never_came(zenoh: World, peer: Peer) -> None:
+async def test_message_lost_callback_reports_missing_sequence_numbers(zenoh: World, peer: Peer) -> None:
     lost: list[CountStatus] = []
-    came: list[ParameterType] = []
+    received: list[ParameterType] = []
     callbacks = SubscriptionEventCallbacks(message_lost=lost.append)
-    zenoh.node("n").create_subscription(ParameterType, "t", came.append, event_callbacks=callbacks)
+    zenoh.node("n").create_subscription(ParameterType, "t", received.append, event_callbacks=callbacks)
     publisher = PlainPublisher(peer, "/t", f"{TYPE}/{ParameterType._TYPE.hash}")
     data = ParameterType().encode()
 
@@ -69,7 +69,7 @@ async def test_a_subscription_is_told_of_numbers_that_never_came(zenoh: World, p
         publisher.numbers = itertools.count(next(publisher.numbers) + skipped)
         publisher.publish(data)
 
-    await until(lambda: bool(publish(0) or came))  # what was sent before they are connected was not for us
+    await until(lambda: bool(publish(0) or received))  # samples sent before the match do not count
     publish(2)
     await until(lambda: bool(lost))
     publish(0)

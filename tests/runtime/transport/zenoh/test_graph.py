@@ -1,4 +1,4 @@
-"""Graph of liveliness tokens, also of such that no ROS node would declare."""
+"""Graph of liveliness tokens, including tokens that no ROS node declares."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ODD = [
 ]
 
 
-def there(graph: TokenGraph) -> set[bytes]:
+def present_guids(graph: TokenGraph) -> set[bytes]:
     """Return the GUIDs that were discovered and not lost."""
     guids: set[bytes] = set()
     for event in graph.events():
@@ -40,19 +40,21 @@ def there(graph: TokenGraph) -> set[bytes]:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.sampled_from(ODD), st.booleans())))
-def test_tokens_in_any_order_raise_nothing_and_leave_nothing(changes: list[tuple[bool, str, bool]]) -> None:
+def test_liveliness_tokens_in_any_order_raise_no_error_and_leave_no_entity(
+    changes: list[tuple[bool, str, bool]],
+) -> None:
     graph = TokenGraph("ff", "/")
-    for is_there, text, is_read in changes:
-        graph.on_token(is_there, text)
+    for is_declared, text, is_read in changes:
+        graph.on_token(is_declared, text)
         if is_read:
             graph.read()
     for text in ODD:
         graph.on_token(False, text)
         graph.read()
-    assert there(graph) == {participant_guid("ff")}
+    assert present_guids(graph) == {participant_guid("ff")}
 
 
-def test_a_node_of_two_tokens_is_there_until_both_are_gone() -> None:
+def test_participant_exists_until_its_last_node_token_is_removed() -> None:
     graph = TokenGraph("ff", "/")
     for text in ODD[:2]:
         graph.on_token(True, text)
@@ -63,21 +65,21 @@ def test_a_node_of_two_tokens_is_there_until_both_are_gone() -> None:
     assert graph.events() == [EntityLost(participant_guid("1a"))]
 
 
-def test_who_comes_back_is_there_again() -> None:
+def test_endpoint_whose_token_reappears_is_matched_again() -> None:
     graph = TokenGraph("ff", "/")
     node = NodeToken(0, "1a", 1, "m")
     tokens = [str(node), str(EndpointToken(node, 2, EntityKind.PUBLISHER, "/t", "p::msg::dds_::X_", "", DEFAULT))]
     mine = EndpointToken(NodeToken(0, "ff", 1, "n"), 2, EntityKind.SUBSCRIPTION, "/t", "p::msg::dds_::X_", "", DEFAULT)
     (reader,) = endpoints_of(mine, gid_of(str(mine)))
     known = []
-    for is_there in (True, False, True, True, False):
+    for is_declared in (True, False, True, True, False):
         for token in tokens:
-            graph.on_token(is_there, token)
+            graph.on_token(is_declared, token)
         known.append(len(graph.connected(reader)))
     assert known == [1, 0, 1, 1, 0]
 
 
-def test_services_without_a_hash_are_connected_whatever_our_messages_have() -> None:
+def test_services_without_hash_match_regardless_of_message_hashes() -> None:
     graph = TokenGraph("ff", "/")
     token = EndpointToken(NodeToken(0, "ff", 1, "n"), 2, EntityKind.CLIENT, "/s", "p::srv::dds_::X_", "", DEFAULT)
     replies = replace(endpoints_of(token, gid_of(str(token)))[0], type_hash="RIHS01_" + 64 * "0")

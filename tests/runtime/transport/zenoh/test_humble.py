@@ -62,7 +62,7 @@ def humble(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("humble")
-async def test_topics_and_services_of_humble_work_both_ways_in_its_format(zenoh: World, peer: Peer) -> None:
+async def test_humble_format_exchanges_topics_and_services_in_both_directions(zenoh: World, peer: Peer) -> None:
     alice, bob = zenoh.pair()
     peer_publisher, received = PlainPublisher(peer, "/from/humble", TEXT), list[bytes]()
     peer.listen(peer.key("/to/humble", TEXT), received)
@@ -92,7 +92,7 @@ async def test_topics_and_services_of_humble_work_both_ways_in_its_format(zenoh:
 
 
 @pytest.mark.usefixtures("humble")
-async def test_humble_reads_every_token_of_its_format(zenoh: World, peer: Peer) -> None:
+async def test_all_tokens_of_humble_format_are_readable_by_humble(zenoh: World, peer: Peer) -> None:
     node = zenoh.node("ours")
     node.create_subscription(Image, "/image", qos=presets.SENSOR_DATA)
     node.create_publisher(String, "/best", qos=presets.BEST_AVAILABLE)
@@ -103,7 +103,7 @@ async def test_humble_reads_every_token_of_its_format(zenoh: World, peer: Peer) 
     assert [token for token in peer.tokens if not HUMBLE_TOKEN.fullmatch(token)] == []
 
 
-async def test_without_its_format_nothing_comes_of_humble_and_a_warning_says_why(
+async def test_humble_peers_do_not_match_without_humble_format_and_are_warned_about(
     zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = zenoh.node("ours")
@@ -124,7 +124,7 @@ async def test_without_its_format_nothing_comes_of_humble_and_a_warning_says_why
     assert (await subscription.receive(5)).data == "hash"
 
 
-def test_a_format_that_is_not_known_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_zenoh_format_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {**zenoh_environment(), FORMAT: "Humble"}.items():
         monkeypatch.setenv(name, value)
     with pytest.raises(ZenohConfigError, match=r"ROSIDL_PY_GEN_ZENOH_FORMAT must be 'humble'.*got 'Humble'"):
@@ -132,7 +132,7 @@ def test_a_format_that_is_not_known_is_refused(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.usefixtures("humble")
-async def test_a_goal_for_a_server_of_humble(zenoh: World, peer: Peer) -> None:
+async def test_action_client_works_with_humble_server(zenoh: World, peer: Peer) -> None:
     feedback = PlainPublisher(peer, "/count/_action/feedback", FEEDBACK)
     PlainPublisher(peer, "/count/_action/status", STATUS)
     cancelled: list[bytes] = []
@@ -162,7 +162,7 @@ async def test_a_goal_for_a_server_of_humble(zenoh: World, peer: Peer) -> None:
 
 
 @pytest.mark.usefixtures("humble")
-async def test_a_goal_of_a_client_of_humble(zenoh: World, peer: Peer) -> None:
+async def test_action_server_works_with_humble_client(zenoh: World, peer: Peer) -> None:
     async def execute(goal: ServerGoal[Any]) -> Fibonacci.Result:
         goal.publish_feedback(Fibonacci.Feedback(sequence=[goal.request.order]))
         return Fibonacci.Result(sequence=[2, 3, 5])

@@ -70,12 +70,12 @@ class LyricalPublisher(PlainPublisher):
         (compile_definition("p/msg/Bounded", "uint8[<=9] some\nuint8[9] all"), False),
     ],
 )
-def test_messages_with_an_unbounded_array_of_bytes_are_known_by_their_fields(cls: type[Any], expected: bool) -> None:
+def test_has_unbounded_bytes_detects_byte_sequences_in_fields(cls: type[Any], expected: bool) -> None:
     assert has_unbounded_bytes(message_type(cls)) is expected
     assert has_unbounded_bytes(raw_type(message_type(cls))) is (expected or cls is Empty)
 
 
-async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, peer: Peer) -> None:
+async def test_subscription_receives_samples_of_lyrical_publisher(zenoh: World, peer: Peer) -> None:
     subscription = zenoh.node("ours").create_subscription(UInt8MultiArray, "/bytes")
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
     publisher.publish(bytes_message(0))  # before it knows a subscription
@@ -92,7 +92,7 @@ async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, pe
     assert received[-3:] == [[1, 2], [3], [4]] and received[:-3] in ([], [[0]])
 
 
-async def test_a_subscription_without_fields_hears_a_publisher_of_lyrical(zenoh: World, peer: Peer) -> None:
+async def test_opaque_subscription_receives_samples_of_lyrical_publisher(zenoh: World, peer: Peer) -> None:
     node = zenoh.node("ours")
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
     await until(lambda: node.count_publishers("/bytes") > 0)
@@ -111,7 +111,7 @@ async def test_a_subscription_without_fields_hears_a_publisher_of_lyrical(zenoh:
         (String, 10, PLAIN),
     ],
 )
-async def test_only_volatile_subscriptions_of_such_messages_say_what_they_take(
+async def test_only_volatile_byte_subscriptions_announce_the_cpu_backend(
     zenoh: World, peer: Peer, cls: type[Any], qos: Any, end: str
 ) -> None:
     node = zenoh.node("ours")
@@ -126,7 +126,7 @@ async def test_only_volatile_subscriptions_of_such_messages_say_what_they_take(
     await until(lambda: not peer.of_others("MS", "/t"))
 
 
-async def test_such_messages_of_jazzy_and_of_ours_arrive_once(zenoh: World, peer: Peer) -> None:
+async def test_byte_messages_of_jazzy_and_own_publishers_arrive_once(zenoh: World, peer: Peer) -> None:
     alice, bob = zenoh.pair()
     subscription = alice.create_subscription(UInt8MultiArray, "/bytes")
     own_publisher, peer_publisher = (
@@ -143,7 +143,7 @@ async def test_such_messages_of_jazzy_and_of_ours_arrive_once(zenoh: World, peer
     assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
 
 
-async def test_our_publishers_reach_subscriptions_of_lyrical(zenoh: World, peer: Peer) -> None:
+async def test_own_publisher_reaches_lyrical_subscription(zenoh: World, peer: Peer) -> None:
     received: list[bytes] = []
     for key in (peer.key("/bytes", BYTES), f"{peer.key('/bytes', BYTES)}/_buf_cpu"):
         peer.listen(key, received)

@@ -57,7 +57,7 @@ class Session:
         ("declare_token", lambda one: one.create_writer(replace(TOPIC, node=1))),
     ],
 )
-def test_what_zenoh_refuses_to_create_is_a_transport_error(
+def test_endpoint_refused_by_zenoh_raises_transport_error(
     refused: str, create: Callable[[Participant], object]
 ) -> None:
     session = Session()
@@ -71,7 +71,7 @@ def test_what_zenoh_refuses_to_create_is_a_transport_error(
 
 
 @pytest.mark.parametrize("is_refused", [True, False])
-def test_of_the_two_subscribers_of_a_reader_for_buffers_none_is_left(
+def test_closed_or_failed_buffer_reader_leaves_no_zenoh_subscriber(
     is_refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = Session()
@@ -86,11 +86,11 @@ def test_of_the_two_subscribers_of_a_reader_for_buffers_none_is_left(
             participant.create_reader(replace(TOPIC, has_buffer=True))
     else:
         participant.create_reader(replace(TOPIC, has_buffer=True)).close()
-    own = session.calls[session.calls.index("liveliness") + 2 :]  # the first subscriber is that of tokens
+    own = session.calls[session.calls.index("liveliness") + 2 :]  # the first subscriber receives the liveliness tokens
     assert own.count("declare_subscriber") == own.count("undeclare") == (1 if is_refused else 2)
 
 
-def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:
+def test_session_is_closed_although_zenoh_refuses_to_undeclare() -> None:
     session = Session()
     participant = ZenohParticipant(session, 0, "/")
     for _ in range(2):
@@ -101,7 +101,7 @@ def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:
     assert participant.fileno() is None
 
 
-def test_what_arrives_after_the_end_is_written_nowhere() -> None:
+def test_ready_items_after_close_are_not_written_to_a_reused_descriptor() -> None:
     ready = ReadyItems()
     ready.put(lambda: None)
     watched = ready.fileno()

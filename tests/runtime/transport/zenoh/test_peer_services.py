@@ -59,7 +59,7 @@ def body(seen: Any, number: int) -> bytes:
     return data + struct.pack(f"<{len(floats)}fi", *floats, number)
 
 
-async def test_a_client_of_humbles_definition_is_served_in_its_bytes(zenoh: World, peer: Peer) -> None:
+async def test_server_replies_to_client_of_humble_definition_in_its_definition(zenoh: World, peer: Peer) -> None:
     ours, theirs = two(BOTH)
     node = zenoh.node("ours")
     server = node.create_service(
@@ -77,14 +77,14 @@ async def test_a_client_of_humbles_definition_is_served_in_its_bytes(zenoh: Worl
     assert responses == [body(Range(range=4.0, variance=9.0), 7)] and server.converted == 1
 
 
-async def test_a_server_of_humbles_definition_is_called_in_its_bytes(
+async def test_client_calls_server_of_humble_definition_in_its_definition(
     zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours, theirs = two(BOTH)
-    asked: list[bytes] = []
+    requests: list[bytes] = []
 
     def respond(request: bytes) -> bytes:
-        asked.append(request)
+        requests.append(request)
         return body(HumbleRange(range=5.0), 8)
 
     peer.serve("/s", key_of(theirs), respond)
@@ -94,10 +94,10 @@ async def test_a_server_of_humbles_definition_is_called_in_its_bytes(
     request = ours.Request(seen=Range(range=3.0, variance=2.0), a=7)
     for _ in range(2):
         assert await client.call(request, 5) == ours.Response(seen=Range(range=5.0), b=8)
-    assert asked == [body(HumbleRange(range=3.0), 7)] * 2 and client.converted == 2
+    assert requests == [body(HumbleRange(range=3.0), 7)] * 2 and client.converted == 2
     await until(lambda: "are converted" in caplog.text)
-    (said,) = [record.message for record in caplog.records if "are converted" in record.message]
-    assert said == (
+    (warning,) = [record.message for record in caplog.records if "are converted" in record.message]
+    assert warning == (
         f"requests and responses of /s are converted for node /peer: its definition of {ours._TYPE.name} is that of "
         f"humble, {type_hash(theirs)}; here it is {type_hash(ours)}; received, set to the default: "
         "sensor_msgs/msg/Range.variance; sent, dropped: sensor_msgs/msg/Range.variance"
@@ -105,10 +105,10 @@ async def test_a_server_of_humbles_definition_is_called_in_its_bytes(
     assert "no messages" not in caplog.text
 
 
-async def test_a_server_of_the_own_definition_is_preferred(zenoh: World, peer: Peer) -> None:
+async def test_server_of_own_definition_is_preferred(zenoh: World, peer: Peer) -> None:
     ours, theirs = two(BOTH)
-    asked: list[bytes] = []
-    peer.serve("/s", key_of(theirs), lambda request: asked.append(request) or body(HumbleRange(), 1))
+    requests: list[bytes] = []
+    peer.serve("/s", key_of(theirs), lambda request: requests.append(request) or body(HumbleRange(), 1))
     node = zenoh.node("ours")
     client = node.create_client(ours, "/s")
     assert (await client.call(ours.Request(), 5)).b == 1
@@ -118,10 +118,10 @@ async def test_a_server_of_the_own_definition_is_preferred(zenoh: World, peer: P
     server.close()
     await until(lambda: len(client._transport_client.connected()) == 1)
     assert (await client.call(ours.Request(), 5)).b == 1
-    assert len(asked) == 2
+    assert len(requests) == 2
 
 
-async def test_bytes_that_the_peers_definition_does_not_have(
+async def test_undecodable_bytes_of_peer_definition_are_dropped_or_raise_decode_error(
     zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours, theirs = two(BOTH)
@@ -138,7 +138,7 @@ async def test_bytes_that_the_peers_definition_does_not_have(
 
 
 @pytest.mark.parametrize("strict", ["alice", "bob", "both"])
-async def test_a_strict_end_leaves_the_conversion_to_the_other_one(
+async def test_endpoint_in_error_mode_leaves_conversion_to_its_peer(
     zenoh: World, strict: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours, theirs = two("sensor_msgs/Range seen\n---\nsensor_msgs/Range seen\n")
@@ -166,7 +166,7 @@ def known(monkeypatch: pytest.MonkeyPatch, our_text: str, their_text: str) -> tu
     return ours, theirs
 
 
-async def test_a_service_that_cannot_be_converted_is_refused_by_name(
+async def test_unconvertible_service_is_refused_and_logged_with_its_field(
     zenoh: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours, theirs = known(monkeypatch, "string x\n---\n", "int32 x\n---\n")
@@ -176,11 +176,11 @@ async def test_a_service_that_cannot_be_converted_is_refused_by_name(
     client = bob.create_client(ours, "s")
     with pytest.raises(CallTimeoutError, match="node /alice has another definition of its type"):
         await client.call(ours.Request(), 0.5)
-    said = f"requests and responses of the definition of {name} of humble cannot be converted: {name}_Request.x: "
-    assert said + "string cannot become int32" in caplog.text
+    warning = f"requests and responses of the definition of {name} of humble cannot be converted: {name}_Request.x: "
+    assert warning + "string cannot become int32" in caplog.text
 
 
-async def test_a_response_that_does_not_fit_the_other_definition_ends_the_call(
+async def test_response_that_does_not_fit_the_peer_definition_ends_the_call(
     zenoh: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     ours, theirs = known(monkeypatch, "---\nint32 x\n", "---\nuint8 x\n")
@@ -194,21 +194,21 @@ async def test_a_response_that_does_not_fit_the_other_definition_ends_the_call(
     assert "_Response.x: expected" in caplog.text
 
 
-async def test_a_request_that_does_not_fit_the_other_definition_is_an_error(
+async def test_request_that_does_not_fit_the_peer_definition_raises_encode_error(
     zenoh: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, theirs = known(monkeypatch, "int32 x\n---\n", "uint8 x\n---\n")
     alice, bob = zenoh.pair()
-    asked: list[int] = []
-    alice.create_service(theirs, "s", lambda request: asked.append(request.x) or theirs.Response())
+    requests: list[int] = []
+    alice.create_service(theirs, "s", lambda request: requests.append(request.x) or theirs.Response())
     client = bob.create_client(ours, "s")
     await client.call(ours.Request(x=255), 5)
     with pytest.raises(EncodeError, match="256"):
         await client.call(ours.Request(x=256), 5)
-    assert asked == [255]
+    assert requests == [255]
 
 
-async def test_a_definition_that_is_accepted_while_a_thread_of_zenoh_finds_the_servers(
+async def test_type_hash_can_be_accepted_while_a_zenoh_thread_finds_servers(
     zenoh: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, theirs = two(BOTH)

@@ -48,7 +48,7 @@ def pair(zenoh: World) -> Pair:
     return Pair(zenoh)
 
 
-async def test_calls_that_are_given_up_leave_nothing_in_zenoh(pair: Pair) -> None:
+async def test_timed_out_and_cancelled_calls_leave_no_query(pair: Pair) -> None:
     assert await pair.client.wait_for_service(5)
     with pytest.raises(CallTimeoutError):
         await pair.call(0.2)
@@ -61,7 +61,7 @@ async def test_calls_that_are_given_up_leave_nothing_in_zenoh(pair: Pair) -> Non
     assert pair.client.in_flight_count == 0
 
 
-async def test_a_call_that_was_answered_leaves_nothing_in_zenoh(zenoh: World) -> None:
+async def test_answered_calls_leave_no_query(zenoh: World) -> None:
     zenoh.node("server").create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=3))
     client = zenoh.node("caller").create_client(AddTwoInts, "add")
     calls = (client.call(AddTwoInts.Request(), timeout_s=20) for _ in range(200))
@@ -70,7 +70,7 @@ async def test_a_call_that_was_answered_leaves_nothing_in_zenoh(zenoh: World) ->
     await until(lambda: not replies._in_flight)
 
 
-async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pair: Pair, zenoh: World) -> None:
+async def test_queries_answered_by_one_of_two_servers_are_bounded(pair: Pair, zenoh: World) -> None:
     zenoh.node("second").create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=3))
     await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
@@ -78,7 +78,7 @@ async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pai
     assert len(pair.replies._in_flight) == services.MAX_ANSWERED_QUERIES
 
 
-async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) -> None:
+async def test_closing_client_cancels_its_calls_in_flight(pair: Pair) -> None:
     calls = [pair.call() for _ in range(20)]
     await until(lambda: len(pair.replies._in_flight) == 20)
     pair.client.close()
@@ -87,7 +87,7 @@ async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) ->
         assert "was closed during the call" in str(result)
 
 
-async def test_an_error_in_place_of_a_response_is_told(pair: Pair) -> None:
+async def test_error_reply_of_zenoh_raises_server_lost_error(pair: Pair) -> None:
     calling = pair.call()
     _, query = await pair.first_request()
     query.reply_err(b"no \x1b[31mnumbers" + 1000 * b"!")
@@ -99,7 +99,7 @@ async def test_an_error_in_place_of_a_response_is_told(pair: Pair) -> None:
     assert len(str(caught.value)) < 400
 
 
-async def test_only_calls_without_a_limit_have_that_of_zenoh_and_results_of_actions_have_none(
+async def test_zenoh_query_timeout_applies_only_to_calls_without_timeout(
     zenoh: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     override = f"{zenoh_environment()['ZENOH_CONFIG_OVERRIDE']};queries_default_timeout=200"
@@ -122,7 +122,7 @@ async def test_only_calls_without_a_limit_have_that_of_zenoh_and_results_of_acti
     assert list((await goal.result())[1].sequence) == [1]
 
 
-async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_gone(pair: Pair) -> None:
+async def test_response_is_accepted_after_its_server_token_disappeared(pair: Pair) -> None:
     # Zenoh sends tokens before replies, even if the reply was first.
     calling = pair.call()
     await until(lambda: pair.reader._queries)
@@ -139,7 +139,7 @@ async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_go
 @pytest.mark.parametrize(
     ("data", "error"), [(b"\0\1\0\0", DecodeError), (b"\0\1\0", ServerLostError), (b"", ServerLostError)]
 )
-async def test_a_response_without_content_is_no_lost_server_but_one_without_header_is_none(
+async def test_response_without_content_raises_decode_error_and_without_header_server_lost_error(
     pair: Pair, data: bytes, error: type[Exception]
 ) -> None:
     calling = pair.call()
@@ -150,7 +150,7 @@ async def test_a_response_without_content_is_no_lost_server_but_one_without_head
         await calling
 
 
-async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
+async def test_request_without_header_is_not_retained(pair: Pair) -> None:
     assert await pair.client.wait_for_service(5)
     for data in (b"", b"x", b"\0\1\0"):
         pair.session.get(pair.key, payload=data, attachment=pack_attachment(1, 1, GID))
@@ -160,12 +160,12 @@ async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
 
 
 @pytest.mark.parametrize(("limit", "value"), [("MAX_BYTES", 45), ("MAX_QUERIES", 2)])  # a request has 20 bytes
-async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
+async def test_oldest_unanswered_requests_are_dropped_above_the_limit(
     pair: Pair, monkeypatch: pytest.MonkeyPatch, limit: str, value: int
 ) -> None:
     monkeypatch.setattr(services, limit, value)
     assert await pair.client.wait_for_service(5)
-    for _ in range(2):  # those that are answered or given up do not count any more
+    for _ in range(2):  # answered and dropped requests no longer count
         calls = [pair.call() for _ in range(4)]
         requests = [await anext(pair.server) for _ in range(4)]
         for call in calls[:2]:
@@ -176,7 +176,7 @@ async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
         assert [(await call).sum for call in calls[2:]] == [3, 3]
 
 
-async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
+async def test_a_forked_child_drops_its_queries_without_using_zenoh(pair: Pair) -> None:
     calling = pair.call()
     await until(lambda: pair.reader._queries and pair.replies._in_flight)
     pair.reader.detach_after_fork()
@@ -189,7 +189,7 @@ async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
     calling.cancel()
 
 
-async def test_samples_without_attachment_are_dropped_with_a_word(
+async def test_samples_without_valid_attachment_are_dropped_with_a_warning(
     zenoh: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     node = zenoh.node("n")

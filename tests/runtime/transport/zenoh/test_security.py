@@ -1,6 +1,6 @@
-"""Access only with certificate or password, by the configurations of docs/howto/zenoh.md.
+"""Access control by certificate or password, with the configurations of docs/howto/zenoh.md.
 
-Everything is on loopback; sessions are plain ones of Zenoh.
+Routers listen on loopback; sessions are plain Zenoh sessions.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Guarded:
     def __init__(self, folder: Path, stack: ExitStack, *changes: tuple[str, str]) -> None:
         self.folder, self.stack = folder, stack
         path = self.write("router.json5", ROUTER, ("[::]:7447", "127.0.0.1:0"), *changes)
-        # The router of the page has no admin space, which tells its port.
+        # The router of the page has no admin space, which this test needs to read its port.
         environ = {"ZENOH_ROUTER_CONFIG_URI": path, "ZENOH_CONFIG_OVERRIDE": "adminspace/enabled=true"}
         router = stack.enter_context(ZenohRouter(environ, refuse))
         self.port = router.endpoints[0].rpartition(":")[2]
@@ -80,14 +80,14 @@ def stack() -> Iterator[ExitStack]:
 
 
 def exchange(one: zenoh.Session, other: zenoh.Session) -> None:
-    answering = other.declare_queryable("a/b", lambda query: query.reply("a/b", b"hello"))
-    asking = one.declare_querier("a/b", timeout=10)
+    server = other.declare_queryable("a/b", lambda query: query.reply("a/b", b"hello"))
+    querier = one.declare_querier("a/b", timeout=10)
     deadline = time.monotonic() + 10
-    while not asking.matching_status.matching:
+    while not querier.matching_status.matching:
         assert time.monotonic() < deadline, "never matched"
         time.sleep(0.01)
-    assert [reply.ok.payload.to_bytes() for reply in asking.get() if reply.ok] == [b"hello"]
-    answering.undeclare()
+    assert [reply.ok.payload.to_bytes() for reply in querier.get() if reply.ok] == [b"hello"]
+    server.undeclare()
 
 
 NOT_CONNECTED = "Unable to connect"
@@ -99,14 +99,16 @@ NO_CERTIFICATE = ("enable_mtls: true", "enable_mtls: false")
     [[("desk.", "stranger.")], [NO_CERTIFICATE], [("tls/", "tcp/"), ('"tls"', '"tcp"')]],
     ids=["of another authority", "none", "plain TCP"],
 )
-def test_only_who_has_a_certificate_gets_in(folder: Path, stack: ExitStack, changes: list[tuple[str, str]]) -> None:
+def test_connection_requires_certificate_of_the_authority(
+    folder: Path, stack: ExitStack, changes: list[tuple[str, str]]
+) -> None:
     guarded = Guarded(folder, stack)
     exchange(guarded.session(), guarded.session())
     with pytest.raises(zenoh.ZError, match=NOT_CONNECTED):
         guarded.session(*changes)
 
 
-def test_a_router_of_another_authority_is_refused(folder: Path, stack: ExitStack) -> None:
+def test_router_with_certificate_of_another_authority_is_refused(folder: Path, stack: ExitStack) -> None:
     guarded = Guarded(folder, stack, ("router.pem", "stranger.pem"), ("router.key", "stranger.key"))
     with pytest.raises(zenoh.ZError, match=NOT_CONNECTED):
         guarded.session()
@@ -119,7 +121,7 @@ BELOW = "transport: {"
 @pytest.mark.parametrize(
     ("old", "new"), [('"secret"', '"Secret"'), ('"desk"', '"nobody"'), (USER, "")], ids=["password", "user", "neither"]
 )
-def test_only_who_has_a_password_gets_in(folder: Path, stack: ExitStack, over: str, old: str, new: str) -> None:
+def test_connection_requires_password(folder: Path, stack: ExitStack, over: str, old: str, new: str) -> None:
     plain = [("tls/", "tcp/"), ('"tls"', '"tcp"')] if over == "tcp" else []
     guarded = Guarded(folder, stack, *plain, (BELOW, BELOW + USERS))
     exchange(guarded.session(*plain, (BELOW, BELOW + USER)), guarded.session(*plain, (BELOW, BELOW + USER)))

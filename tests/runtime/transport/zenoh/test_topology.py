@@ -47,7 +47,7 @@ def node_at(monkeypatch: pytest.MonkeyPatch, stack: ExitStack) -> Callable[..., 
 
 
 @pytest.mark.parametrize("modes", [("client", "client"), ("peer", "peer"), ("peer", "client")])
-async def test_nodes_at_both_ends_of_a_line_of_routers_meet(
+async def test_nodes_communicate_across_a_line_of_three_routers(
     stack: ExitStack, node_at: Callable[..., Node], modes: tuple[str, str]
 ) -> None:
     first = router(stack)
@@ -66,7 +66,7 @@ async def test_nodes_at_both_ends_of_a_line_of_routers_meet(
     await until(lambda: "/right" not in left.get_node_names())
 
 
-async def test_nodes_go_on_without_their_router_and_meet_others_when_it_is_back(
+async def test_nodes_communicate_without_router_and_discover_new_nodes_after_its_restart(
     stack: ExitStack, node_at: Callable[..., Node]
 ) -> None:
     gone = router(stack)

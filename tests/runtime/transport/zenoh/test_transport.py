@@ -1,4 +1,4 @@
-"""Nodes on Zenoh where they differ from others: choice of the transport, threads, ends of calls and processes."""
+"""Nodes on Zenoh: choice of the transport, threads, end of calls and processes, QoS."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
 from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
 
 
-def ended(text: str) -> tuple[int, str, str]:
+def run_program(text: str) -> tuple[int, str, str]:
     """Run a program to its end; return its code, output and errors."""
     path = os.pathsep.join((str(ROOT), *(entry for entry in sys.path if "runtime-tests-" in entry)))
     with running_process(sys.executable, "-c", text, **zenoh_environment(), PYTHONPATH=path) as process:
@@ -44,19 +44,19 @@ def ended(text: str) -> tuple[int, str, str]:
         ("dds", "rmw_zenoh_cpp", CycloneTransport),
     ],
 )
-def test_the_argument_wins_over_the_variable(
+def test_transport_argument_overrides_rmw_implementation(
     transport: str | None, variable: str, kind: type[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", variable)
     assert type(resolve_transport(transport)) is kind
 
 
-def test_zenoh_is_taken_where_only_zenoh_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_zenoh_is_the_default_if_only_zenoh_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rosidl_py_gen.runtime.node.environment.library.is_found", lambda: False)
     assert isinstance(resolve_transport(None), ZenohTransport)
 
 
-def test_an_unknown_middleware_is_a_warning_and_an_unknown_transport_an_error(
+def test_unknown_rmw_implementation_warns_and_unknown_transport_raises(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_desert")
@@ -77,12 +77,12 @@ _CYCLONE = "rosidl_py_gen.runtime.transport.cyclone.participant"
         ("from rosidl_py_gen.runtime import Context; Context(transport='zenoh')", (_CYCLONE,)),
     ],
 )
-def test_only_the_middleware_that_is_used_is_imported(text: str, unwanted: tuple[str, ...]) -> None:
-    code, output, errors = ended(f"{text}\nimport sys\nprint(sorted(sys.modules.keys() & set({unwanted!r})))")
+def test_only_the_selected_middleware_is_imported(text: str, unwanted: tuple[str, ...]) -> None:
+    code, output, errors = run_program(f"{text}\nimport sys\nprint(sorted(sys.modules.keys() & set({unwanted!r})))")
     assert (code, output) == (0, "[]\n"), errors
 
 
-def test_without_a_router_a_context_opens_and_says_what_is_missing(
+def test_context_without_zenoh_router_opens_with_a_warning(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", 'connect/endpoints=["tcp/127.0.0.1:1"];listen/endpoints=[]')
@@ -94,7 +94,7 @@ def test_without_a_router_a_context_opens_and_says_what_is_missing(
     assert caplog.text == ""
 
 
-def test_a_client_without_router_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_zenoh_client_mode_without_router_raises_transport_error(monkeypatch: pytest.MonkeyPatch) -> None:
     override = 'mode="client";connect/endpoints=["tcp/127.0.0.1:1"];listen/endpoints=[]'
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", override)
     with pytest.raises(TransportError, match=r"It was configured to connect to tcp/127\.0\.0\.1:1"):
@@ -104,7 +104,7 @@ def test_a_client_without_router_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
 # --------------------------------------------------------------------------------------------------------------- calls
 
 
-async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -> None:
+async def test_unanswered_requests_are_removed_when_their_client_closes(zenoh: World) -> None:
     server = zenoh.node("server").create_service(AddTwoInts, "add")
     caller = zenoh.node("caller")
     client = caller.create_client(AddTwoInts, "add")
@@ -118,7 +118,7 @@ async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -
         await calling
 
 
-async def test_types_of_services_and_actions_that_only_others_have_are_described_by_their_own_hash(
+async def test_service_and_action_types_of_peers_are_resolved_by_their_own_hash(
     zenoh: World,
 ) -> None:
     robot, asker = zenoh.pair()
@@ -138,7 +138,7 @@ async def test_types_of_services_and_actions_that_only_others_have_are_described
 # --------------------------------------------------------------------------------------------------- threads, processes
 
 
-async def test_no_endpoint_has_a_thread_of_its_own(zenoh: World) -> None:
+async def test_endpoints_start_no_threads(zenoh: World) -> None:
     alice, bob = zenoh.pair()
     before = threading.active_count()
     for number in range(20):
@@ -184,10 +184,10 @@ ENDS = {
 
 
 @pytest.mark.parametrize("name", ENDS)
-def test_processes_end_at_once_however_they_end(name: str) -> None:
+def test_processes_with_zenoh_end_promptly_in_every_way(name: str) -> None:
     text, expected = ENDS[name]
     began = time.monotonic()
-    code, _, errors = ended(f"{NODE}\n{text}")
+    code, _, errors = run_program(f"{NODE}\n{text}")
     assert expected is None or code == expected, errors
     assert "Traceback" not in errors and "panicked" not in errors
     assert time.monotonic() - began < 15
@@ -196,7 +196,7 @@ def test_processes_end_at_once_however_they_end(name: str) -> None:
 # ----------------------------------------------------------------------------------------------------------------- QoS
 
 
-async def test_endpoints_of_any_quality_of_service_exchange_messages(zenoh: World) -> None:
+async def test_endpoints_of_any_qos_exchange_messages(zenoh: World) -> None:
     alice, bob = zenoh.pair()
     best_effort = alice.create_publisher(String, "t", qos=QoSProfile().best_effort())
     subscription = bob.create_subscription(String, "t", qos=QoSProfile().reliable().transient_local().deadline(1))
@@ -205,7 +205,7 @@ async def test_endpoints_of_any_quality_of_service_exchange_messages(zenoh: Worl
     assert (await subscription.receive(5)).data == "arrives"
 
 
-def test_the_router_of_the_tests_cannot_be_reached_from_elsewhere() -> None:
+def test_test_router_and_contexts_are_restricted_to_loopback() -> None:
     assert zenoh_router().startswith("tcp/127.0.0.1:")
     with pytest.raises(AssertionError, match="not bound to loopback"), pytest.MonkeyPatch.context() as patch:
         patch.setenv("ZENOH_CONFIG_OVERRIDE", 'listen/endpoints=["tcp/[::]:0"]')

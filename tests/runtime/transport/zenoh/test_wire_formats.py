@@ -62,7 +62,7 @@ STRING = "std_msgs::msg::dds_::String_"
         ),
     ],
 )
-def test_a_key_is_made_of_domain_name_type_and_hash(
+def test_data_key_is_made_of_domain_name_type_and_hash(
     domain_id: int, name: str, type_name: str, type_hash: str, key: str
 ) -> None:
     assert data_key(domain_id, name, type_name, type_hash) == key
@@ -71,7 +71,7 @@ def test_a_key_is_made_of_domain_name_type_and_hash(
 @pytest.mark.parametrize(
     "chunk", ["", "TypeHashNotSupported", HASH[:-1], HASH + "0", HASH.upper(), HASH + "\n", HASH.replace("01_", "02_")]
 )
-def test_only_a_whole_hash_counts_as_one(chunk: str) -> None:
+def test_incomplete_type_hash_is_treated_as_missing(chunk: str) -> None:
     assert valid_hash_or_empty(HASH) == HASH
     assert valid_hash_or_empty(chunk) == ""
 
@@ -88,23 +88,23 @@ BYTES = bytes.fromhex(
 NUMBERS = st.integers(0, 2**63 - 1)
 
 
-def test_an_attachment_has_number_time_and_gid() -> None:
+def test_attachment_contains_sequence_number_time_and_gid() -> None:
     assert pack_attachment(1, 123456789, GID) == BYTES
     assert unpack_attachment(BYTES) == (1, 123456789, GID)
 
 
-def test_zenoh_itself_writes_the_same_bytes() -> None:
+def test_zenoh_serializer_writes_the_same_attachment_bytes() -> None:
     ext = pytest.importorskip("zenoh.ext")
     assert bytes(ext.z_serialize((ext.Int64(1), ext.Int64(123456789), GID))) == BYTES
 
 
 @given(NUMBERS, NUMBERS, st.binary(min_size=16, max_size=16))
-def test_what_was_packed_comes_back(sequence: int, stamp_ns: int, gid: bytes) -> None:
+def test_attachments_round_trip(sequence: int, stamp_ns: int, gid: bytes) -> None:
     assert unpack_attachment(pack_attachment(sequence, stamp_ns, gid)) == (sequence, stamp_ns, gid)
 
 
 @given(st.binary(max_size=100))
-def test_no_bytes_raise_anything_but_our_error(data: bytes) -> None:
+def test_any_attachment_bytes_are_read_or_raise_attachment_error(data: bytes) -> None:
     try:
         sequence, stamp_ns, gid = unpack_attachment(data)
     except AttachmentError:
@@ -123,7 +123,7 @@ def test_no_bytes_raise_anything_but_our_error(data: bytes) -> None:
         (BYTES[:8] + b"\xff" * 8 + BYTES[16:], "byte 8: expected a time of 0 or more, found -1"),
     ],
 )
-def test_an_error_names_the_byte(data: bytes, message: str) -> None:
+def test_attachment_error_names_the_wrong_byte(data: bytes, message: str) -> None:
     with pytest.raises(AttachmentError, match=re.escape(message)):
         unpack_attachment(data)
 
@@ -172,7 +172,7 @@ def announced(profile: QoSProfile) -> QoSProfile:
         (qos.BEST_AVAILABLE, "4:4:,10:,854775806:,:5,,854775806"),
     ],
 )
-def test_numbers_that_are_the_default_are_left_out(profile: QoSProfile, text: str) -> None:
+def test_default_values_are_omitted_from_qos_text(profile: QoSProfile, text: str) -> None:
     assert qos_text(profile) == text
     assert read_qos(text) == announced(profile)
 
@@ -199,7 +199,7 @@ def test_numbers_that_are_the_default_are_left_out(profile: QoSProfile, text: st
         ("::,10:,:,:,,,later:later", announced(DEFAULT)),
     ],
 )
-def test_a_text_of_others_is_read_as_rmw_zenoh_reads_it(text: str, profile: QoSProfile) -> None:
+def test_qos_text_of_other_implementations_is_read_like_rmw_zenoh(text: str, profile: QoSProfile) -> None:
     assert read_qos(text) == profile
 
 
@@ -222,11 +222,11 @@ def test_a_text_of_others_is_read_as_rmw_zenoh_reads_it(text: str, profile: QoSP
         "::," + "9" * 5000 + ":,:,:,,",
     ],
 )
-def test_what_is_no_profile_is_not_read(text: str) -> None:
+def test_invalid_qos_text_returns_none(text: str) -> None:
     assert read_qos(text) is None
 
 
-def test_an_unknown_policy_is_not_written() -> None:
+def test_unknown_qos_policy_cannot_be_announced() -> None:
     with pytest.raises(InvalidQoSError, match=r"Durability\.UNKNOWN cannot be announced"):
         qos_text(replace(DEFAULT, durability=Durability.UNKNOWN))
 
@@ -246,7 +246,7 @@ PROFILES = st.builds(
 
 
 @given(PROFILES)
-def test_a_written_profile_is_read_again(profile: QoSProfile) -> None:
+def test_qos_profiles_round_trip_through_text(profile: QoSProfile) -> None:
     text = qos_text(profile)
     assert read_qos(text) == announced(profile)
     assert qos_text(announced(profile)) == text
@@ -275,13 +275,13 @@ def test_a_written_profile_is_read_again(profile: QoSProfile) -> None:
         ),
     ],
 )
-def test_tokens_are_written_as_rmw_zenoh_writes_them(token: NodeToken | EndpointToken, text: str) -> None:
+def test_liveliness_tokens_are_written_like_rmw_zenoh(token: NodeToken | EndpointToken, text: str) -> None:
     assert str(token) == text
     read = read_token(text)
     assert read is not None and str(read) == text
 
 
-def test_later_chunks_are_left_alone() -> None:
+def test_additional_token_chunks_are_ignored() -> None:
     assert read_token(TALKER + "/backends:cpu:/later") == replace(
         WRITER, qos=announced(WRITER.qos), backends=CPU_BACKEND
     )
@@ -300,7 +300,7 @@ WRONG_CHUNKS = {
 NO_TOKENS = ["", "/", "@ros2_lv", "@ros2_lv/0/**", TALKER + "/", "/" * 5000, "@ros2_lv/" * 5000]
 
 
-def without_or_with_another_chunk() -> Iterator[str]:
+def invalid_tokens() -> Iterator[str]:
     for place in range(13):
         for new in ([], [""], *([chunk] for chunk in WRONG_CHUNKS.get(place, ()))):
             chunks = TALKER.split("/")
@@ -308,8 +308,8 @@ def without_or_with_another_chunk() -> Iterator[str]:
             yield "/".join(chunks)
 
 
-@pytest.mark.parametrize("text", [*NO_TOKENS, *without_or_with_another_chunk()])
-def test_what_is_no_token_is_not_read(text: str) -> None:
+@pytest.mark.parametrize("text", [*NO_TOKENS, *invalid_tokens()])
+def test_invalid_liveliness_token_returns_none(text: str) -> None:
     assert read_token(text) is None
 
 
@@ -317,7 +317,7 @@ CHUNKS = st.one_of(st.sampled_from(sorted({*TALKER.split("/"), "NN", "", "%"})),
 
 
 @given(st.one_of(st.text(), st.lists(CHUNKS, max_size=16).map("/".join)))
-def test_no_text_raises_anything(text: str) -> None:
+def test_any_token_text_is_read_without_error(text: str) -> None:
     read_token(text)
 
 
@@ -346,12 +346,12 @@ ENDPOINTS = st.builds(
 
 
 @given(st.one_of(NODES, ENDPOINTS))
-def test_a_written_token_is_read_again(token: NodeToken | EndpointToken) -> None:
+def test_liveliness_tokens_round_trip_through_text(token: NodeToken | EndpointToken) -> None:
     assert read_token(str(token)) == token
 
 
 # -------------------------------------------------------------------------------------------------------------- gids
 
 
-def test_the_gid_is_the_hash_of_the_token() -> None:
+def test_gid_is_the_hash_of_the_token() -> None:
     assert gid_of(TALKER).hex() == "eb85fa883b7846dc448a4501890ad062"
