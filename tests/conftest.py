@@ -228,9 +228,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if item.get_closest_marker(str(config.getoption("-m"))):
             cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
     if _is_quick(config):
-        kept = {item for of_one in cases.values() for item in of_one[:: _step(len(of_one))]}
-        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
-        items[:] = [item for item in items if item in kept]
+        selected = {item for of_one in cases.values() for item in of_one[:: _step(len(of_one))]}
+        config.hook.pytest_deselected(items=[item for item in items if item not in selected])
+        items[:] = [item for item in items if item in selected]
     elif PASSED_FILE and os.path.exists(PASSED_FILE):
         passed = set(Path(PASSED_FILE).read_text(encoding="utf-8").splitlines())
         items[:] = [item for item in items if item.nodeid not in passed or _has_random_examples(item)]
@@ -246,7 +246,7 @@ def _step(cases: int) -> int:
 
 @pytest.fixture(autouse=True)
 def no_processes_in_quick_runs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A test that starts one does not belong there."""
+    """Fail quick tests that start a process."""
     if _is_quick(request.config):
 
         def refuse(self: object, *arguments: object, **options: object) -> None:

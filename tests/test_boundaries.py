@@ -1,4 +1,4 @@
-"""Rules of the code that no linter can express; those of imports are contracts in pyproject.toml (`lint-imports`)."""
+"""Code rules that no linter can express; import rules are contracts in pyproject.toml (`lint-imports`)."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def modules() -> dict[str, Module]:
     }
 
 
-def test_restricted_functions_are_used_where_they_may_be() -> None:
+def test_restricted_functions_are_used_in_permitted_modules_only() -> None:
     patterns = {re.compile(pattern): allowed for pattern, allowed in RESTRICTED.items()}
     wrong = [
         f"{name}:{line}: {used}"
@@ -245,7 +245,7 @@ def test_restricted_functions_are_used_where_they_may_be() -> None:
     assert wrong == []
 
 
-def test_third_party_packages_are_those_of_the_contract() -> None:
+def test_third_party_imports_are_listed_in_import_contract() -> None:
     tomllib = pytest.importorskip("tomllib")  # of Python 3.11
     settings = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     contract = next(one for one in settings["contracts"] if one["id"] == "third-party")
@@ -268,7 +268,7 @@ def test_third_party_packages_are_those_of_the_contract() -> None:
     assert wrong == set()
 
 
-def test_no_module_touches_what_is_private_to_others() -> None:
+def test_modules_do_not_use_private_names_of_other_modules() -> None:
     more = {"runtime": SHARED_IN_RUNTIME, "bags": SHARED_IN_BAGS, "ros_compat": SHARED_IN_SHIM}
     wrong = [
         f"{name}:{line}: {text}"
@@ -284,16 +284,16 @@ def test_tests_use_private_names_only_if_the_documentation_lists_them() -> None:
     text = (PACKAGE.parent / "docs/internals/architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"(?m)^\|([^|]+)", text.partition("## Private structure that tests use")[2])
     listed = {name for row in rows for name in re.findall(r"`(_\w+)`", row)}
-    ours = {name for module in modules().values() for name in module.own if _is_private(name)}
+    own_names = {name for module in modules().values() for name in module.own if _is_private(name)}
     wrong = []
     for path in sorted(tests.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         is_checked = not path.relative_to(tests).as_posix().startswith(("golden/", *RUN_BY_RCLPY))
-        if is_checked and not {*re.findall(r"\b_\w+", text)}.isdisjoint(ours - listed):
+        if is_checked and not {*re.findall(r"\b_\w+", text)}.isdisjoint(own_names - listed):
             module = Module(text)
             used = [(line, name) for line, name, _ in module.private_uses(NAMED_TUPLES)]
             used += [(line, name) for line, name in module.private_texts if name not in module.own]
-            wrong += [f"{path.relative_to(tests)}:{line}: {name}" for line, name in used if name in ours - listed]
+            wrong += [f"{path.relative_to(tests)}:{line}: {name}" for line, name in used if name in own_names - listed]
     assert listed and wrong == []
 
 

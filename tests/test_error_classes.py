@@ -1,4 +1,4 @@
-"""Every error of the package is one of its tree and is called so."""
+"""Every error class of the package derives from RosidlError and is named accordingly."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BECOME_PROBLEMS = {"LiteralProblem", "SyntaxProblem", "UnreadableError"}
 
 
 def error_classes() -> dict[str, set[str]]:
-    """Our classes that can be raised, and the names of all classes above each."""
+    """Return the package's classes that can be raised, each with the names of all its base classes."""
     bases = {
         node.name: {ast.unparse(base).rpartition(".")[2] for base in node.bases}
         for path in PACKAGE.rglob("*.py")
@@ -32,7 +32,7 @@ def error_classes() -> dict[str, set[str]]:
     return {name: found for name, found in raised.items() if not (found & WARNINGS and name.endswith("Warning"))}
 
 
-def test_every_error_class_ends_in_error_and_derives_from_ours() -> None:
+def test_every_error_class_ends_in_error_and_derives_from_rosidl_error() -> None:
     found = error_classes()
     assert len(found) > 60 and set(found) >= BECOME_PROBLEMS
     shared = {name for name in found if not name.startswith("_")} - BECOME_PROBLEMS - {"RosidlError"}

@@ -34,24 +34,24 @@ NO_LIBRARY = "import rosidl_py_gen.runtime.transport.cyclone.library as m; m.can
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
 
-    def install(told: Any) -> None:
+    def install(origin: Any) -> None:
         folder = tmp_path / "rosidl_py_gen-0.1.0.dist-info"
         folder.mkdir()
         (folder / "METADATA").write_text(METADATA)
-        if told is not None:
-            (folder / "direct_url.json").write_text(told if isinstance(told, str) else json.dumps(told))
+        if origin is not None:
+            (folder / "direct_url.json").write_text(origin if isinstance(origin, str) else json.dumps(origin))
         monkeypatch.setattr("importlib.metadata.distribution", lambda name: PathDistribution(folder))
 
     return install
 
 
-def test_from_an_index_it_is_the_name(installed: Callable[[Any], None]) -> None:
+def test_install_command_names_package_if_installed_from_index(installed: Callable[[Any], None]) -> None:
     installed(None)
     assert install_command("mcap") == "pip install 'rosidl-py-gen[mcap]'"
 
 
 @pytest.mark.parametrize(("editable", "words"), [(True, ["-e"]), (False, [])])
-def test_from_a_folder_it_is_the_folder(
+def test_install_command_names_folder_if_installed_from_folder(
     installed: Callable[[Any], None], tmp_path: Path, editable: bool, words: list[str]
 ) -> None:
     folder = tmp_path / "a folder's name"
@@ -60,31 +60,33 @@ def test_from_a_folder_it_is_the_folder(
     assert shlex.split(install_command("mcap")) == ["pip", "install", *words, f"{folder}[mcap]"]
 
 
-def test_from_a_wheel_it_is_the_wheel(installed: Callable[[Any], None], tmp_path: Path) -> None:
+def test_install_command_names_wheel_if_installed_from_wheel(installed: Callable[[Any], None], tmp_path: Path) -> None:
     wheel = tmp_path / "rosidl_py_gen-0.1.0-py3-none-any.whl"
     wheel.touch()
     installed({"url": wheel.as_uri(), "archive_info": {}})
     assert shlex.split(install_command("mcap")) == ["pip", "install", f"{wheel}[mcap]"]
 
 
-def test_from_a_repository_it_is_that_commit(installed: Callable[[Any], None]) -> None:
+def test_install_command_names_commit_if_installed_from_repository(installed: Callable[[Any], None]) -> None:
     installed({"url": "https://example.org/r.git", "vcs_info": {"vcs": "git", "commit_id": "abc"}})
     assert install_command("mcap") == "pip install 'rosidl-py-gen[mcap] @ git+https://example.org/r.git@abc'"
 
 
-def test_where_that_is_gone_it_is_what_the_extra_consists_of(installed: Callable[[Any], None], tmp_path: Path) -> None:
+def test_install_command_lists_requirements_if_origin_is_missing(
+    installed: Callable[[Any], None], tmp_path: Path
+) -> None:
     installed({"url": (tmp_path / "gone").as_uri(), "dir_info": {}})
     needed = ["mcap<2,>=1.6", "cyclonedds<12,>=11.0.1", "pyyaml>=6.0; (os_name != 'x')"]
     assert shlex.split(install_command("mcap")) == ["pip", "install", *needed]
 
 
 @pytest.mark.parametrize("broken", ["", "[", "[]", "5", '{"url": 5}'])
-def test_broken_metadata_are_no_traceback(installed: Callable[[Any], None], broken: str) -> None:
+def test_install_command_tolerates_broken_direct_url_metadata(installed: Callable[[Any], None], broken: str) -> None:
     installed(broken)
     assert install_command("mcap").startswith("pip install ")
 
 
-def test_a_checkout_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_install_command_in_checkout_is_editable_install_of_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = ["pip", "install", "-e", f"{ROOT}[mcap]"]
     assert shlex.split(install_command("mcap")) == expected  # tests run in an editable install
 
@@ -110,7 +112,7 @@ def test_a_checkout_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
         ("zenoh", "from rosidl_py_gen.runtime import ZenohRouter; ZenohRouter({}, print)", "zenoh"),
     ],
 )
-def test_programs_are_told_the_command(missing: str, program: str, extra: str) -> None:
+def test_missing_module_error_contains_install_command_of_extra(missing: str, program: str, extra: str) -> None:
     lines = [
         f"import sys; sys.modules[{missing!r}] = None",
         "from rosidl_py_gen import ExtraMissingError",
@@ -130,7 +132,7 @@ def test_all_names_of_the_runtime_can_be_imported_without_a_transport() -> None:
     assert done.stdout.endswith(".Node'>\n"), done.stderr
 
 
-def test_other_modules_are_no_business_of_extras() -> None:
+def test_missing_module_of_no_extra_has_no_hint() -> None:
     assert missing_extra_message(ModuleNotFoundError("No module named 'nope'", name="nope")) is None
 
 
@@ -145,7 +147,7 @@ def test_other_modules_are_no_business_of_extras() -> None:
         (("security", "create_keystore", "/nowhere/x"), "security"),
     ],
 )
-def test_of_several_extras_the_one_is_asked_for_that_brings_the_others(arguments: tuple[str, ...], extra: str) -> None:
+def test_hint_names_extra_that_includes_other_missing_extras(arguments: tuple[str, ...], extra: str) -> None:
     code = f"""
 import importlib.util, sys
 real = importlib.util.find_spec

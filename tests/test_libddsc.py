@@ -63,7 +63,7 @@ def test_wheel_of_the_platform_is_chosen(platform: tuple[str, str], file: str, m
         ("freebsd14", "amd64", None, "build Cyclone DDS"),
     ],
 )
-def test_platform_without_a_wheel_is_one_line_with_other_advice(
+def test_platform_without_wheel_is_one_line_error_with_other_advice(
     system: str, machine: str, glibc: str | None, advice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert on_platform(monkeypatch, system, machine, glibc=glibc) is None
@@ -113,7 +113,7 @@ def test_pip_of_a_free_threaded_python_selects_the_recorded_wheel(
     assert {"--abi=cp313", "--python-version=3.13"} <= set(commands[0])
 
 
-def test_uv_of_a_free_threaded_python_is_one_line_that_names_pip(
+def test_uv_of_free_threaded_python_is_one_line_error_naming_pip(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wheel = this_wheel()
@@ -124,7 +124,7 @@ def test_uv_of_a_free_threaded_python_is_one_line_that_names_pip(
     assert "\n" not in str(error.value) and not library.has_wheel()
 
 
-def test_wheel_of_the_index_with_another_checksum_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wheel_with_wrong_checksum_is_one_line_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wheel = this_wheel()
     fake_wheel(tmp_path, wheel)
     index_settings(monkeypatch, NO_INDEX="1", FIND_LINKS=str(tmp_path))
@@ -133,7 +133,7 @@ def test_wheel_of_the_index_with_another_checksum_is_one_line(tmp_path: Path, mo
     assert f"rosidl-py-gen libddsc --from {wheel.file}" in str(error.value) and "\n" not in str(error.value)
 
 
-def test_unreachable_index_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreachable_package_index_is_one_line_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wheel = this_wheel()
     monkeypatch.delenv("PIP_FIND_LINKS", raising=False)
     index_settings(monkeypatch, INDEX_URL="http://127.0.0.1:9/simple", RETRIES="0", HTTP_RETRIES="0")
@@ -149,7 +149,7 @@ def test_unreachable_index_is_one_line(tmp_path: Path, monkeypatch: pytest.Monke
         (b"other", "the SHA-256 is d9298a10d1b0735837dc4bd85dac641b0f3cef27a47e5d53a54f2f3f5b2fcffa; expected "),
     ],
 )
-def test_file_that_is_not_the_recorded_wheel_is_one_line(
+def test_file_other_than_recorded_wheel_is_one_line_error(
     content: bytes | None, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     this_wheel()
@@ -163,7 +163,7 @@ def test_file_that_is_not_the_recorded_wheel_is_one_line(
     assert printed.err.startswith(f"error: {file}: ") and text in printed.err and printed.err.count("\n") == 1
 
 
-def test_nothing_is_installed_where_a_library_is_found(capsys: pytest.CaptureFixture[str]) -> None:
+def test_libddsc_command_installs_no_files_if_library_exists(capsys: pytest.CaptureFixture[str]) -> None:
     if not library.is_found():
         pytest.skip("no libddsc")
     main(["libddsc"])
@@ -172,7 +172,7 @@ def test_nothing_is_installed_where_a_library_is_found(capsys: pytest.CaptureFix
 
 
 @pytest.mark.parametrize("platform", PLATFORMS, ids="-".join)
-def test_recorded_wheel_of_the_package_index_has_the_library(
+def test_recorded_wheel_in_package_index_contains_library(
     platform: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if find_spec("pip") is None:
@@ -188,7 +188,7 @@ def test_recorded_wheel_of_the_package_index_has_the_library(
         assert built.read("rosidl_libddsc/LICENSE") == terms
 
 
-def test_library_of_a_file_with_the_recorded_checksum_is_read(tmp_path: Path) -> None:
+def test_library_is_read_from_file_with_recorded_checksum(tmp_path: Path) -> None:
     wheel = this_wheel()
     file = fake_wheel(tmp_path, wheel)
     with ZipFile(file, "a") as archive:

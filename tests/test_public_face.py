@@ -28,19 +28,19 @@ def found() -> str:
     return face()
 
 
-def test_the_public_face_is_the_recorded_one(found: str) -> None:
+def test_public_api_equals_recorded_api(found: str) -> None:
     changes = difference(RECORD.read_text(encoding="utf-8"), found)
     assert not changes, CHANGED.format(lines="\n".join(changes))
 
 
-def test_a_change_is_shown_as_what_was_and_what_is() -> None:
+def test_api_difference_shows_old_and_new_lines() -> None:
     before = "class Node\n    def close() -> None\n    name: str\n"
     changed = difference(before, before.replace("close()", "close(now: bool)"))
     assert changed == ["-class Node: def close() -> None", "+class Node: def close(now: bool) -> None"]
     assert difference(before, before) == []
 
 
-def test_nothing_private_is_recorded(found: str) -> None:
+def test_recorded_api_contains_no_private_names(found: str) -> None:
     names = [re.sub(r"^(async |def |class )*", "", line.strip()) for line in found.splitlines()]
     assert len(names) > 900
     assert [name for name in names if name.startswith("_") and not name.startswith("__init__(")] == []
@@ -64,7 +64,7 @@ def test_nothing_private_is_recorded(found: str) -> None:
         "\nrosidl-py bag convert\n    PATH\n    OUTPUT\n    -s, --storage mcap|sqlite3\n",
     ],
 )
-def test_every_kind_of_entry_is_recorded(found: str, lines: str) -> None:
+def test_recorded_api_contains_every_kind_of_entry(found: str, lines: str) -> None:
     assert lines in found
 
 
@@ -72,7 +72,7 @@ def test_every_kind_of_entry_is_recorded(found: str, lines: str) -> None:
 FOR_OTHERS = ["runtime.RosLogger.findCaller", "runtime.MemoryTransport.open"]
 
 
-def test_pages_hide_nothing_and_tell_of_everything() -> None:
+def test_api_pages_hide_nothing_and_document_every_public_member() -> None:
     assert [
         page.name for page in (ROOT / "docs/reference/api").glob("*.md") if "filters:" in page.read_text("utf-8")
     ] == []
@@ -80,7 +80,7 @@ def test_pages_hide_nothing_and_tell_of_everything() -> None:
 
 
 @pytest.mark.parametrize("module", ["runtime", "tf", "message_filters", "bags", "runtime.pytest_plugin"])
-def test_awaitable_methods_without_a_blocking_form_say_why(module: str) -> None:
+def test_awaitable_methods_without_blocking_form_state_the_reason(module: str) -> None:
     found = vars(import_module(f"rosidl_py_gen.{module}"))
     classes = [value for name, value in found.items() if inspect.isclass(value) and not name.startswith("_")]
     for cls in (one for one in classes if one.__module__.startswith("rosidl_py_gen.")):

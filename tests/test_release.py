@@ -39,14 +39,14 @@ def requirements(extra: str) -> set[str]:
     return found
 
 
-def test_there_is_one_version() -> None:
+def test_version_is_the_same_in_project_package_citation_and_changelog() -> None:
     (version,) = re.findall(r'^version = "(.+)"$', PROJECT, re.MULTILINE)
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert rosidl_py_gen.__version__ == version == citation["version"]
     assert f"\n## {version} (" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-def test_the_citation_says_what_the_project_says() -> None:
+def test_citation_agrees_with_project_metadata() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     for name, key in (("name", "title"), ("license", "license"), ("description", "abstract")):
         assert f'\n{name} = "{citation[key]}"\n' in PROJECT
@@ -54,16 +54,16 @@ def test_the_citation_says_what_the_project_says() -> None:
 
 
 @in_a_checkout
-def test_the_supported_cpythons_are_those_that_are_tried() -> None:
+def test_supported_cpython_versions_are_tested_in_ci() -> None:
     supported = re.findall(r"Python :: (3\.\d+)\"", PROJECT)
-    (told,) = [row[1] for row in rows(ROOT / "docs/reference/versions.md") if row[0] == "CPython"]
+    (documented,) = [row[1] for row in rows(ROOT / "docs/reference/versions.md") if row[0] == "CPython"]
     tried = jobs(ROOT / ".github/workflows/ci.yml")["machines"]["strategy"]["matrix"]["python"]
-    assert told.split(", ") == supported == tried
+    assert documented.split(", ") == supported == tried
     assert f'requires-python = ">={supported[0]}"' in PROJECT
 
 
 @in_a_checkout
-def test_workflows_run_what_readme_and_ci_run() -> None:
+def test_workflows_run_only_commands_of_readme_contributing_and_ci() -> None:
     known = (ROOT / "README.md").read_text(encoding="utf-8") + (ROOT / ".ci/run").read_text(encoding="utf-8")
     known += prose(ROOT / "CONTRIBUTING.md").replace("\n", " ")
     words = " ".join(known.split())
@@ -82,7 +82,7 @@ def test_workflows_run_what_readme_and_ci_run() -> None:
 
 @in_a_checkout
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
-def test_workflows_may_only_what_they_need(path: Path) -> None:
+def test_workflow_permissions_are_minimal(path: Path) -> None:
     workflow = yaml.safe_load(path.read_text(encoding="utf-8"))
     assert workflow["permissions"] in ({}, {"contents": "read"}) and workflow["concurrency"]["group"]
     for name, job in workflow["jobs"].items():
@@ -94,7 +94,7 @@ def test_workflows_may_only_what_they_need(path: Path) -> None:
 
 
 @in_a_checkout
-def test_actions_are_named_by_their_commits() -> None:
+def test_actions_are_pinned_to_commits_of_one_version() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in WORKFLOWS)
     used = re.findall(r"^ +(?:- )?uses: (?!\./)(.+)$", text, re.MULTILINE)
     assert len(used) > 8
@@ -103,6 +103,6 @@ def test_actions_are_named_by_their_commits() -> None:
 
 
 @pytest.mark.parametrize("extra", ["images", "mcap", "plot", "cluster", "foxglove", "zenoh", "test-without-dds"])
-def test_machines_without_a_wheel_of_cyclonedds_have_the_other_extras(extra: str) -> None:
+def test_extras_without_dds_do_not_require_cyclonedds(extra: str) -> None:
     assert requirements(extra) <= requirements("test-all") - requirements("node") | {"pyyaml>=6.0", "rich>=13.7"}
     assert any(one.startswith("cyclonedds") for one in requirements("node"))

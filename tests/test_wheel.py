@@ -25,7 +25,7 @@ def run(top: Path, *words: str) -> None:
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder in which the package of a wheel lies."""
+    """Folder of the package inside an unpacked wheel."""
     folder = tmp_path_factory.mktemp("wheel")
     run(TOP, "hatchling", "build", "-t", "wheel", "-d", str(folder))
     (wheel,) = folder.glob("*.whl")
@@ -34,7 +34,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "rosidl_py_gen"
 
 
-def test_a_wheel_holds_a_compiled_module_for_each_template_and_a_checkout_none(package: Path) -> None:
+def test_wheel_contains_compiled_module_of_each_template_and_checkout_none(package: Path) -> None:
     templates = TOP / "templates"
     texts = [path.relative_to(templates).as_posix() for path in templates.rglob("*.jinja")]
     compiled = sorted(path.name for path in (package / "compiled_templates").iterdir() if path.is_file())
@@ -43,7 +43,7 @@ def test_a_wheel_holds_a_compiled_module_for_each_template_and_a_checkout_none(p
     assert not (TOP / "rosidl_py_gen" / "compiled_templates").exists()
 
 
-def test_compiled_templates_print_what_their_texts_print(package: Path, tmp_path: Path) -> None:
+def test_compiled_templates_generate_same_code_as_template_texts(package: Path, tmp_path: Path) -> None:
     for path in (package / "templates").rglob("*.jinja"):
         path.unlink()  # so that only the compiled ones are left
     printed = {}
@@ -56,7 +56,7 @@ def test_compiled_templates_print_what_their_texts_print(package: Path, tmp_path
 
 
 def found(package: Path, program: str, **environment: str) -> list[str]:
-    """The words a program prints that imports the wheel's package."""
+    """Return the words printed by a program that imports the package of the wheel."""
     done = subprocess.run(
         [sys.executable, "-c", program],
         cwd=package.parent,
@@ -73,7 +73,7 @@ POSE = "geometry_msgs/msg/PoseStamped"
 READY = "rosidl_py_gen.pregenerated"
 
 
-def test_a_wheel_holds_all_bundled_interfaces_pregenerated_and_a_checkout_none(package: Path, tmp_path: Path) -> None:
+def test_wheel_contains_all_bundled_interfaces_pregenerated_and_checkout_none(package: Path, tmp_path: Path) -> None:
     run(TOP, "rosidl_py_gen.generator_cli", "--out", str(tmp_path))
     printed = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.py")}
     ready = {path.relative_to(package / "pregenerated").as_posix() for path in (package / "pregenerated").rglob("*.py")}
@@ -81,7 +81,7 @@ def test_a_wheel_holds_all_bundled_interfaces_pregenerated_and_a_checkout_none(p
     assert not (TOP / "rosidl_py_gen" / "pregenerated").exists()
 
 
-def test_every_bundled_definition_gives_the_pregenerated_class_and_no_compiler_is_loaded(package: Path) -> None:
+def test_bundled_types_use_pregenerated_classes_without_loading_compiler(package: Path) -> None:
     program = """
 import sys
 from rosidl_py_gen import get_action, get_message, get_service
@@ -101,7 +101,7 @@ assert "jinja2" not in sys.modules and "rosidl_py_gen.compiler.frontend" not in 
     assert all(name.startswith((READY, "rosidl_py_gen.msgs.")) for name in modules)
 
 
-def test_pregenerated_classes_describe_themselves_as_compiled_ones_do(package: Path) -> None:
+def test_pregenerated_classes_have_same_hash_and_description_as_compiled_ones(package: Path) -> None:
     program = f"""
 from rosidl_py_gen import get_message, type_description, type_hash
 cls = get_message("{POSE}")
@@ -115,7 +115,7 @@ print(repr(type_description(cls)).replace(" ", ""))
     ]
 
 
-def test_a_definition_that_comes_before_the_bundled_one_is_taken(package: Path, tmp_path: Path) -> None:
+def test_definition_before_bundled_one_on_search_path_is_used(package: Path, tmp_path: Path) -> None:
     folder = tmp_path / "share" / "std_msgs" / "msg"
     folder.mkdir(parents=True)
     (folder / "Header.msg").write_text("string other\n")
@@ -126,7 +126,7 @@ def test_a_definition_that_comes_before_the_bundled_one_is_taken(package: Path, 
     assert found(package, program) == ["header", "pose", "other"]
 
 
-def test_a_type_has_one_class_where_only_a_part_of_it_was_generated_by_the_user(package: Path, tmp_path: Path) -> None:
+def test_nested_type_generated_by_user_is_used_in_bundled_type(package: Path, tmp_path: Path) -> None:
     run(TOP, "rosidl_py_gen.generator_cli", "--out", str(tmp_path), "--filter", "std_msgs")
     program = f"""
 from rosidl_py_gen import get_message
@@ -139,7 +139,7 @@ print(pose.__module__.split(".")[0], get_message("std_msgs/msg/Header").__module
     assert words == ["rosidl_py_gen_memory", "std_msgs.msg._header"]
 
 
-def test_a_type_has_one_class_whether_a_text_or_the_wheel_was_asked_first(package: Path) -> None:
+def test_type_has_one_class_regardless_of_text_or_wheel_loaded_first(package: Path) -> None:
     header = "builtin_interfaces/Time stamp\\nstring frame_id\\n"
     text_first = f"""
 from rosidl_py_gen import compile_definition, get_message

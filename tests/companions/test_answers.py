@@ -21,7 +21,7 @@ HERE = Path(__file__).parent
 
 
 @pytest.mark.parametrize("name", ["cameras", "clouds", "geometry", "images", "transformations"])
-def test_every_answer_is_that_of_the_real_package(name: str) -> None:
+def test_companion_packages_return_recorded_results_of_real_packages(name: str) -> None:
     expected = (HERE / "recorded" / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()
     packages = ""
     if name == "cameras":
@@ -44,21 +44,21 @@ camera.rectifyPoint((0, 0))
 """
 
 
-def test_cameras_need_opencv_only_where_they_rectify(tmp_path: Path) -> None:
+def test_camera_models_need_opencv_only_to_rectify(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": RECTIFIED, "cv2.py": "raise ModuleNotFoundError('hidden', name='cv2')"})
     found = run("program.py", cwd=tmp_path)
     assert found.stdout == "1.5 2.0\n"
     assert found.stderr.endswith("install opencv-python-headless\n"), found.stderr
 
 
-def test_an_answer_that_is_another_one_is_told() -> None:
+def test_comparison_detects_different_results() -> None:
     pixels = '{{"shape": [1], "dtype": "uint8", "pixels": "{}", "off": 1}}'
     same = ["1.0", "[NaN]", pixels.format("05"), '"TypeError"']
     assert unlike(same, ["1.0000000000001", "[NaN]", pixels.format("06"), '"TypeError"']) == []
     assert unlike(same, ["1.1", "[0.0]", pixels.format("07"), '"KeyError"']) == [0, 1, 2, 3]
 
 
-def test_rotations_without_transforms3d_name_the_extra(tmp_path: Path) -> None:
+def test_tf_transformations_without_transforms3d_names_the_extra(tmp_path: Path) -> None:
     hidden = "raise ModuleNotFoundError('hidden', name='transforms3d')"
     write(tmp_path, {"program.py": "import tf_transformations\n", "transforms3d.py": hidden})
     found = run("program.py", cwd=tmp_path)

@@ -65,7 +65,7 @@ def _without_run_prefix(output: str) -> list[str]:
     return re.sub(r"'[^']*/prefix/\w{24}'(, )?", "", output).splitlines()
 
 
-def test_ament_index_python_answers_as_the_real_one(tmp_path: Path) -> None:
+def test_ament_index_python_behaves_like_real_package(tmp_path: Path) -> None:
     real = rclpy_python()
     files = {
         f"first/{INDEX}/packages/robot": "",
@@ -90,7 +90,7 @@ def test_ament_index_python_answers_as_the_real_one(tmp_path: Path) -> None:
     assert found.stderr == ""
 
 
-def test_packages_that_are_not_installed_are_found_by_their_sources(tmp_path: Path) -> None:
+def test_ament_index_python_finds_packages_by_their_sources(tmp_path: Path) -> None:
     files = {
         "src/robot/package.xml": PACKAGE_XML.format("robot"),
         "src/robot_msgs/package.xml": PACKAGE_XML.format("robot_msgs"),
@@ -122,7 +122,7 @@ def test_packages_that_are_not_installed_are_found_by_their_sources(tmp_path: Pa
     ], found.stderr
 
 
-def test_messages_as_text_and_back(tmp_path: Path) -> None:
+def test_rosidl_runtime_py_formats_and_sets_messages(tmp_path: Path) -> None:
     text = """
         from rosidl_runtime_py import *
         from rosidl_runtime_py.utilities import get_action, get_interface, get_message, get_service
@@ -175,7 +175,7 @@ def test_messages_as_text_and_back(tmp_path: Path) -> None:
     ]
 
 
-def test_messages_that_belong_together(tmp_path: Path) -> None:
+def test_message_filters_synchronize_and_cache_messages(tmp_path: Path) -> None:
     text = """
         from message_filters import ApproximateTimeSynchronizer, Cache, SimpleFilter, Subscriber, TimeSynchronizer
         from geometry_msgs.msg import PointStamped
@@ -241,7 +241,7 @@ def test_messages_that_belong_together(tmp_path: Path) -> None:
     ]
 
 
-def test_transforms(tmp_path: Path) -> None:
+def test_tf2_ros_buffer_listener_and_broadcasters_exchange_transforms(tmp_path: Path) -> None:
     text = """
         import rclpy, tf2_ros
         from geometry_msgs.msg import PointStamped, TransformStamped

@@ -13,7 +13,7 @@ from support.program_processes import output_lines, run
 pytestmark = pytest.mark.real_time("programs are processes")
 
 
-def test_what_goes_in_comes_out(tmp_path: Path) -> None:
+def test_random_clouds_and_images_survive_round_trip(tmp_path: Path) -> None:
     text = """
         import numpy as np
         from cv_bridge import CvBridge
@@ -77,7 +77,7 @@ def test_what_goes_in_comes_out(tmp_path: Path) -> None:
     assert output_lines(tmp_path, text) == ["cloud", "image"]
 
 
-def test_what_the_real_packages_get_wrong(tmp_path: Path) -> None:
+def test_conversions_are_correct_where_real_packages_are_not(tmp_path: Path) -> None:
     text = """
         import array
         import numpy as np
@@ -175,7 +175,7 @@ ALIKE = [
 ]
 
 
-def test_compressed_images_without_opencv(tmp_path: Path) -> None:
+def test_compressed_images_are_converted_by_pillow_without_opencv(tmp_path: Path) -> None:
     write(tmp_path, {"hidden/cv2.py": 'raise ImportError("not here")'})
     found = output_lines(tmp_path, COMPRESSED, PYTHONPATH=str(tmp_path / "hidden"))
     assert found == [
@@ -202,7 +202,7 @@ except CvBridgeError as error:
     )
 
 
-def test_compressed_images_with_opencv(tmp_path: Path) -> None:
+def test_compressed_images_are_converted_with_opencv(tmp_path: Path) -> None:
     python = environment("opencv", ["opencv-python-headless==4.10.0.84"])
     packages = next(python.parents[1].glob("[Ll]ib/**/site-packages"))
     more = """
@@ -322,7 +322,7 @@ BUFFERS = """
 """
 
 
-def test_buffers_transform_tell_velocities_and_are_asked_by_action(tmp_path: Path) -> None:
+def test_tf2_buffer_transforms_velocities_and_buffer_client_work(tmp_path: Path) -> None:
     assert output_lines(tmp_path, BUFFERS) == [
         *("PointStamped map", "Vector3Stamped map", "PoseStamped map", "PoseWithCovarianceStamped map"),
         "map [[2.0, 1.0, 0.0]]",
@@ -339,7 +339,7 @@ def test_buffers_transform_tell_velocities_and_are_asked_by_action(tmp_path: Pat
     ]
 
 
-def test_check_knows_them(tmp_path: Path) -> None:
+def test_run_check_option_knows_names_of_companions(tmp_path: Path) -> None:
     text = """
         import tf2_geometry_msgs, tf2_ros, tf2_sensor_msgs
         from cv_bridge import CvBridge, CvBridgeError

@@ -86,11 +86,11 @@ def plain(description: Any) -> Any:
     return description
 
 
-def test_constants_are_those_of_the_real_package(parsers: list[Parser]) -> None:
+def test_constants_equal_real_rosidl_adapter(parsers: list[Parser]) -> None:
     assert_same(parsers, [["constants"]])
 
 
-def test_bundled_interfaces_are_described_as_by_the_real_package(parsers: list[Parser]) -> None:
+def test_bundled_interfaces_parse_like_real_rosidl_adapter(parsers: list[Parser]) -> None:
     files = [path for kind in CALLS for path in sorted(interfaces_dir().glob(f"*/{kind}/*.{kind}"))]
     questions = [
         [CALLS[path.suffix[1:]], path.parts[-3], path.stem, path.read_text(encoding="utf-8")] for path in files
@@ -136,7 +136,7 @@ COMMENTS = (
 
 
 @pytest.mark.parametrize("name", TYPES)
-def test_types_and_values_are_those_of_the_real_package(parsers: list[Parser], name: str) -> None:
+def test_types_and_values_parse_like_real_rosidl_adapter(parsers: list[Parser], name: str) -> None:
     questions: list[Question] = [["BaseType", name], ["BaseType", name, "c_msgs"]]
     questions += [["Type", name + size, *package] for size in SIZES for package in ([], ["c_msgs"])]
     questions += [["Constant", name, "A", value] for value in VALUES]
@@ -144,7 +144,7 @@ def test_types_and_values_are_those_of_the_real_package(parsers: list[Parser], n
     assert_same(parsers, [question for question in questions if question[1]])
 
 
-def test_names_are_those_of_the_real_package(parsers: list[Parser]) -> None:
+def test_names_are_validated_like_real_rosidl_adapter(parsers: list[Parser]) -> None:
     names = [*NAMES, *TYPES, "a\n", "A\n", "", 3, None]
     kinds = ("package", "field", "message", "constant")
     assert_same(parsers, [[f"is_valid_{kind}_name", name] for kind in kinds for name in names])
@@ -174,9 +174,7 @@ questions = st.sampled_from(sorted(CALLS)).flatmap(
 
 @settings(max_examples=examples(400), deadline=None)
 @given(question=questions)
-def test_random_definitions_are_described_as_by_the_real_package(
-    question: tuple[str, ...], parsers: list[Parser]
-) -> None:
+def test_random_definitions_parse_like_real_rosidl_adapter(question: tuple[str, ...], parsers: list[Parser]) -> None:
     assert_same(parsers, [[*question]])
 
 
@@ -191,7 +189,7 @@ print(parse_service_string("a_msgs", "Ask", "string<=4[<=2] names ['a,b']  # [m]
 """
 
 
-def test_a_program_of_rclpy_parses_definitions(tmp_path: Path) -> None:
+def test_program_can_parse_definitions_with_rosidl_adapter(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": USED})
     done = run("program.py", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -207,7 +205,7 @@ def test_a_program_of_rclpy_parses_definitions(tmp_path: Path) -> None:
     ]
 
 
-def test_a_name_of_absurd_length_takes_no_time_out_of_proportion() -> None:
+def test_rosidl_adapter_parses_very_long_names_and_lists_in_time() -> None:
     with subprocess.Popen(
         [sys.executable, str(PROGRAM)],
         env={**os.environ, "PYTHONPATH": str(RCLPY_COMPAT_DIR)},

@@ -1,4 +1,4 @@
-"""Pages run in processes of their own, on loopback, in this test process's DDS domain."""
+"""Fixtures that run pages in processes, on loopback, in the DDS domain of this test process."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def run_page(tmp_path: Path) -> Callable[[Path], subprocess.CompletedProcess[str
     """Run a page's code in an empty folder, which is also its home."""
 
     def run(page: Path, transport: str = "") -> subprocess.CompletedProcess[str]:
-        theirs = ("ROS_", "CYCLONEDDS", "AMENT")
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(theirs)}
+        ros_prefixes = ("ROS_", "CYCLONEDDS", "AMENT")
+        inherited = {name: value for name, value in os.environ.items() if not name.startswith(ros_prefixes)}
         environment = {
-            **kept,
+            **inherited,
             "HOME": str(tmp_path),
             "PYTHONPATH": os.pathsep.join(map(str, (ROOT, ROOT / "tests", "generated", GENERATED.name))),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

@@ -45,7 +45,7 @@ _COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.generator_cli"), "rosidl-py"
 _ENDLESS = "# until Ctrl-C"
 _RUNNERS = {"Blocking": (), "rclpy": (*_COMMANDS["rosidl-py"], "run")}
 """Arguments of Python before the program of a block, by the title of its tab."""
-PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "90"))
+TIMEOUT_S = float(os.environ.get("PAGE_PATIENCE_S", "90"))
 
 
 class PageError(Exception):
@@ -89,7 +89,7 @@ class Page:
             await asyncio.wait([ended], timeout=5)  # a program that spins goes on
             with contextlib.suppress(ProcessLookupError):
                 process.send_signal(signal.SIGINT)
-            await asyncio.wait_for(asyncio.gather(process.wait(), reader), PATIENCE_S)
+            await asyncio.wait_for(asyncio.gather(process.wait(), reader), TIMEOUT_S)
             if process.returncode not in (0, -signal.SIGINT):
                 raise PageError(f"{self.path.name}:{block.line}: the program ended with {process.returncode}")
         for program in self.programs:
@@ -126,7 +126,7 @@ class Page:
         with contextlib.redirect_stdout(Tee(self)):
             result = eval(code, self.module.__dict__)
             if inspect.iscoroutine(result):
-                await asyncio.wait_for(result, PATIENCE_S)
+                await asyncio.wait_for(result, TIMEOUT_S)
             await asyncio.sleep(0)  # programs begin
 
     async def start(self, block: Block) -> None:
@@ -167,14 +167,14 @@ class Page:
             process = await asyncio.create_subprocess_exec(
                 *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
             )
-            output, _ = await asyncio.wait_for(process.communicate(), PATIENCE_S)
+            output, _ = await asyncio.wait_for(process.communicate(), TIMEOUT_S)
         else:
             assert command[1:3] == [*_COMMANDS["rosidl-py"]], f"{command} needs a process"
             import pytest
             from support import in_process_commands
 
             process = in_process_commands.start(self.world, pytest.MonkeyPatch(), tuple(command[3:]), "")
-            output = b"".join(await asyncio.wait_for(process.communicate(), PATIENCE_S))
+            output = b"".join(await asyncio.wait_for(process.communicate(), TIMEOUT_S))
         self.output.write(output.decode())
         importlib.invalidate_caches()  # it may have made packages
         if process.returncode != ends_with:
@@ -201,7 +201,7 @@ class Page:
                 with contextlib.suppress(ProcessLookupError):  # process.send_signal may take its return code away
                     if process.returncode is None:
                         os.kill(process.pid, signal.SIGINT)
-            await asyncio.wait_for(asyncio.gather(reader, *(process.wait() for process in started)), PATIENCE_S)
+            await asyncio.wait_for(asyncio.gather(reader, *(process.wait() for process in started)), TIMEOUT_S)
         if ended := [end for process in started if (end := process.returncode) not in (0, -signal.SIGINT)]:
             raise PageError(f"an example ended with {ended[0]}")
 
@@ -220,7 +220,7 @@ class Page:
         lines = [line.replace("//robot:", f"//{gethostname()}:") for line in lines]
         patterns = [re.escape(line).replace("…", ".*") + "[ \\t]*\n" if line != "…" else "(?:.*\n)*?" for line in lines]
         pattern = "".join(patterns)
-        for _ in range(int(PATIENCE_S / 0.02)):
+        for _ in range(int(TIMEOUT_S / 0.02)):
             if re.match(pattern, self.output.getvalue()):
                 return
             await asyncio.sleep(0.02)

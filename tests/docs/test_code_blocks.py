@@ -39,17 +39,17 @@ def transport_of(page: Path) -> str:
 def ports_of(page: Path) -> Iterator[None]:
     """The ports of this machine that a page names, for this process alone."""
     ports = set(re.findall(r"(?:127\.0\.0\.1|localhost):(\d+)", page.read_text(encoding="utf-8")))
-    held = [lock(f"port-{port}", wait=True) for port in sorted(ports)]
+    locks = [lock(f"port-{port}", wait=True) for port in sorted(ports)]
     try:
         yield
     finally:
-        for descriptor in held:
+        for descriptor in locks:
             if descriptor is not None:
                 os.close(descriptor)
 
 
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_code_of_a_page_runs(page: Path, run_page: RunPage, request: pytest.FixtureRequest) -> None:
+def test_code_of_each_page_runs(page: Path, run_page: RunPage, request: pytest.FixtureRequest) -> None:
     everywhere = request.config.getoption("--all-transports")
     with ports_of(page):
         done = run_page(page, "" if everywhere else transport_of(page))
@@ -84,7 +84,7 @@ def test_shell_blocks_can_be_parsed(page: Path) -> None:
         ),
     ],
 )
-def test_a_page_that_is_wrong_fails(
+def test_page_with_invalid_code_or_output_fails(
     text: str, error: str, run_page: RunPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = tmp_path / "page.md"

@@ -90,7 +90,7 @@ def named_options(text: str) -> set[str]:
 
 
 @pytest.mark.parametrize("words", ALL, ids=" ".join)
-def test_a_page_names_the_command_and_its_options(words: tuple[str, ...]) -> None:
+def test_each_command_and_its_options_are_documented(words: tuple[str, ...]) -> None:
     page = page_of(words)
     used = "\n".join(block.text for block in blocks(page) if block.language == "sh")
     assert re.search(rf"\b{re.escape(words[-1])}\b", prose(page) + used)
@@ -99,14 +99,14 @@ def test_a_page_names_the_command_and_its_options(words: tuple[str, ...]) -> Non
     assert long_options_in_help(ALL[words]) - named - shared == set(), page
 
 
-def test_the_index_names_the_shared_options() -> None:
+def test_command_index_page_names_shared_options() -> None:
     index = prose(COMMANDS / "index.md")
     assert SHARED - named_options(index) == set()
     assert [name for name in PAGE_OF if f"`{name}`" not in index] == []
 
 
 @pytest.mark.parametrize("page", sorted(COMMANDS.glob("*.md")), ids=lambda page: str(page.name))
-def test_options_on_the_pages_of_commands_exist(page: Path) -> None:
+def test_documented_options_exist(page: Path) -> None:
     text = prose(page)
     commands = [command for words, command in ALL.items() if page_of(words) == page or page.stem == "index"]
     existing = set().union(*map(options_of, commands))
@@ -129,7 +129,7 @@ def command_lines() -> Iterator[tuple[str, list[str]]]:
                 yield str(page.relative_to(ROOT)), list(itertools.takewhile(lambda word: word.strip("|;>&"), lexer))
 
 
-def test_command_lines_have_options_of_their_command() -> None:
+def test_command_lines_in_documentation_use_existing_options() -> None:
     wrong = []
     lines = list(command_lines())
     assert len(lines) > 100

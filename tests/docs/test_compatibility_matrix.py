@@ -1,4 +1,4 @@
-"""Tables of the compatibility page are what recorded tests have shown, and what the command for differences finds."""
+"""The tables of the compatibility page agree with recorded test results and recorded differences of definitions."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ def functions(path: str) -> dict[str, list[str]]:
     }
 
 
-def test_the_table_is_current() -> None:
+def test_compatibility_table_is_current() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert page(text) == text, f"run: {COMMAND} --table"
 
 
-def test_the_table_of_definitions_is_current() -> None:
+def test_table_of_definition_changes_is_current() -> None:
     text = record_distribution_changes.PAGE.read_text(encoding="utf-8")
     assert record_distribution_changes.page(text) == text, "run: python tests/support/record_distribution_changes.py"
 
 
-def test_cells_are_known_distributions_and_features() -> None:
+def test_compatibility_table_has_known_distributions_and_features() -> None:
     for distros in CELLS.values():
         assert tuple(distros) == DISTROS
         assert all(set(cells) <= set(FEATURES) for cells in distros.values())
 
 
 @pytest.mark.parametrize("test", named_tests())
-def test_a_test_of_the_table_exists_and_is_not_skipped(test: str) -> None:
+def test_tests_named_by_compatibility_table_exist_and_are_not_skipped(test: str) -> None:
     path, _, name = test.partition("::")
     name, _, parameters = name.partition("[")
     decorators = functions(path).get(name)
@@ -49,7 +49,7 @@ def test_a_test_of_the_table_exists_and_is_not_skipped(test: str) -> None:
     assert not any("only_with" in one and parameters not in one for one in decorators)
 
 
-def test_all_of_them_have_passed_when_they_were_recorded() -> None:
+def test_recorded_tests_of_compatibility_table_have_passed() -> None:
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
     assert sorted(results) == named_tests(), f"run: {COMMAND}"
     others = {test: {**counts, "passed": 0} for test, counts in results.items() if set(counts) != {"passed"}}

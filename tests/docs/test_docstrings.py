@@ -50,7 +50,7 @@ def methods_of_public_classes() -> Iterator[tuple[type[object], str, str]]:
                     yield cls, name, inspect.getdoc(method) or ""
 
 
-def test_blocking_methods_state_all_that_they_raise() -> None:
+def test_blocking_methods_document_all_raised_errors() -> None:
     """An editor shows the docstring of `receive_sync` without the one of `receive`."""
     found, wrong = 0, []
     for cls, name, text in methods_of_public_classes():
@@ -65,7 +65,7 @@ def test_blocking_methods_state_all_that_they_raise() -> None:
     assert found > 40 and wrong == []
 
 
-def test_methods_that_create_something_document_their_own_errors() -> None:
+def test_create_methods_of_node_document_their_errors() -> None:
     names = [name for name, _ in inspect.getmembers(Node, inspect.isfunction) if name.startswith("create_")]
     texts = {name: inspect.getdoc(getattr(Node, name)) or "" for name in names}
     assert [name for name, text in texts.items() if re.search(r"([Rr]aises|[Oo]thers|exceptions) as", text)] == []

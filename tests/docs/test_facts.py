@@ -40,7 +40,7 @@ def page_id(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-def test_pages_count_the_bundled_packages_right() -> None:
+def test_pages_state_correct_number_of_bundled_packages() -> None:
     count = len(bundled_packages(DEFAULT))
     found = []
     for page in SITE:
@@ -52,7 +52,7 @@ def test_pages_count_the_bundled_packages_right() -> None:
 
 
 @pytest.mark.parametrize("page", SITE, ids=page_id)
-def test_a_list_has_as_many_items_as_its_introduction_says(page: Path) -> None:
+def test_lists_have_number_of_items_stated_by_introduction(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for introduction, items in re.findall(rf"^([^\n]+(?:\n[^\n]+)*:)\n\n((?:{ITEM})+)", text, re.MULTILINE):
         stated = re.match(rf"(?:The |These )?({'|'.join(NUMBERS)})\b", introduction, re.IGNORECASE)
@@ -61,20 +61,20 @@ def test_a_list_has_as_many_items_as_its_introduction_says(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", SITE, ids=page_id)
-def test_a_page_says_nothing_twice(page: Path) -> None:
+def test_page_repeats_no_line(page: Path) -> None:
     shown = re.sub(r"```.*?```|<!--.*?-->", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     lines = [line for line in shown.splitlines() if len(line) > 60 and not line.startswith(("=", "|--"))]
     assert {line for line in lines if lines.count(line) > 1} == set()
 
 
-def test_each_error_has_one_row_and_exists() -> None:
+def test_each_error_of_errors_page_exists_and_is_listed_once() -> None:
     names = [name for row in rows(ROOT / "docs/reference/errors.md") for name in re.findall(r"`(\w+Error)\b", row[0])]
     assert len(names) > 20 and len(names) == len(set(names))
     modules = (rosidl_py_gen, runtime, bags, numpy, tf, builtins)
     assert [name for name in names if not any(hasattr(module, name) for module in modules)] == []
 
 
-def test_the_search_path_has_one_order() -> None:
+def test_search_path_order_is_described_consistently() -> None:
     texts = [" ".join(prose(page).split()) for page in SITE]
     for file in ("generator_cli/__init__.py", "ros_cli/options.py"):
         texts.append(" ".join((ROOT / "rosidl_py_gen" / file).read_text(encoding="utf-8").replace('"', "").split()))
@@ -92,7 +92,7 @@ def test_every_extra_is_on_the_install_page() -> None:
     assert missing == ["test-without-dds"]
 
 
-def test_the_launch_page_installs_what_the_error_names() -> None:
+def test_howto_launch_page_installs_packages_named_by_launch_error() -> None:
     (block,) = [one.text for one in blocks(ROOT / "docs/howto/launch.md") if "github.com/ros2/launch" in one.text]
     base = dict(re.findall(r"^(\w)=(\S+)$", block, re.MULTILINE))
     urls = re.findall(r'"(\S+#subdirectory=\w+)"', re.sub(r"\$(\w)", lambda found: base[found[1]], block))

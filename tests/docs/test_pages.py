@@ -31,7 +31,7 @@ OTHERS = {"async", "asyncio", "loop", "with", "f", "def", "T", "m", "Lock", "Eve
 """Names of Python and asyncio, and placeholders."""
 
 
-def test_links_lead_somewhere() -> None:
+def test_links_lead_to_existing_files_and_headings() -> None:
     for page in LINKING:
         for link in links(page):
             target, _, anchor = link.partition("#")
@@ -49,7 +49,7 @@ def section(heading: str) -> str:
 
 
 @pytest.mark.parametrize(("heading", "folder", "least"), [("r2r", "runtime", 90), ("Other nodes", "interop_rclpy", 15)])
-def test_tests_that_a_section_names_exist(heading: str, folder: str, least: int) -> None:
+def test_tests_named_by_parity_page_exist(heading: str, folder: str, least: int) -> None:
     named = named_tests(section(heading))
     assert len(named) >= least
     for file, function in named:
@@ -72,7 +72,7 @@ def runs_on_zenoh(file: Path, name: str) -> bool:
     return False
 
 
-def test_what_works_on_zenoh_is_tested_there() -> None:
+def test_feature_that_works_on_zenoh_is_tested_there() -> None:
     table = [row for row in rows(ROOT / "docs/internals/parity.md") if len(row) == 5]
     start = table.index(["r2r", "Here", "State", "Zenoh", "Test"])
     others = table[start + 2 :]
@@ -84,7 +84,7 @@ def test_what_works_on_zenoh_is_tested_there() -> None:
         assert not zenoh.startswith("yes") or any(runs_on_zenoh(*test) for test in named), what
 
 
-def test_other_pages_name_no_tests() -> None:
+def test_user_pages_name_no_tests() -> None:
     for page in SITE:
         named = [file for file, _ in named_tests(prose(page))]
         assert all((ROOT / "examples" / file.removeprefix("examples/")).exists() for file in named), page
@@ -92,7 +92,7 @@ def test_other_pages_name_no_tests() -> None:
 
 @pytest.mark.parametrize("package", ["rosidl_py_gen", *(f"rosidl_py_gen.{name}" for name in PARTS)])
 @pytest.mark.needs("mcap")
-def test_every_public_name_has_its_place_on_an_api_page(package: str) -> None:
+def test_every_public_name_is_on_an_api_page(package: str) -> None:
     shown = set(re.findall(rf"^::: rosidl_py_gen(?:\.(?:{'|'.join(PARTS)}))?\.(\w+)$", API, re.MULTILINE))
     module = import_module(package)
     own = {name for name, value in vars(module).items() if not (name.startswith("_") or isinstance(value, ModuleType))}
@@ -101,7 +101,7 @@ def test_every_public_name_has_its_place_on_an_api_page(package: str) -> None:
 
 
 @pytest.mark.needs("pyarrow")
-def test_api_pages_show_only_what_exists() -> None:
+def test_api_pages_show_only_existing_names() -> None:
     for name in re.findall(r"^::: (\S+)$", API, re.MULTILINE):
         module, _, attribute = name.rpartition(".")
         assert hasattr(__import__(module, fromlist=["_"]), attribute), name
@@ -113,7 +113,7 @@ def test_every_page_of_the_site_is_in_the_navigation() -> None:
 
 
 @pytest.mark.parametrize("page", SITE, ids=lambda page: str(page.relative_to(ROOT / "docs")))
-def test_a_page_is_written_for_users(page: Path) -> None:
+def test_user_pages_have_tags_short_sentences_and_no_banned_words(page: Path) -> None:
     text = prose(page)
     assert page.name == "index.md" or re.match(r"---\n(.*\n)*?tags: \[[^\]]+\]\n(.*\n)*?---\n", text), "no tags"
     assert "internals/" not in text
@@ -134,12 +134,12 @@ def test_paths_of_modules_and_names_in_prose_can_be_imported() -> None:
                 assert hasattr(import_module(module), attribute), f"{page.name}: {name}"
 
 
-def test_the_readme_is_short() -> None:
+def test_readme_has_at_most_125_lines() -> None:
     shown = re.sub(r"<!-- test\n.*?-->\n\n", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
     assert len(shown.splitlines()) <= 125
 
 
-def test_the_figures_of_the_readme_are_those_of_the_speed_page() -> None:
+def test_readme_figures_are_on_speed_page() -> None:
     (line,) = re.findall(r"^- \*\*Speed\*\*: (.*)$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     figures = re.findall(r"\d+(?:\.\d+)?", line)
     measured = set(re.findall(r"\d+(?:\.\d+)?", (ROOT / "docs/reference/speed.md").read_text(encoding="utf-8")))
@@ -162,7 +162,7 @@ def known_names() -> set[str]:
 
 
 @pytest.mark.needs("mcap")
-def test_what_the_tables_for_users_of_rclpy_name_exists() -> None:
+def test_names_in_tables_for_rclpy_users_exist() -> None:
     known = known_names()
     found = rows(ROOT / "docs/start/from-rclpy.md")
     table = [row for row in found[found.index(["rclpy", "rosidl-py-gen"]) :] if not row[0].startswith("-")]
@@ -176,6 +176,6 @@ def test_what_the_tables_for_users_of_rclpy_name_exists() -> None:
         assert hasattr(import_module(parent), attribute) or import_module(module)
 
 
-def test_the_page_of_tasks_leads_to_every_task() -> None:
+def test_howto_index_links_to_every_howto_page() -> None:
     index = set(links(ROOT / "docs/howto/index.md"))
     assert {page.name for page in SITE if page.parent.name == "howto"} - {"index.md"} - index == set()

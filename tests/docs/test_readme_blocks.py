@@ -1,4 +1,4 @@
-"""Every program of the README runs alone, as a newcomer pastes it into a file beside what the README generates."""
+"""Every program of the README runs alone, in a file next to the packages that the README generates."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ from rosidl_py_gen.runtime import SENSOR_DATA
 
 README = ROOT / "README.md"
 SHOWN = [block for block in blocks(README) if not block.hidden]
-PROGRAMS = [(one, then) for one, then in itertools.pairwise([*SHOWN, None]) if one and one.language == "python"]
+PROGRAMS = [
+    (one, following_block)
+    for one, following_block in itertools.pairwise([*SHOWN, None])
+    if one and one.language == "python"
+]
 ENVIRONMENT = {
     **{name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "CYCLONEDDS", "AMENT"))},
     "PYTHONPATH": str(ROOT),
@@ -49,15 +53,15 @@ def start(packages: Path, block: Block) -> subprocess.Popen[str]:
     return subprocess.Popen([sys.executable, program], cwd=packages.parent, env=environment, text=True, **pipes)
 
 
-def test_there_are_programs_of_each_kind() -> None:
-    assert [kind_of(block, then) for block, then in PROGRAMS] == ["reads", "relays", "prints"]
+def test_readme_has_programs_of_each_kind() -> None:
+    assert [kind_of(block, following_block) for block, following_block in PROGRAMS] == ["reads", "relays", "prints"]
 
 
-def kind_of(block: Block, then: Block | None) -> str:
+def kind_of(block: Block, following_block: Block | None) -> str:
     """Return what the program needs: a message of /scan, messages of /chatter until Ctrl-C, or nothing."""
     if "/scan" in block.text:
         return "reads"
-    return "prints" if then is not None and then.language == "text" else "relays"
+    return "prints" if following_block is not None and following_block.language == "text" else "relays"
 
 
 async def relay(dds: World) -> None:
@@ -71,9 +75,14 @@ async def relay(dds: World) -> None:
     assert answer.result()["data"] == "HELLO"
 
 
-@pytest.mark.parametrize(("block", "then"), PROGRAMS, ids=lambda block: f"line {block.line}" if block else "end")
-async def test_a_program_runs_alone(dds: World, folder: Path, block: Block, then: Block | None) -> None:
-    kind, expected = kind_of(block, then), then.text if then is not None and then.language == "text" else ""
+@pytest.mark.parametrize(
+    ("block", "following_block"), PROGRAMS, ids=lambda block: f"line {block.line}" if block else "end"
+)
+async def test_readme_program_runs_alone(dds: World, folder: Path, block: Block, following_block: Block | None) -> None:
+    kind, expected = (
+        kind_of(block, following_block),
+        following_block.text if following_block is not None and following_block.language == "text" else "",
+    )
     running = start(folder, block)
     try:
         if kind == "relays":

@@ -69,7 +69,7 @@ def references() -> list[Reference]:
     ]
 
 
-def test_references_name_sections_that_exist_in_one_line() -> None:
+def test_references_name_existing_sections_on_one_line() -> None:
     assert len(references()) > 150
     wrong = [
         one
@@ -80,7 +80,7 @@ def test_references_name_sections_that_exist_in_one_line() -> None:
     assert [str(one) for one in FILES if one.suffix != ".md" and _SPLIT_REFERENCE.search(one.read_text("utf-8"))] == []
 
 
-def test_sections_are_needed_and_state_their_source() -> None:
+def test_sections_are_referenced_and_state_their_source() -> None:
     """A section is needed if code names it, a section that contains it, or one of its subsections."""
     for page in PAGES:
         used = set().union(*(named(page, one.sections) for one in references() if one.page == page))
@@ -96,7 +96,7 @@ def functions_of(path: Path) -> set[str]:
     return {one.name for one in ast.walk(ast.parse(path.read_text("utf-8"))) if hasattr(one, "name")}
 
 
-def test_tests_that_are_named_exist() -> None:
+def test_tests_named_by_internals_pages_exist() -> None:
     """A file is named by its path below tests/; `…` is the file named before."""
     missing = []
     for page in PAGES.values():

@@ -39,12 +39,12 @@ def variables(path: Path) -> Iterator[str]:
             yield value.value
 
 
-def test_the_page_lists_the_variables_that_the_code_reads() -> None:
+def test_settings_page_lists_variables_that_code_reads() -> None:
     found = {name for path in (ROOT / "rosidl_py_gen").rglob("*.py") for name in variables(path)}
     assert len(found) > 25
     assert {name for name in found - OF_OTHERS - OF_PEERS if not re.search(rf"\b{name}\b", PAGE)} == set()
 
 
-def test_the_page_lists_all_ros_arguments() -> None:
+def test_settings_page_lists_all_ros_arguments() -> None:
     assert [flag for flag in WITH_ARGUMENT if not re.search(rf"`{flag}[ `]", PAGE)] == []
     assert [switch for switch in SWITCHES if f"`--enable-`, `--disable-{switch}`" not in PAGE] == []

@@ -27,7 +27,7 @@ def world(tmp_path: Path) -> str:
 # --- generate ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_main_job_from_the_first_line_of_the_readme(shell: Shell) -> None:
+def test_filter_generates_importable_packages_with_dependencies(shell: Shell) -> None:
     answer = shell("--filter", "std_msgs:geometry_msgs")
     assert answer.code == 0
     packages = {name.split("/")[0] for name in shell.written()}
@@ -40,13 +40,13 @@ def test_the_main_job_from_the_first_line_of_the_readme(shell: Shell) -> None:
 @pytest.mark.parametrize(
     "selection", ["a_msgs;b_msgs", "b_msgs", "b_msgs:a_msgs", " b_msgs ; ", "b_msgs/srv/Ask:a_msgs"]
 )
-def test_a_filter_selects_with_dependencies(shell: Shell, world: str, selection: str) -> None:
+def test_filter_includes_dependencies(shell: Shell, world: str, selection: str) -> None:
     assert shell("--path", world, "--filter", selection).code == 0
     packages = {name.split("/")[0] for name in shell.written()}
     assert packages == {"a_msgs", "b_msgs", "builtin_interfaces", "service_msgs"}
 
 
-def test_the_filter_may_come_from_the_environment(shell: Shell, world: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_filter_can_be_set_by_environment_variable(shell: Shell, world: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IDL_PACKAGE_FILTER", "a_msgs")
     assert shell("--path", world).code == 0
     assert {name.split("/")[0] for name in shell.written()} == {"a_msgs"}
@@ -55,7 +55,7 @@ def test_the_filter_may_come_from_the_environment(shell: Shell, world: str, monk
     assert "2 interfaces in 1 package: no problems" in shell("check", "--path", world).out
 
 
-def test_one_interface(shell: Shell, world: str) -> None:
+def test_single_interface_is_generated_and_unchanged_on_repetition(shell: Shell, world: str) -> None:
     command = ("--path", world, "--filter", "a_msgs/msg/Point", "--json")
     first, second = shell(*command).json, shell(*command).json
     assert (first["interfaces"], len(first["written"]), first["removed"]) == (["a_msgs/msg/Point"], 4, [])
@@ -65,7 +65,7 @@ def test_one_interface(shell: Shell, world: str) -> None:
     ]
 
 
-def test_check_tells_and_writes_nothing(shell: Shell, world: str) -> None:
+def test_check_option_lists_pending_changes_and_writes_no_files(shell: Shell, world: str) -> None:
     command = ("--path", world, "--filter", "a_msgs")
     answer = shell(*command, "--check")
     assert (answer.code, shell.written()) == (1, [])
@@ -80,7 +80,7 @@ def test_check_tells_and_writes_nothing(shell: Shell, world: str) -> None:
 # --- list -------------------------------------------------------------------------------------------------------------
 
 
-def test_list_says_what_was_found_and_where(shell: Shell, world: str) -> None:
+def test_list_option_prints_packages_with_origin(shell: Shell, world: str) -> None:
     answer = shell("--path", world, "--list")
     lines = {line.split()[0]: line for line in answer.out.splitlines()}
     assert str(Path(world) / "a_msgs") in lines["a_msgs"]
@@ -91,7 +91,7 @@ def test_list_says_what_was_found_and_where(shell: Shell, world: str) -> None:
 # --- errors -----------------------------------------------------------------------------------------------------------
 
 
-def test_errors_have_place_line_and_caret_and_nothing_is_written(shell: Shell, tmp_path: Path) -> None:
+def test_definition_errors_have_line_and_caret_and_no_files_are_written(shell: Shell, tmp_path: Path) -> None:
     files = {"a_msgs/msg/Bad.msg": "uint8 fine\nfloat64 Wrong 3\n", "a_msgs/msg/Worse.msg": "std_msgs/Heder header\n"}
     folder = write(shell.folder / "src", files)
     before = shell.written()
@@ -131,7 +131,9 @@ def test_errors_have_place_line_and_caret_and_nothing_is_written(shell: Shell, t
         (("check", "nothing_msgs"), "nothing_msgs: no package"),
     ],
 )
-def test_mistakes_of_the_caller_are_told_in_one_line(shell: Shell, arguments: tuple[str, ...], text: str) -> None:
+def test_invalid_names_and_paths_are_reported_without_traceback(
+    shell: Shell, arguments: tuple[str, ...], text: str
+) -> None:
     answer = shell(*arguments)
     assert answer.code == 1
     assert text in answer.err
@@ -153,7 +155,7 @@ def test_mistakes_of_the_caller_are_told_in_one_line(shell: Shell, arguments: tu
         (("--keep-going", "check"), "--keep-going has no meaning for the command check"),
     ],
 )
-def test_a_wrong_command_line_is_exit_code_2(shell: Shell, arguments: tuple[str, ...], text: str) -> None:
+def test_invalid_command_line_exits_with_2(shell: Shell, arguments: tuple[str, ...], text: str) -> None:
     answer = shell(*arguments)
     assert (answer.code, text in answer.err, "Traceback" in answer.err) == (2, True, False), answer.err
 
@@ -174,7 +176,7 @@ def test_all_packages_are_generated_on_request(shell: Shell, arguments: tuple[st
     assert len([path for path in shell.folder.iterdir() if path.is_dir()]) == 26
 
 
-def test_a_run_for_all_packages_removes_those_without_definitions(shell: Shell, world: str) -> None:
+def test_generating_all_packages_removes_packages_without_definitions(shell: Shell, world: str) -> None:
     assert shell("--path", world).code == 0
     shutil.rmtree(Path(world) / "b_msgs")
     assert shell("--path", world).code == 0
@@ -195,7 +197,7 @@ def test_generated_files_below_the_path_are_not_a_package(shell: Shell) -> None:
 # --- the other commands -----------------------------------------------------------------------------------------------
 
 
-def test_check_reads_and_writes_nothing(shell: Shell, world: str, tmp_path: Path) -> None:
+def test_check_command_validates_definitions_and_writes_no_files(shell: Shell, world: str, tmp_path: Path) -> None:
     assert shell("check", "a_msgs", "--path", world).code == 0
     assert shell("check", "--path", world).code == 0
     bad = write(tmp_path / "bad", {"bad_msgs/msg/A.msg": "int x"})
@@ -223,7 +225,7 @@ def process(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
 
 
-def test_help_loads_little() -> None:
+def test_help_loads_no_heavy_modules() -> None:
     done = process("--help", code="\natexit.register(lambda: print(*sys.modules))")
     assert done.returncode == 0 and "--filter" in done.stdout
     modules = set(done.stdout.split())
@@ -231,13 +233,13 @@ def test_help_loads_little() -> None:
     assert not {"numpy", "jinja2", "lark", "cyclonedds", "yaml", "rosidl_py_gen.compiler.generate"} & modules
 
 
-def test_output_that_goes_to_no_terminal_has_no_colour_and_no_bar(tmp_path: Path) -> None:
+def test_output_to_pipe_has_no_colour_and_no_progress_bar(tmp_path: Path) -> None:
     done = process("--list")
     assert "\x1b" not in done.stdout + done.stderr
     assert process("--out", str(tmp_path)).stderr == ""
 
 
-def test_text_of_definitions_cannot_steer_a_terminal(shell: Shell) -> None:
+def test_control_characters_of_definitions_are_not_printed(shell: Shell) -> None:
     hostile = "\x1b]0;title\x07\x9b2J\u202e"
     texts = {"ws": f"# {hostile}\r\nstring s\n", "new": f"# {hostile}\r\nstring s 'x{hostile}'\n"}
     for folder, text in texts.items():

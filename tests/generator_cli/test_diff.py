@@ -53,17 +53,17 @@ def repository(folder: Path, files: Mapping[str, str | bytes], message: str = "o
 # --- what changed -----------------------------------------------------------------------------------------------------
 
 
-def test_the_same_definitions_are_the_same(shell: Shell) -> None:
+def test_comment_changes_are_no_difference(shell: Shell) -> None:
     answer = diff(shell, {WHEEL: BEFORE[WHEEL] + "# more words\n"})
     assert answer.code == 0
     assert answer.out == "0 changed, 0 added, 0 removed, 4 unchanged; not breaking\n"
 
 
-def test_every_change_of_a_type_is_told_with_its_place(shell: Shell) -> None:
+def test_every_change_of_a_type_is_reported_with_location(shell: Shell) -> None:
     answer = diff(shell, {"Wheel": "uint8 MAX=4\nfloat32 speed 0.7 # [rpm]\nstring<=8 label\nint8 more\n"})
     assert answer.code == 1
-    _, _, told = answer.out.partition("\n~ my_msgs/msg/Wheel\n")
-    lines = [line.strip() for line in told.partition("\n~ ")[0].splitlines()]
+    _, _, document = answer.out.partition("\n~ my_msgs/msg/Wheel\n")
+    lines = [line.strip() for line in document.partition("\n~ ")[0].splitlines()]
     assert lines[2:] == [
         "field     ~ speed: float64 -> float32  (new/my_msgs/msg/Wheel.msg:2:9)",
         "field     ~ speed: default 0.5 -> 0.7  (new/my_msgs/msg/Wheel.msg:2:9)",
@@ -81,9 +81,9 @@ def test_every_change_of_a_type_is_told_with_its_place(shell: Shell) -> None:
     )
 
 
-def test_json_has_both_hashes_and_whoever_changes_with_a_type(shell: Shell) -> None:
-    told = diff(shell, {"Wheel": "uint8 MAX=3\nfloat64 speed 0.5\nstring<=8 name\nint8 more\n"}, "--json").json
-    by_name = {one["name"]: one for one in told["changed"]}
+def test_json_contains_both_hashes_and_dependent_types(shell: Shell) -> None:
+    document = diff(shell, {"Wheel": "uint8 MAX=3\nfloat64 speed 0.5\nstring<=8 name\nint8 more\n"}, "--json").json
+    by_name = {one["name"]: one for one in document["changed"]}
     assert [*by_name] == ["my_msgs/action/Drive", "my_msgs/msg/Robot", "my_msgs/msg/Wheel", "my_msgs/srv/Turn"]
     wheel = by_name["my_msgs/msg/Wheel"]
     assert wheel["used_by"] == ["my_msgs/action/Drive", "my_msgs/msg/Robot", "my_msgs/srv/Turn"]
@@ -104,10 +104,10 @@ def test_json_has_both_hashes_and_whoever_changes_with_a_type(shell: Shell) -> N
     assert robot["messages"][0]["old_data"]["reading"] == "other"
     assert [one["name"] for one in by_name["my_msgs/srv/Turn"]["messages"]] == ["my_msgs/srv/Turn_Request"]
     assert [one["name"] for one in by_name["my_msgs/action/Drive"]["messages"]] == ["my_msgs/action/Drive_Feedback"]
-    assert told["breaking"] == ["data"] and told["sorts"] == ["addition", "data", "hash"]
+    assert document["breaking"] == ["data"] and document["sorts"] == ["addition", "data", "hash"]
 
 
-def test_types_that_come_are_an_addition_and_those_that_go_break(shell: Shell) -> None:
+def test_added_types_are_compatible_and_removed_types_are_breaking(shell: Shell) -> None:
     answer = diff(shell, {"my_msgs/msg/New.msg": "int8 a"})
     assert (answer.code, answer.out.splitlines()[0]) == (0, "+ my_msgs/msg/New")
     assert shell("diff", "old", "new", "--fail-on", "addition").code == 1
@@ -130,30 +130,30 @@ SORTS = [
 
 
 @pytest.mark.parametrize(("text", "sorts"), SORTS)
-def test_a_change_has_its_sort_and_fails_where_that_is_asked_for(shell: Shell, text: str, sorts: list[str]) -> None:
-    wanted = ("--filter", "my_msgs/Wheel")
-    told = diff(shell, {"Wheel": text}, "--json", *wanted).json
-    assert told["sorts"] == sorts
-    assert told["breaking"] == [sort for sort in sorts if sort in ("data", "code")]
+def test_changes_are_classified_and_fail_on_selects_exit_code(shell: Shell, text: str, sorts: list[str]) -> None:
+    selection = ("--filter", "my_msgs/Wheel")
+    document = diff(shell, {"Wheel": text}, "--json", *selection).json
+    assert document["sorts"] == sorts
+    assert document["breaking"] == [sort for sort in sorts if sort in ("data", "code")]
     others = {"data", "code", "hash", "default", "unit", "addition"} - {*sorts}
     for kinds, code in ((others, 0), (sorts[-1:], 1), (["any"], int(bool(sorts))), (["nothing"], 0)):
         options = [word for kind in kinds for word in ("--fail-on", kind)]
-        assert not kinds or shell("diff", "old", "new", *wanted, *options).code == code
+        assert not kinds or shell("diff", "old", "new", *selection, *options).code == code
 
 
-def test_as_few_fields_as_possible_are_said_to_have_moved(shell: Shell) -> None:
+def test_minimal_number_of_fields_is_reported_as_moved(shell: Shell) -> None:
     files = {"a_msgs/msg/A.msg": "\n".join(f"int8 {name}" for name in "abcdef")}
     write(shell.folder / "old", files)
     write(shell.folder / "new", {"a_msgs/msg/A.msg": "\n".join(f"int8 {name}" for name in "bcdaef")})
-    told = shell("diff", "old", "new", "--json").json
-    fields = told["changed"][0]["messages"][0]["fields"]
+    document = shell("diff", "old", "new", "--json").json
+    fields = document["changed"][0]["messages"][0]["fields"]
     assert [(one["what"], one["name"], one["before"], one["after"]) for one in fields] == [("moved", "a", "1", "4")]
 
 
 # --- git --------------------------------------------------------------------------------------------------------------
 
 
-def test_a_revision_is_the_folder_of_the_other_side(shell: Shell) -> None:
+def test_git_revision_is_compared_at_folder_of_other_source(shell: Shell) -> None:
     repository(shell.folder, {f"src/{name}": text for name, text in BEFORE.items()} | {"other.py": "x"})
     (shell.folder / "src" / WHEEL).write_text("uint8 MAX=3\nfloat64 speed 0.5 # [m/s]\n")
     for old in ("HEAD", "main", "git:HEAD", "HEAD:src", "HEAD:./src"):
@@ -169,7 +169,7 @@ def test_a_revision_is_the_folder_of_the_other_side(shell: Shell) -> None:
     assert shell("diff", "HEAD", "src").out.startswith("0 changed")
 
 
-def test_a_package_that_a_revision_does_not_have_is_new(shell: Shell) -> None:
+def test_package_missing_in_revision_is_reported_as_new(shell: Shell) -> None:
     repository(shell.folder, {"README": ""})
     write(shell.folder / "src", BEFORE)
     answer = shell("diff", "HEAD", "src")
@@ -179,7 +179,7 @@ def test_a_package_that_a_revision_does_not_have_is_new(shell: Shell) -> None:
     assert answer.code == 1 and answer.err == "error: HEAD:src: there is no such folder in this revision\n"
 
 
-def test_problems_in_a_revision_are_told_with_it(shell: Shell) -> None:
+def test_invalid_definition_in_revision_is_reported_with_revision(shell: Shell) -> None:
     repository(shell.folder, {"src/a_msgs/msg/A.msg": "flaot32 x\n"})
     write(shell.folder, {"src/a_msgs/msg/A.msg": "float32 x\n"})
     answer = shell("diff", "HEAD", "src")
@@ -206,14 +206,14 @@ def test_problems_in_a_revision_are_told_with_it(shell: Shell) -> None:
         ("a\nb", 'error: no revision "a�b" in '),
     ],
 )
-def test_what_is_no_source_is_an_error(shell: Shell, old: str, error: str) -> None:
+def test_invalid_sources_are_an_error(shell: Shell, old: str, error: str) -> None:
     repository(shell.folder, {"README": "", "docs/x": "", **{f"src/{name}": text for name, text in BEFORE.items()}})
     answer = shell("diff", "--", old, "src")
     assert answer.code == 1 and error in answer.err, answer.err
     assert sorted(path.name for path in shell.folder.iterdir()) == [".git", "README", "docs", "src"]
 
 
-def test_what_is_outside_of_a_repository_has_no_revisions(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_revision_outside_git_repository_is_an_error(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(shell.folder.parent))
     write(shell.folder / "src", BEFORE)
     answer = shell("diff", "main", "src")
@@ -222,8 +222,8 @@ def test_what_is_outside_of_a_repository_has_no_revisions(shell: Shell, monkeypa
     )
 
 
-def test_hostile_trees_write_nothing_elsewhere(shell: Shell) -> None:
-    """A tree may name anything; links and what lies above are not followed."""
+def test_malicious_git_trees_write_no_files_and_links_are_skipped(shell: Shell) -> None:
+    """Git trees may contain any name; links and parent folders must not be followed."""
     folder = repository(shell.folder, {"src/a_msgs/msg/A.msg": "int8 a\n"})
     blob = git(folder, "rev-parse", "HEAD:src/a_msgs/msg/A.msg").strip()
     for name in ("..", ".", ""):
@@ -251,7 +251,7 @@ def tree(folder: Path, content: bytes) -> str:
     return done.stdout.decode().strip()
 
 
-def test_a_revision_with_too_much_in_it_is_refused(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_size_of_revision_is_limited(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     from rosidl_py_gen.generator_cli import git_revision
 
     repository(shell.folder, {f"src/{name}": text for name, text in BEFORE.items()})
@@ -260,9 +260,7 @@ def test_a_revision_with_too_much_in_it_is_refused(shell: Shell, monkeypatch: py
     assert answer.code == 1 and "expected at most 50000 with 10: name the folder of the packages" in answer.err
 
 
-def test_hooks_of_git_may_call_it_and_filters_of_a_repository_do_not_run(
-    shell: Shell, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_diff_works_in_git_hooks_and_runs_no_repository_filters(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = repository(shell.folder, {"src/a_msgs/msg/A.msg": "int8 a\n", ".gitattributes": "*.msg filter=evil\n"})
     for name in ("smudge", "clean", "process"):
         git(folder, "config", f"filter.evil.{name}", f"touch {folder}/ran")
@@ -283,15 +281,15 @@ def bag(path: Path, text: str = BEFORE[WHEEL], name: str = "my_msgs/msg/Wheel", 
     return str(path)
 
 
-def test_a_bag_says_whether_it_can_be_read_with_definitions(shell: Shell) -> None:
+def test_bag_is_compared_with_definitions_of_a_folder(shell: Shell) -> None:
     write(shell.folder / "src", BEFORE)
     path = bag(shell.folder / "drive.mcap")
     answer = shell("diff", path, "src")
     assert (answer.code, answer.out) == (0, "0 changed, 0 added, 0 removed, 1 unchanged; not breaking\n")
     (shell.folder / "src" / WHEEL).write_text("float64 speed\nstring<=8 name\nint8 more\n")
-    told = shell("diff", path, "src", "--json")
-    assert told.code == 1 and [one["name"] for one in told.json["changed"]] == ["my_msgs/msg/Wheel"]
-    assert told.json["changed"][0]["messages"][0]["fields"][0]["what"] == "default"
+    document = shell("diff", path, "src", "--json")
+    assert document.code == 1 and [one["name"] for one in document.json["changed"]] == ["my_msgs/msg/Wheel"]
+    assert document.json["changed"][0]["messages"][0]["fields"][0]["what"] == "default"
     (shell.folder / "src" / WHEEL).unlink()
     (shell.folder / "src/my_msgs/msg/Robot.msg").write_text("int8 a\n")
     (shell.folder / "src/my_msgs/srv/Turn.srv").write_text("---\n")
@@ -300,15 +298,15 @@ def test_a_bag_says_whether_it_can_be_read_with_definitions(shell: Shell) -> Non
     assert (answer.code, answer.out.splitlines()[0]) == (1, "- my_msgs/msg/Wheel")
 
 
-def test_types_that_a_bag_has_from_elsewhere_are_compared_with_what_is_found(shell: Shell) -> None:
+def test_types_of_bag_missing_in_folder_are_compared_with_bundled_ones(shell: Shell) -> None:
     write(shell.folder / "src", BEFORE)
     path = bag(shell.folder / "drive", "string data\nint8 more", "std_msgs/msg/String")
-    told = shell("diff", path, "src", "--json").json
-    assert [one["name"] for one in told["changed"]] == ["std_msgs/msg/String"]
-    assert told["changed"][0]["messages"][0]["old_data"]["reading"] == "without"
+    document = shell("diff", path, "src", "--json").json
+    assert [one["name"] for one in document["changed"]] == ["std_msgs/msg/String"]
+    assert document["changed"][0]["messages"][0]["old_data"]["reading"] == "without"
 
 
-def test_of_two_bags_what_only_one_has_is_not_compared(shell: Shell) -> None:
+def test_types_in_only_one_of_two_bags_are_not_compared(shell: Shell) -> None:
     one = bag(shell.folder / "one.mcap")
     other = bag(shell.folder / "other.mcap", "int8 a", "my_msgs/msg/Other")
     answer = shell("diff", one, other)
@@ -316,7 +314,7 @@ def test_of_two_bags_what_only_one_has_is_not_compared(shell: Shell) -> None:
     assert answer.out.startswith("not compared, as only one side has them: my_msgs/msg/Other, my_msgs/msg/Wheel\n")
 
 
-def test_a_bag_with_two_definitions_of_a_type_has_to_be_divided_first(shell: Shell) -> None:
+def test_bag_with_two_definitions_of_a_type_is_refused(shell: Shell) -> None:
     write(shell.folder / "src", BEFORE)
     path = bag(shell.folder / "drive.mcap", old="float64 speed")
     answer = shell("diff", path, "src")
@@ -325,7 +323,7 @@ def test_a_bag_with_two_definitions_of_a_type_has_to_be_divided_first(shell: She
     assert "`rosidl-py bag convert --topics` makes a bag of one of them" in answer.err
 
 
-def test_events_of_services_are_compared_with_their_service(shell: Shell) -> None:
+def test_service_event_topics_are_compared_with_their_service(shell: Shell) -> None:
     write(shell.folder / "src", BEFORE)
     event: Any = get_service("my_msgs/srv/Turn", path="src").Event
     text = BEFORE["my_msgs/srv/Turn.srv"].replace("Wheel", "my_msgs/Wheel")

@@ -1,4 +1,4 @@
-"""``rosidl-py-gen diff`` with a running node: what it tells of its types, and what it cannot."""
+"""``rosidl-py-gen diff`` with a running node: types that the node describes, and types that it does not."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 BATTERY = "robot_msgs/msg/Battery"
 
 
-async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory: World) -> None:
+async def test_node_describes_types_of_its_topics_services_and_actions(memory: World) -> None:
     robot, other = memory.pair()
     robot.create_publisher(compile_definition(BATTERY, "uint8 FULL=100\nfloat32 volts 24.0\n"), "battery")
     robot.create_service(
@@ -40,13 +40,13 @@ async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory:
     assert [note for note in notes if "skipped" in note] == []
 
 
-async def test_a_node_that_is_not_there_is_an_error(memory: World) -> None:
+async def test_missing_node_is_an_error_with_suggestion(memory: World) -> None:
     _, other = memory.pair()
     with pytest.raises(SourceError, match='no node /alic appeared; did you mean "/alice"'):
         await definitions_of_node(other, "/alic", 0.2)
 
 
-async def test_types_that_a_node_does_not_describe_are_left_out_with_a_word(memory: World) -> None:
+async def test_types_not_described_by_node_are_skipped_with_a_note(memory: World) -> None:
     robot = memory.node("silent", parameter_overrides={"start_type_description_service": False}, enable_rosout=False)
     robot.create_publisher(compile_definition(BATTERY, "int8 a\n"), "battery")
     facts, notes = await definitions_of_node(memory.node("asking"), "/silent", 5)
@@ -54,7 +54,7 @@ async def test_types_that_a_node_does_not_describe_are_left_out_with_a_word(memo
     assert [note for note in notes if note.startswith(f"/silent: skipped {BATTERY} of /battery: ")]
 
 
-async def test_a_robot_is_compared_with_a_workspace(dds: World, tmp_path: Path) -> None:
+async def test_running_node_is_compared_with_workspace(dds: World, tmp_path: Path) -> None:
     robot = dds.node("robot", parameter_events=False, enable_rosout=False)
     robot.create_publisher(compile_definition(BATTERY, "float32 volts\nuint8 cells\n"), "battery")
     write(tmp_path, {"robot_msgs/msg/Battery.msg": "float32 volts\n"})

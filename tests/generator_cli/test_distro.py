@@ -17,7 +17,7 @@ from rosidl_py_gen.base.distributions import selected
 RANGE = "sensor_msgs/msg/Range"
 
 
-def test_generated_packages_are_those_of_the_distribution(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_packages_follow_selected_distribution(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "sensor_msgs/msg/_range.py"
     assert shell("--distro", "humble", "--filter", RANGE, "--out", "humble").code == 0
     assert shell("--filter", RANGE, "--out", "jazzy").code == 0
@@ -28,7 +28,7 @@ def test_generated_packages_are_those_of_the_distribution(shell: Shell, monkeypa
     assert selected() == ("humble", False)
 
 
-def test_options_of_the_group_and_of_the_command(shell: Shell) -> None:
+def test_distro_option_is_accepted_before_and_after_command(shell: Shell) -> None:
     for words in (("--distro", "Humble", "interface", RANGE), ("interface", RANGE, "--distro", "humble")):
         answer = shell(*words)
         assert answer.code == 0 and "RIHS01_9430b1915b94" in answer.out and "variance" not in answer.out
@@ -36,7 +36,7 @@ def test_options_of_the_group_and_of_the_command(shell: Shell) -> None:
     assert "turtlesim_msgs" not in shell("--list").out
 
 
-def test_an_unknown_distribution_is_a_wrong_command_line(shell: Shell) -> None:
+def test_unknown_distribution_exits_with_2(shell: Shell) -> None:
     answer = shell("--distro", "foxy", "--list")
     assert answer.code == 2 and "'foxy' is not one of 'humble', 'jazzy', 'kilted', 'lyrical'" in answer.err
 
@@ -61,7 +61,7 @@ def test_diff_compares_two_distributions(shell: Shell) -> None:
     assert same.code == 0
 
 
-def test_diff_of_a_distribution_and_a_folder(shell: Shell) -> None:
+def test_diff_compares_distribution_with_folder(shell: Shell) -> None:
     write(shell.folder / "own", {"sensor_msgs/msg/Range.msg": "int8 mine\n"})
     answer = shell("diff", "--distro", "humble", "own", "--filter", RANGE)
     assert answer.code == 1 and "+ mine: int8" in answer.out and "- max_range: float32" in answer.out
@@ -76,12 +76,12 @@ def test_diff_needs_two_sources(shell: Shell, words: tuple[str, ...]) -> None:
     assert answer.code == 2 and "expected OLD and NEW, each a source or --distro NAME" in answer.err
 
 
-def test_diff_of_an_unknown_distribution(shell: Shell) -> None:
+def test_diff_of_unknown_distribution_is_an_error(shell: Shell) -> None:
     answer = shell("diff", "distro:foxy", "distro:jazzy")
     assert answer.code == 1 and "no definitions of the ROS distribution 'foxy'" in answer.out + answer.err
 
 
-def test_commands_for_a_running_system_have_it_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_interface_command_of_rosidl_py_has_distro_option(capsys: pytest.CaptureFixture[str]) -> None:
     ros_cli.main(["interface", "show", "sensor_msgs/Range", "--distro", "humble"])
     assert "variance" not in capsys.readouterr().out
     ros_cli.main(["interface", "show", "sensor_msgs/Range"])
@@ -91,7 +91,7 @@ def test_commands_for_a_running_system_have_it_too(capsys: pytest.CaptureFixture
     assert not selected().is_explicit
 
 
-def test_a_program_runs_with_the_messages_of_a_distribution(tmp_path: Path) -> None:
+def test_run_command_uses_messages_of_selected_distribution(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(
         "import os\n"

@@ -42,7 +42,7 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path.cwd()
 
 
-def test_hooks_say_all_that_pre_commit_needs() -> None:
+def test_hooks_file_declares_language_and_matching_files() -> None:
     assert [*HOOKS] == ["rosidl-py-gen-check", "rosidl-py-gen-diff"]
     for hook in HOOKS.values():
         assert hook["language"] == "python" and hook["pass_filenames"] is False
@@ -51,7 +51,7 @@ def test_hooks_say_all_that_pre_commit_needs() -> None:
         assert not any(map(wanted.search, ("a.py", "README.md", "msg", "msg.txt", "mypackage.xml")))
 
 
-def test_the_hooks_pass_before_the_first_commit_and_fail_for_what_is_wrong(repository: Path, capsys: Any) -> None:
+def test_hooks_pass_before_first_commit_and_fail_for_breaking_changes(repository: Path, capsys: Any) -> None:
     assert [run(one) for one in HOOKS] == [0, 0]
     assert "there is no commit yet: all definitions are new" in capsys.readouterr().err
     git("add", "-A")

@@ -24,8 +24,8 @@ def source(shell: Shell) -> None:
     write(shell.folder / "src", WRONG)
 
 
-WANTED = ("--path", "src", "--filter", "a_msgs:b_msgs", "--out", "out")
-TOLD = [
+ARGUMENTS = ("--path", "src", "--filter", "a_msgs:b_msgs", "--out", "out")
+PROBLEMS = [
     'src/a_msgs/msg/Uses.msg:3:1: a_msgs/msg/Uses needs a_msgs/msg/Wrong, which has problems',
     "    Wrong[] all",
     "    ^",
@@ -39,19 +39,19 @@ TOLD = [
 ]  # fmt: skip
 
 
-def test_without_it_nothing_is_written_and_the_option_is_named(shell: Shell) -> None:
-    answer = shell(*WANTED)
+def test_without_keep_going_no_files_are_written_and_option_is_suggested(shell: Shell) -> None:
+    answer = shell(*ARGUMENTS)
     assert (answer.code, answer.out, Path("out").exists()) == (1, "", False)
     assert answer.err.splitlines() == [
-        *TOLD[3:6],
+        *PROBLEMS[3:6],
         "1 problem; nothing was written (--keep-going generates the valid interfaces)",
     ]
 
 
-def test_what_is_right_is_written_and_the_rest_is_told(shell: Shell) -> None:
-    answer = shell(*WANTED, "--keep-going")
+def test_valid_interfaces_are_generated_and_invalid_ones_are_reported(shell: Shell) -> None:
+    answer = shell(*ARGUMENTS, "--keep-going")
     assert answer.code == 1
-    assert answer.err.splitlines() == [*TOLD, "3 problems; interfaces with problems were skipped"]
+    assert answer.err.splitlines() == [*PROBLEMS, "3 problems; interfaces with problems were skipped"]
     assert " interfaces in " in answer.out
     made = {path.name for path in Path("out").rglob("*.py")}
     assert {"_right0.py", "_right37.py", "_do.py"} <= made
@@ -66,26 +66,26 @@ def test_what_is_right_is_written_and_the_rest_is_told(shell: Shell) -> None:
             from a_msgs.msg import Uses  # noqa: F401
 
 
-def test_what_has_become_wrong_does_not_stay(shell: Shell) -> None:
+def test_outputs_of_interfaces_that_became_invalid_are_removed(shell: Shell) -> None:
     Path("src/a_msgs/msg/Wrong.msg").write_text("uint8 fine\n")
-    shell(*WANTED)
+    shell(*ARGUMENTS)
     Path("src/a_msgs/msg/Wrong.msg").write_text("uint9 fine\n")
-    stale = shell(*WANTED, "--keep-going", "--check")
+    stale = shell(*ARGUMENTS, "--keep-going", "--check")
     assert (stale.code, "would remove out/a_msgs/msg/_wrong.py" in stale.out) == (1, True)
-    assert shell(*WANTED, "--keep-going").code == 1
-    assert shell(*WANTED, "--keep-going", "--check").code == 1
+    assert shell(*ARGUMENTS, "--keep-going").code == 1
+    assert shell(*ARGUMENTS, "--keep-going", "--check").code == 1
     assert not Path("out/a_msgs/msg/_wrong.py").exists()
     assert not Path("out/b_msgs/srv").exists()
     assert Path("out/b_msgs/action/_do.py").exists()
 
 
-def test_nothing_right_is_a_plain_error(shell: Shell) -> None:
+def test_selection_without_valid_interfaces_is_an_error(shell: Shell) -> None:
     answer = shell("--path", "src", "--filter", "a_msgs/msg/Wrong", "--out", "out", "--keep-going")
     assert (answer.code, answer.out, Path("out").exists()) == (1, "", False)
-    assert answer.err.splitlines() == TOLD[3:6]
+    assert answer.err.splitlines() == PROBLEMS[3:6]
 
 
-def test_a_name_that_stands_for_nothing_is_told_and_its_old_package_stays(shell: Shell) -> None:
+def test_unknown_filter_name_is_reported_and_its_generated_package_is_kept(shell: Shell) -> None:
     write(Path("src"), {"c_msgs/msg/C.msg": ""})
     shell("--path", "src", "--filter", "c_msgs", "--out", "out")
     Path("src/c_msgs").rename("elsewhere")
@@ -120,7 +120,7 @@ def test_valid_interfaces_are_generated_next_to_broken_ones(shell: Shell, case: 
     assert answer.json["errors"]
 
 
-def test_a_listed_file_that_is_missing_takes_nothing_else_away(shell: Shell) -> None:
+def test_missing_listed_file_does_not_block_other_interfaces(shell: Shell) -> None:
     cmake = "rosidl_generate_interfaces(c_msgs msg/C.msg msg/Missing.msg)"
     manifest = "<package><name>c_msgs</name></package>"
     write(Path("more/c_msgs"), {"msg/C.msg": "", "CMakeLists.txt": cmake, "package.xml": manifest})
@@ -133,7 +133,7 @@ def test_a_listed_file_that_is_missing_takes_nothing_else_away(shell: Shell) -> 
     assert shell("check", "--path", "more", "c_msgs").err.splitlines()[0] == problem
 
 
-def test_a_missing_file_of_a_list_that_is_not_used_is_no_problem(shell: Shell) -> None:
+def test_missing_file_in_unresolvable_cmake_list_is_no_error(shell: Shell) -> None:
     cmake = "rosidl_generate_interfaces(c_msgs msg/C.msg msg/Missing.msg ${unknown})"
     manifest = "<package><name>c_msgs</name></package>"
     write(Path("more/c_msgs"), {"msg/C.msg": "", "CMakeLists.txt": cmake, "package.xml": manifest})
@@ -143,14 +143,14 @@ def test_a_missing_file_of_a_list_that_is_not_used_is_no_problem(shell: Shell) -
     assert note.startswith("note: more/c_msgs/CMakeLists.txt:1:61: rosidl_generate_interfaces() has no list")
 
 
-def test_notes_reach_everybody_who_generates(shell: Shell) -> None:
+def test_notes_are_printed_by_generate_json_and_check(shell: Shell) -> None:
     cmake = "rosidl_generate_interfaces(c_msgs ${unknown})"
     manifest = "<package><name>c_msgs</name></package>"
     write(Path("more/c_msgs"), {"msg/C.msg": "", "CMakeLists.txt": cmake, "package.xml": manifest})
-    wanted = ("--path", "more", "--filter", "c_msgs", "--out", "out")
-    answer = shell(*wanted)
+    arguments = ("--path", "more", "--filter", "c_msgs", "--out", "out")
+    answer = shell(*arguments)
     assert (answer.code, answer.err.count("note: "), Path("out/c_msgs/msg/_c.py").exists()) == (0, 1, True)
-    (row,) = shell(*wanted, "--json").json["notes"]
+    (row,) = shell(*arguments, "--json").json["notes"]
     assert (row["path"], row["line"], row["column"]) == ("more/c_msgs/CMakeLists.txt", 1, 35)
     assert shell("check", "--path", "more", "c_msgs").err == answer.err
     assert shell("--path", "more", "--filter", "std_msgs", "--out", "other").err == ""

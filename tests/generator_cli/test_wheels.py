@@ -1,4 +1,4 @@
-"""Message packages as pip packages: wheels, and packages installed into an environment and taken back."""
+"""Message packages as pip packages: wheels, and packages installed into and uninstalled from an environment."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def workspace(tmp_path: Path) -> Path:
 
 
 def site_of(python: Path) -> Path:
-    return Path(said(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
+    return Path(printed(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,9 @@ def with_this_package(environment: Path) -> Path:
     return python
 
 
-def said(python: str | Path, *arguments: str | Path, status: int = 0, cwd: Path | None = None, **variables: str) -> str:
+def printed(
+    python: str | Path, *arguments: str | Path, status: int = 0, cwd: Path | None = None, **variables: str
+) -> str:
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "AMENT_PREFIX_PATH")}
     environment |= variables
     done = subprocess.run([python, *arguments], capture_output=True, text=True, cwd=cwd, env=environment, check=False)
@@ -87,7 +89,7 @@ def said(python: str | Path, *arguments: str | Path, status: int = 0, cwd: Path 
 GENERATOR = "-c", "from rosidl_py_gen.generator_cli import main; main()"
 
 
-def test_each_package_becomes_a_wheel_with_what_its_manifest_says(workspace: Path, tmp_path: Path) -> None:
+def test_each_package_becomes_wheel_with_metadata_of_its_manifest(workspace: Path, tmp_path: Path) -> None:
     search = scan_search_path([workspace])
     built = build(search, selected_packages(search, []), tmp_path / "dist")
     names = [one.path.name for one in built]
@@ -123,9 +125,7 @@ def test_without_names_all_bundled_packages_become_wheels(tmp_path: Path, capsys
     assert sorted(path.name for path in tmp_path.iterdir()) == [Path(path).name for path in written]
 
 
-def test_a_wheel_has_the_same_bytes_every_time(
-    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wheel_builds_are_reproducible(workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     search = scan_search_path([workspace])
 
     def made(folder: str) -> bytes:
@@ -139,7 +139,7 @@ def test_a_wheel_has_the_same_bytes_every_time(
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "printed"),
     [
         (None, "no such file"),
         ("<package>", "not XML"),
@@ -149,15 +149,15 @@ def test_a_wheel_has_the_same_bytes_every_time(
         ("<package>" + " " * (1 << 20), "more than 1048576 bytes"),
     ],
 )
-def test_a_manifest_that_makes_no_wheel_is_told(tmp_path: Path, text: str | None, said: str) -> None:
+def test_invalid_manifests_for_wheels_are_reported(tmp_path: Path, text: str | None, printed: str) -> None:
     if text is not None:
         (tmp_path / "package.xml").write_text(text)
-    with pytest.raises(DefinitionError, match=said) as told:
+    with pytest.raises(DefinitionError, match=printed) as told:
         read_manifest(tmp_path)
     assert "package.xml" in str(told.value)
 
 
-def test_lines_of_a_manifest_cannot_make_headers(tmp_path: Path) -> None:
+def test_line_breaks_in_manifest_do_not_inject_metadata_headers(tmp_path: Path) -> None:
     package = source(tmp_path, "odd_msgs", "1.0.0", Odd="int32 x\n")
     manifest = package / "package.xml"
     manifest.write_text(manifest.read_text().replace("Apache-2.0", "MIT\nRequires-Dist: evil\n\nbody"))
@@ -168,12 +168,12 @@ def test_lines_of_a_manifest_cannot_make_headers(tmp_path: Path) -> None:
 
 
 @pytest.mark.needs("mypy")
-def test_wheels_are_installed_used_typed_and_found_by_the_next_package(
+def test_installed_wheels_are_importable_typed_and_found_as_dependencies(
     clean: Path, workspace: Path, tmp_path: Path
 ) -> None:
-    said(clean, *GENERATOR, "wheel", "--path", workspace, "--out", tmp_path / "dist")
+    printed(clean, *GENERATOR, "wheel", "--path", workspace, "--out", tmp_path / "dist")
     wheels = sorted((tmp_path / "dist").glob("*.whl"))
-    said(clean, "-m", "pip", "install", "--no-index", "--no-deps", *wheels)
+    printed(clean, "-m", "pip", "install", "--no-index", "--no-deps", *wheels)
     try:
         program = tmp_path / "program.py"
         program.write_text(
@@ -181,39 +181,39 @@ def test_wheels_are_installed_used_typed_and_found_by_the_next_package(
             "robot = Robot(wheels=[Wheel(speed=0.5)])\nspeed: float = Robot.decode(robot.encode()).wheels[0].speed\n"
             "print(speed)\n"
         )
-        assert said(clean, program, cwd=tmp_path) == "0.5\n"
+        assert printed(clean, program, cwd=tmp_path) == "0.5\n"
         mypy = sys.executable, "-m", "mypy", "--strict", "--python-executable", clean, program
-        assert "Success" in said(*mypy, cwd=tmp_path)
+        assert "Success" in printed(*mypy, cwd=tmp_path)
         # Another team's package, made where only the wheels are.
         source(tmp_path / "other", "wheel_fleet_msgs", "2.0.0", Fleet="wheel_robot_msgs/Robot[] robots\n")
-        made = said(clean, *GENERATOR, "wheel", "--path", tmp_path / "other", "--out", tmp_path / "next")
+        made = printed(clean, *GENERATOR, "wheel", "--path", tmp_path / "other", "--out", tmp_path / "next")
         wheel, note = made.splitlines()
         assert Path(wheel).name == "wheel_fleet_msgs-2.0.0-py3-none-any.whl"
         assert note.startswith("required, but not made, because they are installed: ")
         assert "wheel-robot-msgs==1.2.3; name packages" in note
-        listed = said(clean, *GENERATOR, "--list")
+        listed = printed(clean, *GENERATOR, "--list")
         assert "site-packages" in next(line for line in listed.splitlines() if line.startswith("wheel_robot_msgs"))
-        assert "clean0: wheel_robot_msgs" in said(clean, *GENERATOR, "--uninstall", "--filter", "wheel_robot_msgs")
-        assert "No module named" in said(clean, "-c", "import wheel_robot_msgs", status=1)
+        assert "clean0: wheel_robot_msgs" in printed(clean, *GENERATOR, "--uninstall", "--filter", "wheel_robot_msgs")
+        assert "No module named" in printed(clean, "-c", "import wheel_robot_msgs", status=1)
     finally:
-        said(clean, *GENERATOR, "--uninstall")
+        printed(clean, *GENERATOR, "--uninstall")
 
 
-def test_packages_are_installed_and_taken_back(clean: Path, workspace: Path, tmp_path: Path) -> None:
+def test_packages_are_installed_and_uninstalled(clean: Path, workspace: Path, tmp_path: Path) -> None:
     site = site_of(clean)
     before = sorted(path.relative_to(site) for path in site.rglob("*") if "__pycache__" not in path.parts)
     for others in ("std_msgs 0.1.0", "wheel_base_msgs 0.5.0"):  # the second run is an update
-        done = said(clean, *GENERATOR, "--path", workspace, "--filter", "wheel_robot_msgs", "--install")
+        done = printed(clean, *GENERATOR, "--path", workspace, "--filter", "wheel_robot_msgs", "--install")
         assert "wheel_robot_msgs 1.2.3" in done and others in done
-    assert said(clean, "-c", "from std_msgs.msg import String; print(String(data='a').data)", cwd=tmp_path) == "a\n"
+    assert printed(clean, "-c", "from std_msgs.msg import String; print(String(data='a').data)", cwd=tmp_path) == "a\n"
     changed = site / "std_msgs" / "msg" / "_string.py"
     changed.write_text(changed.read_text() + "# mine\n")
-    assert f"modified since the installation: {changed}" in said(clean, *GENERATOR, "--uninstall", status=1)
+    assert f"modified since the installation: {changed}" in printed(clean, *GENERATOR, "--uninstall", status=1)
     assert changed.exists()
-    said(clean, *GENERATOR, "--uninstall", "--force")
+    printed(clean, *GENERATOR, "--uninstall", "--force")
     assert sorted(path.relative_to(site) for path in site.rglob("*") if "__pycache__" not in path.parts) == before
-    assert "uninstalled nothing" in said(clean, *GENERATOR, "--uninstall")
-    assert "std_msgs is not installed as a wheel" in said(
+    assert "uninstalled nothing" in printed(clean, *GENERATOR, "--uninstall")
+    assert "std_msgs is not installed as a wheel" in printed(
         clean, *GENERATOR, "--uninstall", "--filter", "std_msgs", status=1
     )
 
@@ -231,9 +231,9 @@ def uv() -> str:
 def clean_uv(uv: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Python of an environment that uv made, as `clean`, but without pip."""
     folder = tmp_path_factory.mktemp("uv") / ".venv"
-    said(uv, "venv", "--offline", "--no-config", "--python", sys.executable, folder)
+    printed(uv, "venv", "--offline", "--no-config", "--python", sys.executable, folder)
     python = with_this_package(folder)
-    assert "No module named pip" in said(python, "-m", "pip", status=1)
+    assert "No module named pip" in printed(python, "-m", "pip", status=1)
     return python
 
 
@@ -244,17 +244,17 @@ def test_uv_installs_and_removes_packages_in_an_environment_without_pip(
     site, on_path = site_of(clean_uv), os.pathsep.join([str(Path(uv).parent), os.environ["PATH"]])
     before = sorted(path.relative_to(site) for path in site.rglob("*") if "__pycache__" not in path.parts)
     for _ in range(2):  # the second run is an update
-        done = said(clean_uv, *GENERATOR, "--path", workspace, "--install", PATH=on_path, cwd=tmp_path)
+        done = printed(clean_uv, *GENERATOR, "--path", workspace, "--install", PATH=on_path, cwd=tmp_path)
         assert f"installed into {clean_uv.parent.parent}: " in done
         assert "std_msgs 0.1.0" in done and "wheel_robot_msgs 1.2.3" in done
-    assert said(clean_uv, "-c", "from wheel_robot_msgs.msg import Robot; print(len(Robot().wheels))") == "0\n"
+    assert printed(clean_uv, "-c", "from wheel_robot_msgs.msg import Robot; print(len(Robot().wheels))") == "0\n"
     changed = site / "std_msgs" / "msg" / "_string.py"
     original = changed.read_text()
     changed.write_text(original + "# mine\n")
-    assert "modified since" in said(clean_uv, *GENERATOR, "--uninstall", PATH=on_path, status=1)
-    said(clean_uv, *GENERATOR, "--filter", "std_msgs", "--install", PATH=on_path)
+    assert "modified since" in printed(clean_uv, *GENERATOR, "--uninstall", PATH=on_path, status=1)
+    printed(clean_uv, *GENERATOR, "--filter", "std_msgs", "--install", PATH=on_path)
     assert changed.read_text() == original
-    assert "uninstalled from" in said(clean_uv, *GENERATOR, "--uninstall", PATH=on_path)
+    assert "uninstalled from" in printed(clean_uv, *GENERATOR, "--uninstall", PATH=on_path)
     assert sorted(path.relative_to(site) for path in site.rglob("*") if "__pycache__" not in path.parts) == before
 
 
@@ -269,16 +269,16 @@ def test_uv_of_the_environment_is_used_without_uv_on_path(clean_uv: Path, uv: st
     )
     try:
         for action in ("--install", "--uninstall"):
-            assert "turtlesim" in said(clean_uv, *GENERATOR, "--filter", "turtlesim", action, PATH="/nowhere")
+            assert "turtlesim" in printed(clean_uv, *GENERATOR, "--filter", "turtlesim", action, PATH="/nowhere")
     finally:
         shutil.rmtree(site / "uv")
-        said(clean_uv, *GENERATOR, "--uninstall", PATH=str(Path(uv).parent))
+        printed(clean_uv, *GENERATOR, "--uninstall", PATH=str(Path(uv).parent))
     assert (tmp_path / "used").read_text() == "module\nmodule\n"
 
 
 @pytest.mark.needs("uv")
-def test_an_environment_without_pip_and_uv_gets_an_error_with_the_commands(clean_uv: Path) -> None:
-    text = said(clean_uv, *GENERATOR, "--filter", "std_msgs", "--install", PATH="/nowhere", status=1)
+def test_environment_without_pip_and_uv_is_an_error_with_commands(clean_uv: Path) -> None:
+    text = printed(clean_uv, *GENERATOR, "--filter", "std_msgs", "--install", PATH="/nowhere", status=1)
     assert f"{clean_uv.parent.parent} has no pip, and there is no uv on PATH; expected one of them" in text
     assert f"`{clean_uv} -m ensurepip` adds pip" in text and "rosidl-py-gen wheel --out dist" in text
 
@@ -292,7 +292,7 @@ def test_the_temporary_environment_of_uv_run_with_is_refused(uv: str, clean_uv: 
         wheel.writestr("extra-1.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
         wheel.writestr("extra-1.dist-info/RECORD", "")
     (tmp_path / "here").mkdir()
-    text = said(
+    text = printed(
         *(uv, "run", "--offline", "--no-config", "--no-project", "--python", clean_uv, "--with", extra),
         *("python", *GENERATOR, "--filter", "std_msgs", "--install"),
         cwd=tmp_path / "here",
@@ -302,7 +302,7 @@ def test_the_temporary_environment_of_uv_run_with_is_refused(uv: str, clean_uv: 
     assert "is temporary: `uv run --with` made it for one command; expected an environment of your own" in text
 
 
-def test_a_python_managed_by_the_system_gets_the_command_for_an_environment(
+def test_externally_managed_python_is_an_error_suggesting_environment(
     monkeypatch: pytest.MonkeyPatch, capsys: Any, tmp_path: Path
 ) -> None:
     """PEP 668: pip refuses to change it."""
@@ -320,45 +320,43 @@ def test_a_python_managed_by_the_system_gets_the_command_for_an_environment(
     )
 
 
-def test_modules_of_the_current_folder_are_not_run_by_an_installation(clean: Path, tmp_path: Path) -> None:
+def test_installation_runs_no_modules_of_current_folder(clean: Path, tmp_path: Path) -> None:
     for name in ("pip", "uv", "json", "sitecustomize"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('a module of the current folder ran')\n")
     program = tmp_path / "bin" / "generator.py"
     program.parent.mkdir()
     program.write_text(GENERATOR[1])
     for action in ("--install", "--uninstall"):
-        assert "turtlesim" in said(clean, program, "--filter", "turtlesim", action, cwd=tmp_path)
+        assert "turtlesim" in printed(clean, program, "--filter", "turtlesim", action, cwd=tmp_path)
 
 
-def test_a_new_installation_has_the_bundled_definitions_of_the_selected_distribution(
-    clean: Path, tmp_path: Path
-) -> None:
+def test_reinstallation_uses_definitions_of_selected_distribution(clean: Path, tmp_path: Path) -> None:
     shows = "from sensor_msgs.msg import Range; print('variance' in Range.__slots__)"
     install = *GENERATOR, "--filter", "sensor_msgs", "--install"
     try:
         for distro, has_variance in (("jazzy", True), ("humble", False), ("jazzy", True)):
-            said(clean, *install, cwd=tmp_path, ROS_DISTRO=distro)
-            assert said(clean, "-c", shows, cwd=tmp_path) == f"{has_variance}\n", distro
+            printed(clean, *install, cwd=tmp_path, ROS_DISTRO=distro)
+            assert printed(clean, "-c", shows, cwd=tmp_path) == f"{has_variance}\n", distro
         # A definition of the user stays, unless its package is named.
         source(tmp_path / "src", "sensor_msgs", "9.0.0", "std_msgs", Range="int8 mine\n")
         source(tmp_path / "src", "my_msgs", "1.0.0", "sensor_msgs", Mine="sensor_msgs/Range range\n")
-        said(
+        printed(
             clean, *GENERATOR, "--path", tmp_path / "src", "--filter", "sensor_msgs:my_msgs", "--install", cwd=tmp_path
         )
         source(tmp_path / "other", "your_msgs", "1.0.0", "sensor_msgs", Yours="sensor_msgs/Range range\n")
-        said(clean, *GENERATOR, "--path", tmp_path / "other", "--filter", "your_msgs", "--install", cwd=tmp_path)
-        assert said(clean, "-c", "from sensor_msgs.msg import Range; print(Range().mine)", cwd=tmp_path) == "0\n"
+        printed(clean, *GENERATOR, "--path", tmp_path / "other", "--filter", "your_msgs", "--install", cwd=tmp_path)
+        assert printed(clean, "-c", "from sensor_msgs.msg import Range; print(Range().mine)", cwd=tmp_path) == "0\n"
     finally:
-        said(clean, *GENERATOR, "--uninstall", "--force")
+        printed(clean, *GENERATOR, "--uninstall", "--force")
 
 
-def test_packages_of_others_are_left_alone(clean: Path, tmp_path: Path) -> None:
+def test_packages_not_installed_by_generator_are_not_overwritten(clean: Path, tmp_path: Path) -> None:
     site = site_of(clean)
     for name, words in (("std_msgs", "std_msgs is importable from"), ("rclpy", "rclpy is importable from")):
         (site / name).mkdir()
         (site / name / "__init__.py").write_text("# of ROS\n")
         try:
-            assert words in said(clean, *GENERATOR, "--filter", "std_msgs", "--install", status=1)
+            assert words in printed(clean, *GENERATOR, "--filter", "std_msgs", "--install", status=1)
             assert (site / name / "__init__.py").read_text() == "# of ROS\n"
         finally:
             (site / name / "__init__.py").unlink()
@@ -374,7 +372,7 @@ def test_packages_of_others_are_left_alone(clean: Path, tmp_path: Path) -> None:
         (["wheel", "std_msg"], "there is no package of this name"),
     ],
 )
-def test_what_makes_no_sense_is_refused(arguments: list[str], words: str, capsys: Any) -> None:
+def test_contradictory_options_are_refused(arguments: list[str], words: str, capsys: Any) -> None:
     with pytest.raises(SystemExit):
         main(arguments)
     assert words in "".join(capsys.readouterr())

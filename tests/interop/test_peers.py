@@ -1,4 +1,4 @@
-"""Foreign peers: Cyclone DDS 0.10 in C, Fast DDS 2.9 in C++. Each sample is sent back."""
+"""Peers in C on Cyclone DDS 0.10 and in C++ on Fast DDS 2.9, which send each sample back."""
 
 from __future__ import annotations
 
@@ -82,12 +82,14 @@ async def connected(client: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", MESSAGES)
-async def test_cyclone_echoes(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any], kind: str) -> None:
+async def test_cyclone_dds_peer_echoes_messages(
+    dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any], kind: str
+) -> None:
     with run_peer(cyclone_peer):
         await echo_through(dds.node("tester"), kind, MESSAGES[kind])
 
 
-async def test_a_content_filter_of_fast_dds_passes_what_it_selects(
+async def test_fast_dds_reader_with_content_filter_receives_selected_messages(
     dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]
 ) -> None:
     """Feedback subscriptions of Lyrical have one; a writer without filters sends everything, and the reader filters."""
@@ -110,7 +112,7 @@ async def test_a_content_filter_of_fast_dds_passes_what_it_selects(
         assert [text for text in texts if text != "k"] == ["kept 1", "kept 2"]
 
 
-async def test_our_client_calls_a_cyclone_server(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
+async def test_client_calls_cyclone_dds_server(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
     client = dds.node("tester").create_client(AddTwoInts, "/c_add")
     with run_peer(cyclone_peer):
         await connected(client)
@@ -118,7 +120,7 @@ async def test_our_client_calls_a_cyclone_server(dds: Any, cyclone_peer: Path, r
         assert [response.sum for response in await asyncio.gather(*calls)] == [i - 100 for i in range(100)]
 
 
-async def test_a_cyclone_client_calls_our_server(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
+async def test_server_replies_to_cyclone_dds_client(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
     def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
         return AddTwoInts.Response(sum=request.a + request.b)
 
@@ -128,7 +130,7 @@ async def test_a_cyclone_client_calls_our_server(dds: Any, cyclone_peer: Path, r
     assert lines == [f"SUM {number + 100}\n" for number in range(1, 6)]
 
 
-async def test_fast_dds_servers_as_humble_has_them_are_called(
+async def test_client_calls_fast_dds_server_of_humble(
     dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any]
 ) -> None:
     context = dds.context()
@@ -138,7 +140,7 @@ async def test_fast_dds_servers_as_humble_has_them_are_called(
             assert (await client.call(AddTwoInts.Request(a=number, b=2), timeout_s=10)).sum == number + 2
 
 
-async def test_fast_dds_clients_as_humble_has_them_are_served(
+async def test_server_replies_to_fast_dds_client_of_humble(
     dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any]
 ) -> None:
     context = dds.context()
@@ -150,7 +152,7 @@ async def test_fast_dds_clients_as_humble_has_them_are_served(
     assert sums == ["SUM", "3", "SUM", "-2", "SUM", str(2**62 + 1)]
 
 
-async def test_a_peer_that_is_killed_disappears_and_may_return(
+async def test_killed_peer_disappears_and_may_return(
     dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]
 ) -> None:
     client = dds.node("tester").create_client(AddTwoInts, "/c_add")

@@ -101,7 +101,7 @@ def side_by_side(*functions: Callable[[], Any]) -> list[Any]:
 # ---------------------------------------------------------------------------------------------------- nodes of ours
 
 
-def test_two_nodes_with_the_permissions_of_their_policies(keystore: Keystore) -> None:
+def test_secured_nodes_communicate_and_are_invisible_to_unsecured_ones(keystore: Keystore) -> None:
     keystore.enclave("/talker", **TALKER)
     keystore.enclave("/robot/listener", publish=("rq/*", *OF_NODE), subscribe=("rt/*", "rr/*", "rq/listen/*"))
     environ = keystore.environment()
@@ -121,7 +121,7 @@ def test_two_nodes_with_the_permissions_of_their_policies(keystore: Keystore) ->
     assert unsecured_log == ""
 
 
-def test_what_permissions_do_not_allow_is_named(keystore: Keystore) -> None:
+def test_security_error_names_denied_topic(keystore: Keystore) -> None:
     keystore.enclave("/reader", publish=OF_NODE, subscribe=("rt/secret", "rq/reader/*", "rq/create/*"))
     keystore.enclave("/writer", publish=("rt/secret", "rq/secretRequest", *OF_NODE), subscribe=("rq/create/*", "rr/*"))
     keystore.enclave("/nothing", publish=(), subscribe=())
@@ -140,7 +140,7 @@ def test_what_permissions_do_not_allow_is_named(keystore: Keystore) -> None:
     assert nothing["error"].startswith("SecurityError: enclave /nothing must not publish to /rosout")
 
 
-def test_wrong_files_are_named(keystore: Keystore) -> None:
+def test_security_error_names_invalid_file(keystore: Keystore) -> None:
     other = Authority("otherCA")
     keystore.enclave("/expired", days=(-10, -1))
     keystore.enclave("/early", days=(5, 10))
@@ -181,7 +181,7 @@ def test_wrong_files_are_named(keystore: Keystore) -> None:
     assert "rror occurred" not in log, "Cyclone's lines are in the errors"
 
 
-def test_a_domain_of_a_process_is_secured_or_not(keystore: Keystore) -> None:
+def test_contexts_of_a_domain_in_one_process_must_share_enclave(keystore: Keystore) -> None:
     """Cyclone would end the process; after a context that failed or was closed, the domain may be used otherwise."""
     keystore.enclave("/expired", days=(-10, -1))
     keystore.enclave("/foreign")
@@ -226,7 +226,7 @@ print("end")
     assert (end, run.returncode) == ("end", 0)
 
 
-def test_a_rejected_peer_is_logged_once(keystore: Keystore) -> None:
+def test_rejected_peer_is_logged_once(keystore: Keystore) -> None:
     keystore.enclave("/talker")
     stranger = keystore.enclave("/stranger", authority=Authority())
     expired = keystore.enclave("/later")
@@ -265,7 +265,7 @@ def command(*arguments: str, environ: Mapping[str, str]) -> subprocess.Completed
     )
 
 
-def test_commands_in_a_secured_network(keystore: Keystore, tmp_path: Path) -> None:
+def test_commands_work_in_secured_network(keystore: Keystore, tmp_path: Path) -> None:
     keystore.enclave("/talker")
     keystore.enclave("/cli", publish=("rq/*", "rr/*", "rt/events/*"), subscribe=("rt/chatter", "rr/*", "rq/*"))
     environ = keystore.environment(ROS_SECURITY_ENCLAVE_OVERRIDE="/cli")
@@ -293,7 +293,7 @@ def test_commands_in_a_secured_network(keystore: Keystore, tmp_path: Path) -> No
     assert any("secured DDS, probably Cyclone DDS" in one["text"] for one in texts["peers"]), texts
 
 
-def test_a_library_without_security_says_what_to_install(keystore: Keystore) -> None:
+def test_library_without_security_error_suggests_package(keystore: Keystore) -> None:
     pytest.importorskip("cyclonedds")
     keystore.enclave("/good")
     import cyclonedds
@@ -328,7 +328,9 @@ def until_found(run: Callable[[], tuple[Result, str]]) -> tuple[Result, str]:
     return found, log
 
 
-def test_a_program_on_cyclone(keystore: Keystore, run_peer: Callable[..., Any], cyclone_peer: Path) -> None:
+def test_secured_topics_and_services_work_with_cyclone_dds_peer(
+    keystore: Keystore, run_peer: Callable[..., Any], cyclone_peer: Path
+) -> None:
     keystore.enclave("/ours")
     folder = keystore.enclave("/peer").folder
     with run_peer(cyclone_peer, enclave=folder):
@@ -347,7 +349,7 @@ def test_a_program_on_cyclone(keystore: Keystore, run_peer: Callable[..., Any], 
     ],
     ids=["as sros2", "plain data", "signed", "packets only"],
 )
-def test_services_with_fast_dds(
+def test_secured_services_work_with_fast_dds_peer(
     tmp_path: Path, run_peer: Callable[..., Any], fastdds_service_peer: Path, kinds: dict[str, str]
 ) -> None:
     keystore, domain = Keystore(tmp_path / "keystore", domain_id(), kinds), str(domain_id())
@@ -371,7 +373,9 @@ def test_services_with_fast_dds(
     assert until_found(serve)[0] == {"lines": ["SUM 3", "SUM 7"]}
 
 
-def test_topics_with_fast_dds(keystore: Keystore, run_peer: Callable[..., Any], fastdds_peer: Path) -> None:
+def test_secured_topics_work_with_fast_dds_peer(
+    keystore: Keystore, run_peer: Callable[..., Any], fastdds_peer: Path
+) -> None:
     keystore.enclave("/talker")
     folder = keystore.enclave("/listener").folder
 
@@ -383,7 +387,7 @@ def test_topics_with_fast_dds(keystore: Keystore, run_peer: Callable[..., Any], 
     assert found["sizes"] == [5, 70_000], log
 
 
-def test_fast_dds_that_begins_the_handshake_is_reported(
+def test_handshake_started_by_fast_dds_is_reported(
     keystore: Keystore, run_peer: Callable[..., Any], fastdds_service_peer: Path
 ) -> None:
     folder = keystore.enclave("/talker").folder
@@ -394,7 +398,7 @@ def test_fast_dds_that_begins_the_handshake_is_reported(
     assert log.count("they authenticate each other only if Cyclone DDS begins the handshake") == 1, log
 
 
-def test_services_that_governance_makes_impossible_are_refused(
+def test_services_are_refused_if_governance_protects_data_but_not_metadata(
     tmp_path: Path, run_peer: Callable[..., Any], fastdds_service_peer: Path
 ) -> None:
     keystore = Keystore(tmp_path / "keystore", domain_id(), {"metadata": "NONE"})
@@ -436,7 +440,7 @@ rclpy.shutdown()
 """
 
 
-def test_programs_for_rclpy_are_secured(keystore: Keystore, tmp_path: Path) -> None:
+def test_rclpy_programs_use_security_settings(keystore: Keystore, tmp_path: Path) -> None:
     for name in ("/talker", "/listener"):
         keystore.enclave(name)
     (tmp_path / "listener.py").write_text(RCLPY_LISTENER)

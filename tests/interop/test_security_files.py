@@ -1,4 +1,4 @@
-"""Keystores of ``rosidl-py security``, and one of SROS2, as secured programs on Cyclone DDS and Fast DDS use them."""
+"""Keystores of ``rosidl-py security`` and of SROS2, used by secured programs on Cyclone DDS and Fast DDS."""
 
 from __future__ import annotations
 
@@ -67,13 +67,15 @@ def start(request: pytest.FixtureRequest, run_peer: Callable[..., Any]) -> Calla
 
 
 def output(process: subprocess.Popen[str], timeout_s: float) -> str:
-    """The next line of a peer; empty after the timeout."""
+    """Return the next line of a peer, or an empty text after the timeout."""
     assert process.stdout is not None
     ready, _, _ = select.select([process.stdout], [], [], timeout_s)
     return process.stdout.readline() if ready else ""
 
 
-def test_permissions_of_a_policy_allow_and_deny(keystore: Path, start: Callable[..., Any], tmp_path: Path) -> None:
+def test_peers_communicate_with_permissions_generated_from_policy(
+    keystore: Path, start: Callable[..., Any], tmp_path: Path
+) -> None:
     (tmp_path / "policy.xml").write_text(POLICY)
     security("generate_artifacts", "-k", str(keystore), "-p", str(tmp_path / "policy.xml"))
     enclaves = keystore / "enclaves"
@@ -85,7 +87,7 @@ def test_permissions_of_a_policy_allow_and_deny(keystore: Path, start: Callable[
     ("action", "topic", "enclave"),
     [("talk", TOPIC, "listener"), ("listen", "rt/secret", "listener"), ("talk", "rt/other", "talker")],
 )
-def test_what_a_policy_does_not_allow_fails(
+def test_endpoints_not_allowed_by_policy_are_refused(
     keystore: Path,
     run_peer: Callable[..., Any],
     cyclone_peer: Path,
@@ -103,7 +105,7 @@ def test_what_a_policy_does_not_allow_fails(
         pass
 
 
-def test_enclaves_in_a_keystore_of_sros2(tmp_path: Path, start: Callable[..., Any]) -> None:
+def test_peers_communicate_with_extended_keystore_of_sros2(tmp_path: Path, start: Callable[..., Any]) -> None:
     """The talker is an enclave that SROS2 made; its permissions are renewed for the domain of the test."""
     root = unpack(tmp_path / "sros2")
     key = (root / "enclaves/talker/key.pem").read_bytes()

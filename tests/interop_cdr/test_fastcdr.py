@@ -145,24 +145,24 @@ def without_nul(value: Any) -> Any:
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if shape != "Stamp"])
 @settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.data())
-def test_fastcdr_reads_what_we_write_and_we_read_what_it_writes(peer: Peer, shape: str, data: st.DataObject) -> None:
+def test_encoding_and_decoding_agree_with_fastcdr(peer: Peer, shape: str, data: st.DataObject) -> None:
     name = f"fastcdr/msg/{shape}"
     value = without_nul(data.draw(values(REFERENCE, name)))
     cls = message_class(shape)
-    ours = encode(REFERENCE.build(cls, value))
+    encoded = encode(REFERENCE.build(cls, value))
     tokens = " ".join(spell_message(name, value))
-    assert peer.ask(f"read {shape} {ours.hex()}") == tokens
-    theirs = bytes.fromhex(peer.ask(f"write {shape} {tokens}"))
-    assert theirs.hex() == ours.hex()
-    assert same(REFERENCE.plain(decode(cls, theirs)), value)
+    assert peer.ask(f"read {shape} {encoded.hex()}") == tokens
+    peer_bytes = bytes.fromhex(peer.ask(f"write {shape} {tokens}"))
+    assert peer_bytes.hex() == encoded.hex()
+    assert same(REFERENCE.plain(decode(cls, peer_bytes)), value)
     big = bytes.fromhex(peer.ask(f"write_big {shape} {tokens}"))
     assert big[:2] == b"\0\0"
     assert same(REFERENCE.plain(decode(cls, big)), value)
 
 
-def test_fastcdr_refuses_a_message_of_ours_that_was_cut(peer: Peer) -> None:
+def test_fastcdr_refuses_truncated_messages(peer: Peer) -> None:
     cls = message_class("Text")
-    ours = encode(cls(1, "text", 2, "more", 0.5))
-    assert peer.ask(f"read Text {ours.hex()}") != "refused"
-    for size in range(4, len(ours)):
-        assert peer.ask(f"read Text {ours[:size].hex()}") == "refused"
+    encoded = encode(cls(1, "text", 2, "more", 0.5))
+    assert peer.ask(f"read Text {encoded.hex()}") != "refused"
+    for size in range(4, len(encoded)):
+        assert peer.ask(f"read Text {encoded[:size].hex()}") == "refused"

@@ -23,7 +23,7 @@ ANSWER_S = 25
 
 
 _OF_OURS = ("ROS_", "CYCLONEDDS", "ZENOH_", "PYTHON")
-"""Beginnings of the variables of our nodes."""
+"""Prefixes of environment variables that are not passed to peers."""
 
 
 class PeerError(Exception):

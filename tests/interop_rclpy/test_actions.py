@@ -20,7 +20,7 @@ STEPS = [{"sequence": list(range(count))} for count in range(1, 5)]
 DONE = {"sequence": [0, 1, 1, 2, 3]}
 
 
-async def client_of_theirs(world: Any, peer: Peer, kind: str, how: str, **settings: Any) -> Any:
+async def client_of_rclpy_server(world: Any, peer: Peer, kind: str, how: str, **settings: Any) -> Any:
     """Create an action of the peer and our client of it."""
     name = fresh("action")
     await peer.do("action_server", name=name, type=kind, how=how, **settings)
@@ -29,7 +29,7 @@ async def client_of_theirs(world: Any, peer: Peer, kind: str, how: str, **settin
     return client
 
 
-async def server_for_theirs(world: Any, peer: Peer, kind: str, execute: Any, **settings: Any) -> str:
+async def server_for_rclpy_client(world: Any, peer: Peer, kind: str, execute: Any, **settings: Any) -> str:
     """Create our action and a client of the peer; return the name."""
     name = fresh("action")
     world.node("tester").create_action_server(action(peer, kind), name, execute, **settings)
@@ -47,10 +47,10 @@ ENDS = [
 
 
 @pytest.mark.parametrize(("how", "status", "expected"), ENDS)
-async def test_a_goal_of_ours_ends_as_their_server_says(
+async def test_feedback_and_result_of_rclpy_action_server_are_received(
     world: Any, shared_peer: Peer, how: str, status: GoalStatus, expected: Any
 ) -> None:
-    client = await client_of_theirs(world, shared_peer, FIBONACCI, how, feedback=STEPS, result=DONE)
+    client = await client_of_rclpy_server(world, shared_peer, FIBONACCI, how, feedback=STEPS, result=DONE)
     goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=5), timeout_s=WAIT_S)
     if how == "cancel":
         await until(lambda: goal.status == GoalStatus.EXECUTING)
@@ -61,7 +61,7 @@ async def test_a_goal_of_ours_ends_as_their_server_says(
 
 
 @pytest.mark.parametrize(("how", "status", "expected"), ENDS)
-async def test_a_goal_of_theirs_ends_as_our_server_says(
+async def test_rclpy_action_client_receives_feedback_and_result(
     world: Any, shared_peer: Peer, how: str, status: GoalStatus, expected: Any
 ) -> None:
     cls = action(shared_peer, FIBONACCI)
@@ -78,7 +78,7 @@ async def test_a_goal_of_theirs_ends_as_our_server_says(
             return goal.canceled(from_dict(cls.Result, DONE))
         return getattr(goal, how)(from_dict(cls.Result, DONE))
 
-    name = await server_for_theirs(world, shared_peer, FIBONACCI, execute)
+    name = await server_for_rclpy_client(world, shared_peer, FIBONACCI, execute)
     assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 5})
     if how == "cancel":
         await shared_peer.do("goal_status", key=name, expected=GoalStatus.EXECUTING)
@@ -86,22 +86,24 @@ async def test_a_goal_of_theirs_ends_as_our_server_says(
     assert await shared_peer.do("result", key=name) == {"status": status, "result": expected}
 
 
-async def test_their_server_rejects_our_goal(world: Any, shared_peer: Peer) -> None:
-    client = await client_of_theirs(world, shared_peer, FIBONACCI, "reject")
+async def test_goal_rejected_by_rclpy_server_raises_goal_rejected_error(world: Any, shared_peer: Peer) -> None:
+    client = await client_of_rclpy_server(world, shared_peer, FIBONACCI, "reject")
     with pytest.raises(GoalRejectedError):
         await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
 
 
-async def test_our_server_rejects_their_goal(world: Any, shared_peer: Peer) -> None:
+async def test_goal_callback_rejects_goal_of_rclpy_client(world: Any, shared_peer: Peer) -> None:
     async def execute(goal: ServerGoal[Any]) -> Any:
         return goal.succeed()
 
-    name = await server_for_theirs(world, shared_peer, FIBONACCI, execute, goal_callback=lambda goal: goal.order > 0)
+    name = await server_for_rclpy_client(
+        world, shared_peer, FIBONACCI, execute, goal_callback=lambda goal: goal.order > 0
+    )
     assert not await shared_peer.do("send_goal", name=name, key=f"{name} no", goal={"order": 0})
     assert await shared_peer.do("send_goal", name=name, key=f"{name} yes", goal={"order": 1})
 
 
-async def test_twenty_goals_of_theirs_that_end_together_get_their_results(world: Any, shared_peer: Peer) -> None:
+async def test_rclpy_client_obtains_results_of_twenty_goals_ending_together(world: Any, shared_peer: Peer) -> None:
     may_end = asyncio.Event()
 
     async def execute(goal: ServerGoal[Any]) -> Any:
@@ -128,32 +130,32 @@ async def test_twenty_goals_of_theirs_that_end_together_get_their_results(world:
     assert {one["status"] for one in (*(task.result() for task in done), *again)} == {GoalStatus.SUCCEEDED}
 
 
-async def test_their_server_refuses_to_cancel(world: Any, shared_peer: Peer) -> None:
-    client = await client_of_theirs(world, shared_peer, FIBONACCI, "cancel", cancels=False)
+async def test_cancellation_refused_by_rclpy_server_raises_cancel_rejected_error(world: Any, shared_peer: Peer) -> None:
+    client = await client_of_rclpy_server(world, shared_peer, FIBONACCI, "cancel", cancels=False)
     goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
     with pytest.raises(CancelRejectedError):
         await goal.cancel(timeout_s=WAIT_S)
 
 
-async def test_our_server_refuses_to_cancel(world: Any, shared_peer: Peer) -> None:
+async def test_cancel_callback_refuses_cancellation_by_rclpy_client(world: Any, shared_peer: Peer) -> None:
     refused = asyncio.Event()
 
     async def execute(goal: ServerGoal[Any]) -> Any:
         await refused.wait()
         return goal.succeed()
 
-    name = await server_for_theirs(world, shared_peer, FIBONACCI, execute, cancel_callback=lambda goal: False)
+    name = await server_for_rclpy_client(world, shared_peer, FIBONACCI, execute, cancel_callback=lambda goal: False)
     assert await shared_peer.do("send_goal", name=name, key=name, goal={"order": 1})
     assert (await shared_peer.do("cancel", key=name))["goals"] == 0
     refused.set()
     assert (await shared_peer.do("result", key=name))["status"] == GoalStatus.SUCCEEDED
 
 
-async def test_nested_messages_go_to_their_server_and_back(world: Any, shared_peer: Peer) -> None:
+async def test_nested_action_messages_are_exchanged_with_rclpy_server(world: Any, shared_peer: Peer) -> None:
     share, cls = shared_peer.share, action(shared_peer, NESTED)
     feedback, results = (random_values(share, f"{NESTED}_{part}", 5) for part in ("Feedback", "Result"))
     goals = random_values(share, f"{NESTED}_Goal", 5)
-    client = await client_of_theirs(world, shared_peer, NESTED, "succeed", feedback=feedback, result=results[0])
+    client = await client_of_rclpy_server(world, shared_peer, NESTED, "succeed", feedback=feedback, result=results[0])
     for values in goals:
         goal = await client.send_goal(from_dict(cls.Goal, values), timeout_s=WAIT_S)
         assert [plain(one) async for one in goal.feedback()] == feedback
@@ -161,7 +163,7 @@ async def test_nested_messages_go_to_their_server_and_back(world: Any, shared_pe
     assert await shared_peer.do("goals", name=client.name) == goals
 
 
-async def test_nested_messages_go_to_our_server_and_back(world: Any, shared_peer: Peer) -> None:
+async def test_nested_action_messages_are_exchanged_with_rclpy_client(world: Any, shared_peer: Peer) -> None:
     share, cls = shared_peer.share, action(shared_peer, NESTED)
     feedback, results = (random_values(share, f"{NESTED}_{part}", 5) for part in ("Feedback", "Result"))
     goals, arrived = random_values(share, f"{NESTED}_Goal", 5), []
@@ -174,7 +176,7 @@ async def test_nested_messages_go_to_our_server_and_back(world: Any, shared_peer
         assert await shared_peer.do("feedback", key=key, count=len(feedback)) == feedback
         return from_dict(cls.Result, results[len(arrived) - 1])
 
-    name = await server_for_theirs(world, shared_peer, NESTED, execute)
+    name = await server_for_rclpy_client(world, shared_peer, NESTED, execute)
     for number, values in enumerate(goals):
         key = f"{name} {number}"
         assert await shared_peer.do("send_goal", name=name, key=key, goal=values)

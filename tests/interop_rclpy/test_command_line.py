@@ -1,4 +1,4 @@
-"""``rosidl-py``, and ``rosidl-py-gen diff``, with rclpy nodes on Fast DDS, whose types they know only from them."""
+"""``rosidl-py`` and ``rosidl-py-gen diff`` with rclpy nodes whose types the commands know only from these nodes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 STRINGS, BASIC, FIBONACCI = "test_msgs/msg/Strings", "test_msgs/srv/BasicTypes", "test_msgs/action/Fibonacci"
 WITHIN_S = 40
-PATIENT = "--timeout", "20"
+WITH_TIMEOUT = "--timeout", "20"
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ async def overview_of(peer: Peer, tool: Tool) -> Overview:
     return _overviews[peer]
 
 
-async def test_everything_is_listed(shared_peer: Peer, tool: Tool) -> None:
+async def test_list_commands_print_entities_of_rclpy_peer(shared_peer: Peer, tool: Tool) -> None:
     overview = await overview_of(shared_peer, tool)
     expected = {
         "topic list": f"{overview.topic} [{STRINGS}]",
@@ -128,7 +128,7 @@ async def test_everything_is_listed(shared_peer: Peer, tool: Tool) -> None:
         assert one in overview.outputs[words].splitlines()
 
 
-async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None:
+async def test_info_commands_describe_action_and_node_of_rclpy_peer(shared_peer: Peer, tool: Tool) -> None:
     overview = await overview_of(shared_peer, tool)
     action = overview.action
     of_action = f"Action: {action}\nAction clients: 0\nAction servers: 1\n    /{shared_peer.name}\n"
@@ -138,7 +138,7 @@ async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None
     assert found["action_servers"][action] == [FIBONACCI]
 
 
-async def test_topics_and_services_have_information(shared_peer: Peer, tool: Tool) -> None:
+async def test_info_commands_describe_topic_and_service_of_rclpy_peer(shared_peer: Peer, tool: Tool) -> None:
     topic, service = map(fresh, ("words", "answers"))
     await shared_peer.do("publisher", topic=topic, type=STRINGS)
     await shared_peer.do("serve", name=service, type=BASIC, how="echo")
@@ -147,16 +147,16 @@ async def test_topics_and_services_have_information(shared_peer: Peer, tool: Too
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
 
 
-async def test_graph_and_doctor_list_a_peer_with_its_middleware(shared_peer: Peer, tool: Tool) -> None:
+async def test_graph_and_doctor_report_rclpy_peer_with_its_middleware(shared_peer: Peer, tool: Tool) -> None:
     overview = await overview_of(shared_peer, tool)
     (node,) = json.loads(overview.outputs["graph --json"])["nodes"]
     shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
-    wanted = {
+    expected_entities = {
         ("topic", overview.topic, STRINGS),
         ("service", overview.service, BASIC),
         ("action", overview.action, FIBONACCI),
     }
-    assert wanted <= shown
+    assert expected_entities <= shown
     assert not any("parameter" in name for _, name, *_ in shown)
     texts = [row["text"] for row in json.loads(overview.outputs["doctor --json"])["peers"]]
     kind = "ROS Humble or earlier (no type hashes)" if shared_peer.distro == "humble" else "ROS Iron or later"
@@ -165,7 +165,7 @@ async def test_graph_and_doctor_list_a_peer_with_its_middleware(shared_peer: Pee
     assert any("a message went there and back" in text for text in texts)
 
 
-async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) -> None:
+async def test_service_call_command_calls_rclpy_server(shared_peer: Peer, tool: Tool, share: str) -> None:
     name = fresh("answers")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     values = "{int32_value: -5, string_value: grüße}"
@@ -176,7 +176,7 @@ async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) ->
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, tool: Tool) -> None:
+async def test_service_echo_prints_events_of_unknown_type(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("answers")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     await shared_peer.do("introspect", kind="service", name=name, state="CONTENTS")
@@ -193,16 +193,16 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     assert [one["int32_value"] for one in parts[event["info"]["event_type"]]] == [7]
 
 
-async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> None:
+async def test_param_commands_read_and_set_parameters_of_rclpy_node(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("holder").strip("/")
     await shared_peer.do("add_node", name=name)
     await shared_peer.do("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
     listed, got, done, described, wrong = await asyncio.gather(
-        tool("param", "list", f"/{name}", "--param-type", *PATIENT),
-        tool("param", "get", f"/{name}", "arm.names", *PATIENT),
-        tool("param", "set", f"/{name}", "speed", "2.5", *PATIENT),
-        tool("param", "describe", f"/{name}", "count", *PATIENT),
-        tool.end(await tool.start("param", "set", f"/{name}", "speed", "fast", *PATIENT)),
+        tool("param", "list", f"/{name}", "--param-type", *WITH_TIMEOUT),
+        tool("param", "get", f"/{name}", "arm.names", *WITH_TIMEOUT),
+        tool("param", "set", f"/{name}", "speed", "2.5", *WITH_TIMEOUT),
+        tool("param", "describe", f"/{name}", "count", *WITH_TIMEOUT),
+        tool.end(await tool.start("param", "set", f"/{name}", "speed", "fast", *WITH_TIMEOUT)),
     )
     assert "  arm.names (type: string array)\n" in listed
     assert (got, done) == ("String values are: ['a', 'ü']\n", "Set parameter successful\n")
@@ -211,19 +211,23 @@ async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> Non
     assert await shared_peer.do("parameters", node=name, names=["speed"]) == [2.5]
 
 
-async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, tmp_path: Path) -> None:
+async def test_param_commands_dump_and_load_parameters_of_rclpy_node(
+    shared_peer: Peer, tool: Tool, tmp_path: Path
+) -> None:
     name = fresh("holder").strip("/")
     await shared_peer.do("add_node", name=name)
     await shared_peer.do("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
-    dumped = yaml.safe_load(await tool("param", "dump", f"/{name}", *PATIENT))[f"/{name}"]["ros__parameters"]
+    dumped = yaml.safe_load(await tool("param", "dump", f"/{name}", *WITH_TIMEOUT))[f"/{name}"]["ros__parameters"]
     assert (dumped["speed"], dumped["arm"], dumped["count"]) == (1.5, {"names": ["a", "ü"]}, 3)
     file = tmp_path / "holder.yaml"
     file.write_text(f"/{name}:\n  ros__parameters: {{count: 4}}\n")
-    assert await tool("param", "load", f"/{name}", str(file), *PATIENT) == "Set parameter count successful\n"
+    assert await tool("param", "load", f"/{name}", str(file), *WITH_TIMEOUT) == "Set parameter count successful\n"
     assert await shared_peer.do("parameters", node=name, names=["count"]) == [4]
 
 
-async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share: str) -> None:
+async def test_send_goal_command_prints_feedback_and_result_of_rclpy_server(
+    shared_peer: Peer, tool: Tool, share: str
+) -> None:
     name, steps = fresh("fibonacci"), [{"sequence": [0]}, {"sequence": [0, 1]}]
     done = {"sequence": [0, 1, 1]}
     await shared_peer.do("action_server", name=name, type=FIBONACCI, how="succeed", feedback=steps, result=done)
@@ -233,7 +237,7 @@ async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share:
     assert (end["status"], end["result"]) == ("SUCCEEDED", done)
 
 
-async def test_ctrl_c_cancels_a_goal_of_theirs(shared_peer: Peer, tool: Tool, share: str) -> None:
+async def test_ctrl_c_cancels_goal_of_rclpy_server(shared_peer: Peer, tool: Tool, share: str) -> None:
     name = fresh("fibonacci")
     await shared_peer.do("action_server", name=name, type=FIBONACCI, how="cancel", result={"sequence": [9]})
     process = await tool.start("action", "send_goal", name, "{order: 2}", "--path", share)
@@ -245,17 +249,17 @@ async def test_ctrl_c_cancels_a_goal_of_theirs(shared_peer: Peer, tool: Tool, sh
     assert (ended.code, ended.out.splitlines()[-1]) == (130, "Goal finished with status: CANCELED")
 
 
-async def test_a_lifecycle_node_is_led_through_its_states(shared_peer: Peer, tool: Tool) -> None:
+async def test_lifecycle_commands_change_state_of_rclpy_node(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("managed")
     await shared_peer.do("lifecycle_node", name=name.strip("/"))
-    assert await tool("lifecycle", "set", name, "configure", *PATIENT) == "Transitioning successful\n"
+    assert await tool("lifecycle", "set", name, "configure", *WITH_TIMEOUT) == "Transitioning successful\n"
     state, possible = await asyncio.gather(
-        tool("lifecycle", "get", name, *PATIENT), tool("lifecycle", "list", name, *PATIENT)
+        tool("lifecycle", "get", name, *WITH_TIMEOUT), tool("lifecycle", "list", name, *WITH_TIMEOUT)
     )
     assert (state, "- activate [3]\n" in possible) == ("inactive [2]\n", True)
 
 
-async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Tool) -> None:
+async def test_topic_echo_prints_unknown_type_of_rclpy_publisher(shared_peer: Peer, tool: Tool) -> None:
     topic = fresh("words")
     await shared_peer.do("publisher", topic=topic, type=STRINGS)
     process = await tool.start("topic", "echo", topic, "--once", "--json")
@@ -267,7 +271,7 @@ async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Too
     assert json.loads(ended.out)["string_value"] == "grüße"
 
 
-async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
+async def test_topic_pub_reaches_rclpy_and_topic_hz_measures_rclpy_publisher(shared_peer: Peer, tool: Tool) -> None:
     received, published = fresh("received"), fresh("published")
     await shared_peer.do("subscribe", topic=received, type=STRINGS)
     await shared_peer.do("publisher", topic=published, type=STRINGS)
@@ -282,7 +286,7 @@ async def test_what_is_published_arrives_and_what_they_publish_is_measured(share
     assert (report["topic"], report["window"] > 1) == (published, True)
 
 
-async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
+async def test_topic_of_unknown_type_is_recorded_from_and_played_to_rclpy(
     shared_peer: Peer, tool: Tool, tmp_path: Path
 ) -> None:
     published, received, bag = fresh("published"), fresh("received"), str(tmp_path / "bag")
@@ -309,7 +313,7 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
+async def test_service_and_action_events_of_rclpy_are_recorded(
     shared_peer: Peer, distro: str, tool: Tool, tmp_path: Path
 ) -> None:
     service, action, bag = fresh("asked"), fresh("counted"), tmp_path / "bag"
@@ -364,7 +368,7 @@ async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, tmp_path: Path) -> None:
+async def test_diff_compares_rclpy_node_with_workspace(shared_peer: Peer, tmp_path: Path) -> None:
     topic = fresh("compared")
     await shared_peer.do("publisher", topic=topic, type="test_msgs/msg/BasicTypes")
     for kind in ("msg", "srv", "action"):

@@ -1,4 +1,4 @@
-"""Events of our endpoints about rclpy's endpoints, with the numbers of rclpy."""
+"""QoS events of endpoints of this package about endpoints of rclpy, with the counts that rclpy reports."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ String: Any = get_message(STRING)
         ({"lease_s": 2}, QoSProfile().automatic_liveliness(1.0), QoSPolicyKind.LIVELINESS),
     ],
 )
-async def test_policies_decide_who_is_matched(
+async def test_qos_policies_decide_whether_rclpy_publisher_matches(
     world: Any, shared_peer: Peer, theirs: dict[str, Any], ours: QoSProfile, kind: QoSPolicyKind | None
 ) -> None:
     if shared_peer.middleware == "Zenoh":
@@ -53,7 +53,7 @@ async def test_policies_decide_who_is_matched(
 
 
 @pytest.mark.about_dds("Zenoh has no events for deadlines and liveliness")
-async def test_their_publisher_comes_falls_silent_and_goes(world: Any, shared_peer: Peer) -> None:
+async def test_events_report_match_deadline_and_liveliness_of_rclpy_publisher(world: Any, shared_peer: Peer) -> None:
     topic = fresh("silent")
     matched: list[MatchedStatus] = []
     alive: list[LivelinessStatus] = []
@@ -74,7 +74,9 @@ async def test_their_publisher_comes_falls_silent_and_goes(world: Any, shared_pe
 
 
 @pytest.mark.about_dds("no policies are incompatible on Zenoh")
-async def test_their_subscriptions_come_and_do_not_fit(world: Any, shared_peer: Peer) -> None:
+async def test_publisher_events_report_incompatible_and_matching_rclpy_subscriptions(
+    world: Any, shared_peer: Peer
+) -> None:
     topic = fresh("both")
     matched: list[MatchedStatus] = []
     incompatible: list[IncompatibleStatus] = []

@@ -1,4 +1,4 @@
-"""``rosidl-py foxglove`` between viewers and rclpy nodes on Fast DDS, whose types it knows only from them."""
+"""``rosidl-py foxglove`` between viewers and rclpy nodes, whose types it knows only from these nodes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def watching(tmp_path: Path) -> Watching:
     return watch
 
 
-async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: Peer, watching: Watching) -> None:
+async def test_viewer_subscribes_and_publishes_on_topics_of_unknown_type(shared_peer: Peer, watching: Watching) -> None:
     topic, commands = fresh("words"), fresh("commands")
     await shared_peer.do("publisher", topic=topic, type=STRINGS)
     await shared_peer.do("subscribe", topic=commands, type=STRINGS)
@@ -67,7 +67,7 @@ async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: 
         assert answer["string_value"] == "go"
 
 
-async def test_services_are_called_and_parameters_set(shared_peer: Peer, watching: Watching) -> None:
+async def test_viewer_calls_services_and_sets_parameters_of_rclpy_node(shared_peer: Peer, watching: Watching) -> None:
     name, holder = fresh("answers"), fresh("holder")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     await shared_peer.do("add_node", name=holder.strip("/"))

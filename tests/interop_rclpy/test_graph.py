@@ -1,4 +1,4 @@
-"""Graph information that rclpy nodes and ours have of each other."""
+"""Graph information of rclpy nodes about nodes of this package, and the reverse."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PROFILES = [
 IDS = ["default", "best effort", "transient local", "manual liveliness", "deadline and lifespan"]
 
 
-async def test_nodes_see_each_other_come_and_go(world: Any, shared_peer: Peer) -> None:
+async def test_nodes_and_rclpy_nodes_discover_and_lose_each_other(world: Any, shared_peer: Peer) -> None:
     context, guest = world.context(), fresh("guest").strip("/")
     stays = world.node(fresh("host").strip("/"), "/deep/space", context=context)
     leaves = world.node(fresh("guest").strip("/"), context=context)
@@ -82,7 +82,7 @@ def _expected(qos: QoSProfile, peer: Peer, *, reader: bool) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("qos", "theirs"), PROFILES, ids=IDS)
-async def test_they_see_type_hash_gid_and_qos_of_our_endpoints(
+async def test_rclpy_reports_type_hash_gid_and_qos_of_endpoints(
     world: Any, shared_peer: Peer, qos: QoSProfile, theirs: dict[str, Any]
 ) -> None:
     topic, cls = fresh("described"), message(shared_peer, STRING)
@@ -102,24 +102,24 @@ async def test_they_see_type_hash_gid_and_qos_of_our_endpoints(
 
 
 @pytest.mark.parametrize(("qos", "theirs"), PROFILES, ids=IDS)
-async def test_we_see_type_hash_and_qos_of_their_endpoints(
+async def test_type_hash_and_qos_of_rclpy_endpoints_are_reported(
     world: Any, shared_peer: Peer, qos: QoSProfile, theirs: dict[str, Any]
 ) -> None:
     node, topic = world.node("tester"), fresh("described")
     await shared_peer.do("publisher", topic=topic, type=STRING, qos=theirs)
     await shared_peer.do("subscribe", topic=topic, type=STRING, qos=theirs)
-    for look, kind in (
+    for query, kind in (
         (node.get_publishers_info_by_topic, EndpointType.PUBLISHER),
         (node.get_subscriptions_info_by_topic, EndpointType.SUBSCRIPTION),
     ):
-        await until(lambda look=look: [one.node_name for one in look(topic)] == [shared_peer.name])
-        (info,) = look(topic)
+        await until(lambda query=query: [one.node_name for one in query(topic)] == [shared_peer.name])
+        (info,) = query(topic)
         assert (info.node_namespace, info.topic_type, info.endpoint_type) == ("/", STRING, kind)
         assert info.topic_type_hash == hash_text(shared_peer, message(shared_peer, STRING))
         assert _of(info.qos_profile) == _expected(qos, shared_peer, reader=kind is EndpointType.SUBSCRIPTION)
 
 
-async def test_they_see_our_topics_and_services_come_and_go(world: Any, shared_peer: Peer) -> None:
+async def test_rclpy_graph_follows_creation_and_closing_of_endpoints(world: Any, shared_peer: Peer) -> None:
     topic, served, called = fresh("topic"), fresh("served"), fresh("called")
     node = world.node(fresh("owner").strip("/"))
     name, cls, srv = node.name, message(shared_peer, STRING), service(shared_peer, TRIGGER)
@@ -148,10 +148,10 @@ async def test_they_see_our_topics_and_services_come_and_go(world: Any, shared_p
         await shared_peer.do("until_by_node", what=what, name=name, thing=thing, there=False)
 
 
-async def test_we_see_their_topics_and_services_come_and_go(world: Any, shared_peer: Peer) -> None:
+async def test_graph_follows_creation_and_destruction_of_rclpy_endpoints(world: Any, shared_peer: Peer) -> None:
     topic, served, called = fresh("topic"), fresh("served"), fresh("called")
     node, name = world.node("tester"), shared_peer.name
-    looks: list[tuple[Callable[[str], dict[str, list[str]]], str, str]] = [
+    queries: list[tuple[Callable[[str], dict[str, list[str]]], str, str]] = [
         (node.get_publisher_names_and_types_by_node, topic, STRING),
         (node.get_subscriber_names_and_types_by_node, topic, STRING),
         (node.get_service_names_and_types_by_node, served, TRIGGER),
@@ -161,8 +161,8 @@ async def test_we_see_their_topics_and_services_come_and_go(world: Any, shared_p
     await shared_peer.do("subscribe", topic=topic, type=STRING)
     await shared_peer.do("serve", name=served, type=TRIGGER, how="trigger", note="x")
     await shared_peer.do("client", name=called, type=TRIGGER, wait=False)
-    for look, thing, kind in looks:
-        await until(lambda look=look, thing=thing, kind=kind: (thing, [kind]) in _pairs(look(name)))
+    for query, thing, kind in queries:
+        await until(lambda query=query, thing=thing, kind=kind: (thing, [kind]) in _pairs(query(name)))
     assert (node.count_publishers(topic), node.count_subscribers(topic)) == (1, 1)
     assert (served, [TRIGGER]) in _pairs(node.get_service_names_and_types())
     assert (topic, [STRING]) in _pairs(node.get_topic_names_and_types())
@@ -170,8 +170,8 @@ async def test_we_see_their_topics_and_services_come_and_go(world: Any, shared_p
     await shared_peer.do("unsubscribe", topic=topic)
     await shared_peer.do("unserve", name=served)
     await shared_peer.do("unclient", name=called)
-    for look, thing, _ in looks:
-        await until(lambda look=look, thing=thing: thing not in dict(_pairs(look(name))))
+    for query, thing, _ in queries:
+        await until(lambda query=query, thing=thing: thing not in dict(_pairs(query(name))))
     # What nodes have is told by their own message, and the end of an endpoint by discovery: either may be later.
     await until(lambda: (node.count_publishers(topic), node.count_subscribers(topic)) == (0, 0))
 
@@ -181,7 +181,9 @@ def _pairs(found: Any) -> list[tuple[str, list[str]]]:
 
 
 @pytest.mark.parametrize("end", ["close", "kill"])
-async def test_we_miss_a_peer_that_ends(world: Any, start_mortal: Callable[[str], Peer], end: str) -> None:
+async def test_ended_rclpy_peer_disappears_from_graph(
+    world: Any, start_mortal: Callable[[str], Peer], end: str
+) -> None:
     node, topic = world.node("tester"), fresh("mortal")
     peer = start_mortal("mortal_node")
     await peer.do("publisher", topic=topic, type=STRING)
@@ -192,7 +194,7 @@ async def test_we_miss_a_peer_that_ends(world: Any, start_mortal: Callable[[str]
     await until(lambda: "/mortal_node" not in node.get_node_names())
 
 
-async def test_they_miss_our_context_when_it_closes(
+async def test_closed_context_disappears_from_rclpy_graph(
     world: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(*SOON_MISSED)
@@ -206,10 +208,10 @@ async def test_they_miss_our_context_when_it_closes(
     await shared_peer.do("until_node", name=name, there=False)
 
 
-async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_later(
+async def test_rclpy_peer_with_subnet_discovery_started_later_is_found(
     world: Any, start_peer: Callable[..., Peer]
 ) -> None:
-    """Such a peer announces itself by multicast, to which a node that stays local does not listen."""
+    """A peer with discovery range SUBNET announces itself by multicast, which a node with range LOCALHOST ignores."""
     node = world.node("tester")
     peer = start_peer("wide", wide=True)
     try:
@@ -220,7 +222,9 @@ async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_la
         peer.close()
 
 
-async def test_names_of_nodes_are_known_soon_after_their_endpoints(world: Any, start_peer: Callable[..., Peer]) -> None:
+async def test_node_name_of_rclpy_peer_is_known_shortly_after_its_endpoints(
+    world: Any, start_peer: Callable[..., Peer]
+) -> None:
     """Fast DDS repeats a graph message that Cyclone DDS dropped only after 3 s."""
     peer, node = start_peer("on_this_machine"), world.node("watcher")
     await until(lambda: any(name.startswith(f"/{peer.name}/") for name, _ in node.get_service_names_and_types()))
@@ -230,7 +234,7 @@ async def test_names_of_nodes_are_known_soon_after_their_endpoints(world: Any, s
 
 
 RUNS = 7
-SOON_S = 0.45
+MAX_DISCOVERY_S = 0.45
 """Fast DDS takes 0.1 s to announce endpoints; without our early request, 0.7 s on average. On a busy machine both take
 longer.
 """
@@ -248,9 +252,9 @@ async def seconds_to_know(world: Any, peer: Peer) -> float:
     return clock() - started
 
 
-async def test_endpoints_of_fast_dds_are_known_soon(world: Any, shared_peer: Peer) -> None:
+async def test_endpoints_of_fast_dds_peer_are_discovered_within_half_a_second(world: Any, shared_peer: Peer) -> None:
     times, busy = [], []
     for _ in range(RUNS):
         busy.append(held_up())
         times.append(await seconds_to_know(world, shared_peer))
-    assert statistics.median(times) < SOON_S * statistics.mean(busy), (sorted(times), busy)
+    assert statistics.median(times) < MAX_DISCOVERY_S * statistics.mean(busy), (sorted(times), busy)

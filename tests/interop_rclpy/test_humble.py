@@ -44,7 +44,9 @@ async def matched(node: Any, peer: Peer, cls: Any, topic: str) -> tuple[Any, Any
 
 
 @pytest.mark.parametrize("ours", ["humble", "jazzy"])
-async def test_ranges_go_both_ways(world: Any, shared_peer: Peer, selected: str | None, ours: str) -> None:
+async def test_range_messages_are_exchanged_with_humble(
+    world: Any, shared_peer: Peer, selected: str | None, ours: str
+) -> None:
     """Humble ignores the variance of a Range of ours, and theirs have none, which reads as zero."""
     cls = get_message(RANGE, distro=ours)
     publisher, subscription = await matched(world.node("ranger"), shared_peer, cls, fresh("range"))
@@ -63,7 +65,7 @@ async def test_ranges_go_both_ways(world: Any, shared_peer: Peer, selected: str 
     assert (subscription.undecodable, subscription.incompatible_dropped) == (0, 0)
 
 
-async def test_six_megabytes_go_both_ways(world: Any, shared_peer: Peer) -> None:
+async def test_six_megabyte_images_are_exchanged_with_humble(world: Any, shared_peer: Peer) -> None:
     cls, data = get_message("sensor_msgs/msg/Image"), random_bytes(SIX_MEGABYTES, 1)
     publisher, subscription = await matched(world.node("camera"), shared_peer, cls, fresh("image"))
     publisher.publish(cls(height=1024, width=2048, encoding="rgb8", step=6144, data=data))
@@ -76,7 +78,7 @@ async def test_six_megabytes_go_both_ways(world: Any, shared_peer: Peer) -> None
 
 
 @pytest.mark.parametrize("namespace", ["/", "/ab"])
-async def test_nodes_are_listed_both_ways_and_only_another_distribution_takes_memory(
+async def test_humble_lists_nodes_and_only_other_distributions_increase_its_memory(
     world: Any, start_peer: Callable[..., Peer], selected: str | None, namespace: str
 ) -> None:
     """With another distribution, two letters in the namespace of the first node are 6.4 million nodes for Humble.

@@ -1,4 +1,4 @@
-"""Lifecycle nodes of rclpy, driven by us, and ours, driven by rclpy."""
+"""Lifecycle nodes of rclpy controlled by this package, and lifecycle nodes of this package controlled by rclpy."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ async def call(node: Node, peer: Peer, kind: str, name: str, request: dict[str, 
     return plain(response)
 
 
-async def test_we_drive_their_lifecycle_node(world: Any, shared_peer: Peer) -> None:
+async def test_lifecycle_services_change_states_of_rclpy_node(world: Any, shared_peer: Peer) -> None:
     node, name = world.node("tester"), fresh("managed")
     await shared_peer.do("lifecycle_node", name=name.strip("/"))
     events = node.create_subscription(message(shared_peer, EVENT), f"{name}/transition_event")
@@ -70,7 +70,7 @@ class Managed(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
 
-async def test_they_drive_our_lifecycle_node(world: Any, shared_peer: Peer) -> None:
+async def test_rclpy_client_changes_states_of_lifecycle_node(world: Any, shared_peer: Peer) -> None:
     name = fresh("managed")
     node = Managed(name.strip("/"), context=world.context())
     try:

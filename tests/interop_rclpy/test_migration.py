@@ -18,7 +18,7 @@ PAGE = ROOT / "docs" / "start" / "from-rclpy.md"
 
 
 @pytest.mark.about_dds("Zenoh may log to the standard output")
-def test_the_rclpy_code_for_its_users_runs(peer_python: Path, tmp_path: Path) -> None:
+def test_rclpy_code_of_migration_page_runs_under_real_rclpy(peer_python: Path, tmp_path: Path) -> None:
     (code,) = (block.text for block in blocks(PAGE) if block.title == "counter.py")
     script = tmp_path / "counter.py"
     script.write_text(code)

@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime import (
     validate_node_name,
 )
 
-ASK = """
+PROGRAM = """
 import json, sys
 from rclpy.impl.implementation_singleton import rclpy_implementation as rclpy
 
@@ -37,11 +37,11 @@ NAMES += [start + "a" * size for start in ("", "/", "/a/") for size in range(240
 
 
 @pytest.mark.real_time("another process answers")
-def test_what_is_refused_and_where(peer_python: Path) -> None:
-    command = [str(peer_python), "-c", ASK, *CHECKS]
+def test_names_are_refused_at_same_index_as_rclpy(peer_python: Path) -> None:
+    command = [str(peer_python), "-c", PROGRAM, *CHECKS]
     answer = subprocess.run(command, input=json.dumps(NAMES), capture_output=True, text=True, check=True, timeout=60)
-    for (kind, check), theirs in zip(CHECKS.items(), json.loads(answer.stdout), strict=True):
-        both = {name: (place(check, name), index) for name, index in zip(NAMES, theirs, strict=True)}
+    for (kind, check), rclpy_indexes in zip(CHECKS.items(), json.loads(answer.stdout), strict=True):
+        both = {name: (place(check, name), index) for name, index in zip(NAMES, rclpy_indexes, strict=True)}
         differ = {name: places for name, places in both.items() if places[0] != places[1]}
         if kind == "topic_name":  # rcl refuses these when it expands them
             later = {name for name in differ if "{}" in name or (name[0] == "~" and len(name) == 2)}

@@ -17,12 +17,12 @@ from rosidl_py_gen.runtime.transport.qos import ROSOUT, SYSTEM_DEFAULT
 WAIT_S = 10
 LOG = "rcl_interfaces/msg/Log"
 SET_BOOL = "std_srvs/srv/SetBool"
-THEIR_ROSOUT = {"depth": 1000, "durability": "TRANSIENT_LOCAL"}
+RCLPY_ROSOUT = {"depth": 1000, "durability": "TRANSIENT_LOCAL"}
 LEVELS = [20, 30, 40, 50]
 MINUTE_NS = 60_000_000_000
 
 
-async def test_we_read_their_rosout(world: Any, shared_peer: Peer) -> None:
+async def test_log_messages_of_rclpy_node_are_received_from_rosout(world: Any, shared_peer: Peer) -> None:
     node, text = world.node("reader"), fresh("words from them")
     subscription = node.create_subscription(message(shared_peer, LOG), "/rosout", qos=ROSOUT)
     await shared_peer.do("log", text=text)
@@ -36,12 +36,12 @@ async def test_we_read_their_rosout(world: Any, shared_peer: Peer) -> None:
     )
 
 
-async def test_they_read_our_rosout(world: Any, shared_peer: Peer) -> None:
+async def test_rclpy_receives_log_messages_from_rosout(world: Any, shared_peer: Peer) -> None:
     name, text = fresh("writer"), fresh("words from us")
     node = world.node(name.strip("/"), "/deep")
     for level in LEVELS:
         node.logger.log(level, text)
-    await shared_peer.do("subscribe", topic="/rosout", type=LOG, qos=THEIR_ROSOUT)
+    await shared_peer.do("subscribe", topic="/rosout", type=LOG, qos=RCLPY_ROSOUT)
     records: list[Any] = []
     while len(records) < len(LEVELS):
         (record,) = await shared_peer.do("take", topic="/rosout")
@@ -50,7 +50,7 @@ async def test_they_read_our_rosout(world: Any, shared_peer: Peer) -> None:
     assert [(one["level"], one["name"]) for one in records] == expected
 
 
-async def test_their_clock_drives_our_node(world: Any, shared_peer: Peer) -> None:
+async def test_rclpy_clock_publisher_sets_simulated_time_of_node(world: Any, shared_peer: Peer) -> None:
     node = Node(fresh("simulated").strip("/"), context=world.context(), parameter_overrides={"use_sim_time": True})
     await shared_peer.do("publisher", topic="/clock", type="rosgraph_msgs/msg/Clock")
     stamp = {"clock": {"sec": 1234, "nanosec": 5}}
@@ -67,7 +67,7 @@ async def test_their_clock_drives_our_node(world: Any, shared_peer: Peer) -> Non
         node.close()
 
 
-async def test_our_clock_drives_their_node(world: Any, shared_peer: Peer) -> None:
+async def test_clock_publisher_sets_simulated_time_of_rclpy_node(world: Any, shared_peer: Peer) -> None:
     name = fresh("simulated").strip("/")
     await shared_peer.do("add_node", name=name, parameters={"use_sim_time": True})
     cls = message(shared_peer, "rosgraph_msgs/msg/Clock")
@@ -79,7 +79,7 @@ async def test_our_clock_drives_their_node(world: Any, shared_peer: Peer) -> Non
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_their_node_describes_its_types(world: Any, shared_peer: Peer) -> None:
+async def test_type_description_of_rclpy_node_is_requested(world: Any, shared_peer: Peer) -> None:
     node, kind = world.node("tester"), "test_msgs/msg/MultiNested"
     await shared_peer.do("publisher", topic=fresh("described"), type=kind)
     wanted = type_hash(message(shared_peer, kind))
@@ -91,7 +91,7 @@ async def test_their_node_describes_its_types(world: Any, shared_peer: Peer) -> 
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_our_node_describes_its_types_as_theirs_would(
+async def test_type_description_service_replies_like_rclpy_node(
     world: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(shared_peer.share.parent))  # where sources of types are looked for
@@ -112,7 +112,7 @@ async def test_our_node_describes_its_types_as_theirs_would(
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_we_set_their_logger_levels(world: Any, shared_peer: Peer) -> None:
+async def test_logger_levels_of_rclpy_node_are_set_and_read(world: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     await shared_peer.do("add_node", name=name, enable_logger_service=True)
     node = world.node("tester")
@@ -128,7 +128,7 @@ async def test_we_set_their_logger_levels(world: Any, shared_peer: Peer) -> None
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_they_set_our_logger_levels(world: Any, shared_peer: Peer) -> None:
+async def test_rclpy_client_sets_and_reads_logger_levels(world: Any, shared_peer: Peer) -> None:
     name = fresh("logging").strip("/")
     node = Node(name, context=world.context(), logger_services=True)
     levels = [{"name": name, "level": 40}]
@@ -175,7 +175,9 @@ async def watched(node: Node, peer: Peer, name: str, is_ours: bool, state: str) 
 @pytest.mark.only_with("kilted", "lyrical")  # Jazzy's clients tell the GUID of their writer
 @pytest.mark.about_fast_dds("with rmw_cyclonedds client and server announce different values")
 @OURS
-async def test_all_events_of_a_call_name_the_reply_reader(world: Any, shared_peer: Peer, is_ours: bool) -> None:
+async def test_service_events_of_both_sides_contain_gid_of_reply_reader(
+    world: Any, shared_peer: Peer, is_ours: bool
+) -> None:
     node, name = world.node("tester"), fresh("watched")
     subscription = node.create_subscription(
         get_message(f"{SET_BOOL}_Event", path=shared_peer.share), f"{name}/_service_event", qos=100
@@ -194,7 +196,7 @@ async def test_all_events_of_a_call_name_the_reply_reader(world: Any, shared_pee
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
 @pytest.mark.parametrize("state", ["METADATA", "CONTENTS"])
 @OURS
-async def test_introspection_of_both_ends_tells_of_a_call(
+async def test_service_introspection_of_client_and_server_publishes_all_events(
     world: Any, shared_peer: Peer, is_ours: bool, state: str
 ) -> None:
     node, name = world.node("tester"), fresh("watched")

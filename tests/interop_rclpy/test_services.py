@@ -1,4 +1,4 @@
-"""Services between our node and rclpy's on Fast DDS, both ways, also early requests, and ends that are killed."""
+"""Services with rclpy nodes in both directions, including early requests and killed clients and servers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CALL_S = 15
 SIZES = [1, 1_000, 60_000, 100_000, 1_048_576]
 
 
-async def client_of_theirs(node: Any, peer: Peer, name: str, kind: str, how: str, **settings: Any) -> Any:
+async def client_of_rclpy_server(node: Any, peer: Peer, name: str, kind: str, how: str, **settings: Any) -> Any:
     """Create a service of the peer and our client of it."""
     await peer.do("serve", name=name, type=kind, how=how, **settings)
     client = node.create_client(service(peer, kind), name)
@@ -40,19 +40,19 @@ async def client_of_theirs(node: Any, peer: Peer, name: str, kind: str, how: str
 
 
 @pytest.mark.parametrize("kind", TEST_SERVICES)
-async def test_their_server_gets_and_sends_random_values(world: Any, shared_peer: Peer, kind: str) -> None:
+async def test_rclpy_server_receives_and_sends_random_values(world: Any, shared_peer: Peer, kind: str) -> None:
     node, cls, share = world.node("tester"), service(shared_peer, kind), shared_peer.share
     sent = random_values(share, f"{kind}_Request", 5)
     for values in random_values(share, f"{kind}_Response", 3):
         name = fresh("random")
-        client = await client_of_theirs(node, shared_peer, name, kind, "fixed", values=values)
+        client = await client_of_rclpy_server(node, shared_peer, name, kind, "fixed", values=values)
         for request in sent:
             assert plain(await client.call(from_dict(cls.Request, request), CALL_S)) == values
         assert await shared_peer.do("requests", name=name) == sent
 
 
 @pytest.mark.parametrize("kind", TEST_SERVICES)
-async def test_their_client_sends_and_gets_random_values(world: Any, shared_peer: Peer, kind: str) -> None:
+async def test_rclpy_client_sends_and_receives_random_values(world: Any, shared_peer: Peer, kind: str) -> None:
     name, cls, share = fresh("random"), service(shared_peer, kind), shared_peer.share
     answers = random_values(share, f"{kind}_Response", 10)
     sent = random_values(share, f"{kind}_Request", 10)
@@ -71,7 +71,7 @@ async def test_their_client_sends_and_gets_random_values(world: Any, shared_peer
 @pytest.mark.parametrize("size", SIZES)
 async def test_messages_of_any_size_go_both_ways_with_our_client(world: Any, shared_peer: Peer, size: int) -> None:
     name, cls = fresh("size"), service(shared_peer, "test_msgs/srv/BasicTypes")
-    client = await client_of_theirs(world.node("tester"), shared_peer, name, "test_msgs/srv/BasicTypes", "echo")
+    client = await client_of_rclpy_server(world.node("tester"), shared_peer, name, "test_msgs/srv/BasicTypes", "echo")
     for letter in "ab":
         response = await client.call(cls.Request(string_value=letter * size), CALL_S)
         assert response.string_value == letter * size
@@ -89,9 +89,7 @@ async def test_messages_of_any_size_go_both_ways_with_our_server(world: Any, sha
         assert (answer["string_value"], answer["int64_value"]) == ("." + letter * size, size)
 
 
-async def test_more_calls_at_once_than_a_slow_server_of_theirs_keeps_are_all_answered(
-    world: Any, shared_peer: Peer
-) -> None:
+async def test_more_concurrent_calls_than_rclpy_server_queues_are_all_answered(world: Any, shared_peer: Peer) -> None:
     """Four handlers run at a time and ten requests are queued: the other calls wait for responses."""
     cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("slow")
     await shared_peer.do("serve_slowly", name=name, type="test_msgs/srv/BasicTypes", threads=4, seconds=0.1)
@@ -104,10 +102,12 @@ async def test_more_calls_at_once_than_a_slow_server_of_theirs_keeps_are_all_ans
     assert [getattr(answer, "int64_value", answer) for answer in answers] == list(range(40))
 
 
-async def test_clients_of_several_of_our_nodes_get_their_own_answers(world: Any, shared_peer: Peer) -> None:
+async def test_clients_of_several_nodes_receive_their_own_replies_from_rclpy_server(
+    world: Any, shared_peer: Peer
+) -> None:
     cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("several")
     nodes = [world.node(f"tester{number}") for number in range(3)]
-    clients = [await client_of_theirs(nodes[0], shared_peer, name, "test_msgs/srv/BasicTypes", "echo")]
+    clients = [await client_of_rclpy_server(nodes[0], shared_peer, name, "test_msgs/srv/BasicTypes", "echo")]
     clients += [node.create_client(cls, name) for node in nodes]
     for client in clients:
         assert await client.wait_for_service(timeout_s=10)
@@ -117,10 +117,10 @@ async def test_clients_of_several_of_our_nodes_get_their_own_answers(world: Any,
     assert got == wanted
 
 
-async def test_a_service_with_servers_of_both_kinds_answers_every_client(world: Any, shared_peer: Peer) -> None:
+async def test_service_with_own_and_rclpy_servers_replies_to_every_client(world: Any, shared_peer: Peer) -> None:
     name, cls = fresh("both_servers"), service(shared_peer, "std_srvs/srv/Trigger")
     node, other = world.node("tester"), world.node("server")
-    client = await client_of_theirs(node, shared_peer, name, "std_srvs/srv/Trigger", "trigger", note="theirs")
+    client = await client_of_rclpy_server(node, shared_peer, name, "std_srvs/srv/Trigger", "trigger", note="theirs")
     other.create_service(cls, name, lambda _: cls.Response(success=True, message="ours"))
     await until(lambda: node.count_services(name) == 2)
     answers = {(await client.call(cls.Request(), CALL_S)).message for _ in range(20)}
@@ -134,12 +134,12 @@ async def test_a_service_with_servers_of_both_kinds_answers_every_client(world: 
 
 
 @pytest.mark.about_fast_dds("requests to servers on Cyclone DDS have a header instead of an identity")
-async def test_requests_name_the_reader_that_waits_until_all_servers_have_answered(
+async def test_requests_contain_reply_reader_until_all_servers_have_replied(
     world: Any, shared_peer: Peer, start_peer: Callable[..., Peer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A new server then waits until it knows the reader to which it replies."""
     name, kind = fresh("named"), "std_srvs/srv/Trigger"
-    client = await client_of_theirs(world.node("tester"), shared_peer, name, kind, "trigger", note="first")
+    client = await client_of_rclpy_server(world.node("tester"), shared_peer, name, kind, "trigger", note="first")
     request = service(shared_peer, kind).Request()
     writer, named = client._transport_client._writer, []
     write = writer.write
@@ -160,7 +160,7 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
     second.close()
 
 
-_KEPT = 1000
+_QUEUE_DEPTH = 1000
 """Queue depth of the clients of `many_clients`, and of the servers that they call."""
 
 
@@ -174,36 +174,36 @@ async def both_kinds_call(peer: Peer, client: Any, name: str) -> None:
     theirs = asyncio.wrap_future(peer.start("many_clients", **many))
     request = service(peer, "test_msgs/srv/BasicTypes").Request
     number = 0
-    while number < 50 or (not theirs.done() and number < _KEPT - 90):
+    while number < 50 or (not theirs.done() and number < _QUEUE_DEPTH - 90):
         assert (await client.call(request(int64_value=number), CALL_S)).int64_value == number
         await asyncio.sleep(0.001)
         number += 1
     assert await theirs == 90
 
 
-async def test_a_server_of_ours_serves_clients_of_both_kinds_at_once(world: Any, shared_peer: Peer) -> None:
+async def test_server_replies_to_concurrent_own_and_rclpy_clients(world: Any, shared_peer: Peer) -> None:
     name, cls = fresh("both_clients"), service(shared_peer, "test_msgs/srv/BasicTypes")
 
     async def handler(request: Any) -> Any:
         await asyncio.sleep(0.01 * (request.int64_value % 3))  # so that answers overtake each other
         return cls.Response(int32_value=request.int32_value, int64_value=request.int64_value)
 
-    world.node("server").create_service(cls, name, handler, qos=QoSProfile(depth=_KEPT))
+    world.node("server").create_service(cls, name, handler, qos=QoSProfile(depth=_QUEUE_DEPTH))
     client = world.node("tester").create_client(cls, name)
     assert await client.wait_for_service(timeout_s=10)
     await both_kinds_call(shared_peer, client, name)
 
 
-async def test_a_server_of_theirs_serves_clients_of_both_kinds_at_once(world: Any, shared_peer: Peer) -> None:
+async def test_rclpy_server_replies_to_concurrent_own_and_rclpy_clients(world: Any, shared_peer: Peer) -> None:
     name, kind = fresh("both_clients"), "test_msgs/srv/BasicTypes"
-    client = await client_of_theirs(world.node("tester"), shared_peer, name, kind, "echo", depth=_KEPT)
+    client = await client_of_rclpy_server(world.node("tester"), shared_peer, name, kind, "echo", depth=_QUEUE_DEPTH)
     await both_kinds_call(shared_peer, client, name)
 
 
 KIND = "std_srvs/srv/Trigger"
 
 
-async def test_a_server_of_theirs_that_is_killed_is_missed_and_may_return(
+async def test_killed_rclpy_server_is_missed_and_may_return(
     world: Any, shared_peer: Peer, start_mortal: Callable[[str], Peer]
 ) -> None:
     name, cls = fresh("mortal"), service(shared_peer, KIND)
@@ -217,7 +217,7 @@ async def test_a_server_of_theirs_that_is_killed_is_missed_and_may_return(
         await until(lambda: not client.service_is_available())
 
 
-async def test_a_server_of_ours_that_ends_is_missed_and_may_return(
+async def test_closed_server_is_missed_and_may_return_for_rclpy_client(
     world: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(*SOON_MISSED)
@@ -250,7 +250,7 @@ def delay_match(server: Any, delay_s: float) -> Any:
 
 
 @pytest.mark.about_dds("Zenoh connects no single writers")
-async def test_a_request_is_answered_that_came_before_its_writer_was_connected(world: Any, shared_peer: Peer) -> None:
+async def test_request_received_before_its_writer_is_matched_is_answered(world: Any, shared_peer: Peer) -> None:
     """The request is repeated after the peer's next heartbeat, 3 s later; without the early-request mechanism it is
     lost.
     """
@@ -264,7 +264,7 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(w
 
 
 @pytest.mark.about_fast_dds("only its writers are asked")
-async def test_a_new_writer_is_asked_once_what_it_has_written(
+async def test_earlier_samples_are_requested_once_from_new_request_writer(
     world: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     requested: list[tuple[bytes, bytes]] = []

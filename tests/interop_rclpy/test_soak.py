@@ -170,7 +170,7 @@ class Soak:
 
 
 @pytest.mark.timeout(60 * MINUTES + 240)
-async def test_soak_nothing_that_was_answered_is_lost(
+async def test_soak_with_packet_loss_and_killed_peers_loses_no_replies(
     world: Any,
     start_peer: Callable[..., Peer],
     start_mortal: Callable[[str], Peer],

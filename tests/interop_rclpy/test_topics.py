@@ -1,4 +1,4 @@
-"""Topics between our node and rclpy's, both ways: messages arrive as they were sent, field by field."""
+"""Topics with rclpy nodes in both directions: messages arrive unchanged, field by field."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ async def matched_subscription(
 
 
 DEEP = QoSProfile().keep_last(100)
-THEIR_DEEP = {"depth": 100}
+RCLPY_DEEP = {"depth": 100}
 
 
 def lossless(peer: Peer) -> tuple[QoSProfile, dict[str, Any]]:
@@ -64,7 +64,7 @@ def lossless(peer: Peer) -> tuple[QoSProfile, dict[str, Any]]:
     Zenoh drops reliable messages of an endpoint that keeps the last ones: rmw_zenoh's nodes lose them between
     themselves, too. With keep all, Zenoh blocks the publisher.
     """
-    return (QoSProfile().keep_all(), {"history": "KEEP_ALL"}) if peer.middleware == "Zenoh" else (DEEP, THEIR_DEEP)
+    return (QoSProfile().keep_all(), {"history": "KEEP_ALL"}) if peer.middleware == "Zenoh" else (DEEP, RCLPY_DEEP)
 
 
 @pytest.mark.parametrize("name", TYPES)
@@ -77,16 +77,16 @@ async def test_random_messages_arrive_as_sent(
     node, sent = world.node("tester"), random_values(shared_peer.share, name)
     cls = message(shared_peer, name)
     topic, back = fresh("to_them"), fresh("to_us")
-    publisher = await matched_publisher(node, shared_peer, cls, topic, DEEP, THEIR_DEEP)
+    publisher = await matched_publisher(node, shared_peer, cls, topic, DEEP, RCLPY_DEEP)
     for values in sent:
         publisher.publish(from_dict(cls, values))
     assert await shared_peer.do("take", topic=topic, count=len(sent)) == sent
-    subscription = await matched_subscription(node, shared_peer, cls, back, DEEP, THEIR_DEEP)
+    subscription = await matched_subscription(node, shared_peer, cls, back, DEEP, RCLPY_DEEP)
     await shared_peer.do("publish", topic=back, messages_=sent)
     assert [plain(await subscription.receive(timeout_s=10)) for _ in sent] == sent
 
 
-async def test_endpoints_are_found_after_peers_told_each_other_their_types(
+async def test_endpoints_match_after_rclpy_peers_exchanged_type_information(
     world: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
 ) -> None:
     """Peers of Kilted request type definitions of each other, and Cyclone DDS receives the replies.
@@ -96,19 +96,19 @@ async def test_endpoints_are_found_after_peers_told_each_other_their_types(
     """
     node, name = world.node("tester"), "test_msgs/msg/Arrays"
     cls, first = message(shared_peer, name), fresh("before")
-    await matched_subscription(node, shared_peer, cls, first, DEEP, THEIR_DEEP)
+    await matched_subscription(node, shared_peer, cls, first, DEEP, RCLPY_DEEP)
     other = start_peer("other_peer")  # asks for the types of all that shared_peer has
     await matched_subscription(
-        node, other, message(shared_peer, "std_msgs/msg/String"), first + "_other", DEEP, THEIR_DEEP
+        node, other, message(shared_peer, "std_msgs/msg/String"), first + "_other", DEEP, RCLPY_DEEP
     )
     await other.do("subscribe", topic=first + "_both", type="std_msgs/msg/String")
     await shared_peer.do("publisher", topic=first + "_both", type="std_msgs/msg/String")
     await other.do("matched", topic=first + "_both")
-    await matched_subscription(node, shared_peer, cls, fresh("after"), DEEP, THEIR_DEEP)
+    await matched_subscription(node, shared_peer, cls, fresh("after"), DEEP, RCLPY_DEEP)
 
 
 @pytest.mark.only_with("kilted", "lyrical")  # Jazzy's test_msgs have no keys
-async def test_topics_with_keys_match(world: Any, shared_peer: Peer, request: pytest.FixtureRequest) -> None:
+async def test_topics_with_keyed_types_match(world: Any, shared_peer: Peer, request: pytest.FixtureRequest) -> None:
     if shared_peer.middleware == "Fast DDS":  # rmw_cyclonedds and rmw_zenoh have no keys, either
         request.applymarker(pytest.mark.xfail(reason="our topics have no keys", strict=True))
     node = world.node("tester")
@@ -119,7 +119,7 @@ async def test_topics_with_keys_match(world: Any, shared_peer: Peer, request: py
     assert all(await asyncio.gather(*(publisher.wait_for_subscribers(timeout_s=3) for publisher in publishers)))
 
 
-async def test_a_megabyte_arrives_whole(world: Any, shared_peer: Peer, distro: str) -> None:
+async def test_messages_of_one_megabyte_arrive_complete(world: Any, shared_peer: Peer, distro: str) -> None:
     node, data = world.node("tester"), random_bytes(MEGABYTE, 1)
     at_once = 1 if distro == "humble" else 3  # docs/internals/dds.md 13
     cls = message(shared_peer, "std_msgs/msg/UInt8MultiArray")
@@ -138,7 +138,7 @@ async def test_a_megabyte_arrives_whole(world: Any, shared_peer: Peer, distro: s
         assert (await subscription.receive(timeout_s=20)).data.tobytes() == data
 
 
-async def test_the_first_message_of_a_publisher_may_be_large(world: Any, shared_peer: Peer) -> None:
+async def test_large_first_message_of_rclpy_publisher_arrives(world: Any, shared_peer: Peer) -> None:
     """Fast DDS splits messages into packets of 64 KB. Its first heartbeat mostly precedes Cyclone's discovery of the
     publisher, and Cyclone would take the packets before the next heartbeat for old.
     """
@@ -153,7 +153,7 @@ async def test_the_first_message_of_a_publisher_may_be_large(world: Any, shared_
         assert (await subscription.receive(timeout_s=10)).data.tobytes() == random_bytes(200_000, 1)
 
 
-async def test_best_effort_topics_deliver(world: Any, shared_peer: Peer) -> None:
+async def test_best_effort_messages_are_exchanged_with_rclpy(world: Any, shared_peer: Peer) -> None:
     """Losses are allowed, so each message is sent until one arrives."""
     node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, back = fresh("lossy_to_them"), fresh("lossy_to_us")
@@ -170,25 +170,25 @@ async def test_best_effort_topics_deliver(world: Any, shared_peer: Peer) -> None
 
 
 LATCHED = QoSProfile().keep_last(3).transient_local()
-THEIR_LATCHED = {"depth": 3, "durability": "TRANSIENT_LOCAL"}
+RCLPY_LATCHED = {"depth": 3, "durability": "TRANSIENT_LOCAL"}
 FIVE = [{"data": f"message {number}"} for number in range(5)]
 
 
-async def test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is(world: Any, shared_peer: Peer) -> None:
+async def test_late_joiners_receive_latched_messages_up_to_history_depth(world: Any, shared_peer: Peer) -> None:
     node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     ours, theirs = fresh("latched_by_us"), fresh("latched_by_them")
     publisher = node.create_publisher(cls, ours, LATCHED)
     for values in FIVE:
         publisher.publish(from_dict(cls, values))
-    await shared_peer.do("subscribe", topic=ours, type="std_msgs/msg/String", qos=THEIR_LATCHED)
+    await shared_peer.do("subscribe", topic=ours, type="std_msgs/msg/String", qos=RCLPY_LATCHED)
     assert await shared_peer.do("take", topic=ours, count=3) == FIVE[-3:]
-    await shared_peer.do("publisher", topic=theirs, type="std_msgs/msg/String", qos=THEIR_LATCHED)
+    await shared_peer.do("publisher", topic=theirs, type="std_msgs/msg/String", qos=RCLPY_LATCHED)
     await shared_peer.do("publish", topic=theirs, messages_=FIVE)
     subscription = node.create_subscription(cls, theirs, qos=LATCHED)
     assert [plain(await subscription.receive(timeout_s=10)) for _ in range(3)] == FIVE[-3:]
 
 
-async def test_a_busy_subscriber_keeps_the_newest(world: Any, shared_peer: Peer) -> None:
+async def test_keep_last_subscription_retains_newest_of_many_messages(world: Any, shared_peer: Peer) -> None:
     node, cls = world.node("tester"), message(shared_peer, "std_msgs/msg/String")
     topic, last = fresh("newest"), {"data": "message 499"}
     subscription = await matched_subscription(node, shared_peer, cls, topic, QoSProfile().keep_last(2), {"depth": 1000})

@@ -1,4 +1,4 @@
-"""Types of rclpy nodes on Fast DDS whose packages our process does not have."""
+"""Types of rclpy nodes whose packages are missing in the process of this package."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def resolver(tmp_path: Path) -> Any:
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_a_topic_of_theirs_is_read(shared_peer: Peer, resolver: Any) -> None:
+async def test_unknown_topic_type_is_resolved_from_rclpy_publisher(shared_peer: Peer, resolver: Any) -> None:
     topic = fresh("unknown")
     (values,) = random_values(shared_peer.share, NESTED)[:1]
     await shared_peer.do("publisher", topic=topic, type=NESTED)
@@ -58,7 +58,7 @@ async def test_a_topic_of_theirs_is_read(shared_peer: Peer, resolver: Any) -> No
 
 
 @pytest.mark.only_with("lyrical")
-async def test_service_of_lyrical_is_called_by_the_hash_that_it_announces(shared_peer: Peer, resolver: Any) -> None:
+async def test_unknown_service_type_of_lyrical_is_resolved_by_announced_hash(shared_peer: Peer, resolver: Any) -> None:
     name = fresh("unknown")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     request = {"int32_value": -5, "string_value": "words"}
@@ -67,15 +67,15 @@ async def test_service_of_lyrical_is_called_by_the_hash_that_it_announces(shared
 
 
 @pytest.mark.only_with("jazzy", "kilted")
-async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: Peer, resolver: Any) -> None:
+async def test_unknown_service_type_requires_type_hash_or_introspection(shared_peer: Peer, resolver: Any) -> None:
     name = fresh("unknown")
     await shared_peer.do("serve", name=name, type=BASIC, how="echo")
     request = {"int32_value": -5, "string_value": "words"}
     if shared_peer.middleware != "Zenoh":  # where keys of services have the hash of the service
         error = await resolver("call", is_right=False, service=name, request=request, type_hash=None)
         assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
-    told = type_hash(service(shared_peer, BASIC))
-    answer = await resolver("call", service=name, request=request, type_hash=told)
+    expected_hash = type_hash(service(shared_peer, BASIC))
+    answer = await resolver("call", service=name, request=request, type_hash=expected_hash)
     assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
     await shared_peer.do("introspect", kind="service", name=name, state="METADATA")
     answer = await resolver("call", service=name, request=request, type_hash=None)
@@ -83,9 +83,9 @@ async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: 
 
 
 @pytest.mark.only_with("jazzy", "kilted", "lyrical")
-async def test_an_action_of_theirs_is_known_by_its_hash(shared_peer: Peer, resolver: Any) -> None:
+async def test_unknown_action_type_is_resolved_by_type_hash(shared_peer: Peer, resolver: Any) -> None:
     name = fresh("unknown")
     done = {"sequence": [0, 1, 1, 2]}
     await shared_peer.do("action_server", name=name, type=FIBONACCI, how="succeed", result=done)
-    told = type_hash(action(shared_peer, FIBONACCI))
-    assert await resolver("send", action=name, goal={"order": 4}, type_hash=told) == done
+    expected_hash = type_hash(action(shared_peer, FIBONACCI))
+    assert await resolver("send", action=name, goal={"order": 4}, type_hash=expected_hash) == done

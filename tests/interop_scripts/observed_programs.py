@@ -119,7 +119,7 @@ class Case:
     arguments: str = ""
     """Command line, split as by a shell."""
     unordered: bool = False
-    """Threads of the program print in an order that is not told."""
+    """Threads of the program print in an unspecified order."""
     leaves_threads: bool = False
     """It ends with a thread in rclpy. CPython before 3.14 unwinds such a thread when it comes back from C++, which
     may abort all (`std::terminate`): where that befell real rclpy, what it did until then is compared.

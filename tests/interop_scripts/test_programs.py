@@ -1,4 +1,4 @@
-"""Programs as users of rclpy write them do the same under our rclpy as under the real one."""
+"""Programs of rclpy users behave the same under this rclpy and the real one."""
 
 from __future__ import annotations
 
@@ -163,6 +163,6 @@ CASES = [
 
 @pytest.mark.real_time("programs are processes")
 @pytest.mark.parametrize("case", CASES, ids=Case.name)
-def test_a_program_does_the_same(case: Case, observed: Observed) -> None:
+def test_program_behaves_the_same_under_both_rclpys(case: Case, observed: Observed) -> None:
     if different := difference(case, *observed(case)):
         pytest.fail(different, pytrace=False)

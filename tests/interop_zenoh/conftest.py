@@ -1,4 +1,4 @@
-"""Foreign nodes on Zenoh: a hand-written one on Zenoh 1.7.2, and those of two other projects.
+"""Peers on Zenoh: a handwritten one on Zenoh 1.7.2, and nodes of two other projects.
 
 No package index has binaries of rmw_zenoh_cpp. `peers/raw.py` replaces it, with its configuration and formats, on an
 older Zenoh.

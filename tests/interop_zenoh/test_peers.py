@@ -28,7 +28,7 @@ LATCHED = QoSProfile().keep_last(5).transient_local()
 
 
 @pytest.mark.parametrize("name", ["raw", "sdk", "zeros"])
-async def test_topics_and_services_work_both_ways(world: World, running: Running, name: str) -> None:
+async def test_topics_and_services_work_with_each_zenoh_peer(world: World, running: Running, name: str) -> None:
     node = world.node("ours")
     heard = node.create_subscription(String, "/from/peer", qos=100)
     node.create_subscription(UInt8MultiArray, "/bytes")  # its token has more chunks than they know
@@ -55,7 +55,7 @@ async def test_topics_and_services_work_both_ways(world: World, running: Running
     await until(lambda: node.count_publishers("/from/peer") == 0)
 
 
-async def test_late_joiners_get_what_is_kept(world: World, running: Running) -> None:
+async def test_late_joiners_receive_latched_messages(world: World, running: Running) -> None:
     node = world.node("ours")
     publisher = node.create_publisher(String, "/latched/by_us", LATCHED)
     for number in range(8):
@@ -67,7 +67,7 @@ async def test_late_joiners_get_what_is_kept(world: World, running: Running) -> 
         assert await peer.wait_for("latched", 5) == [f"ours {number}" for number in range(3, 8)]
 
 
-async def test_the_peer_reads_our_tokens(world: World, running: Running) -> None:
+async def test_peer_parses_liveliness_tokens_and_attachments(world: World, running: Running) -> None:
     node = world.node("ours", "/arm")
     publisher = node.create_publisher(String, "/to/peer", LATCHED.deadline(0.5))
     async with running("raw") as peer:
@@ -85,7 +85,7 @@ async def test_the_peer_reads_our_tokens(world: World, running: Running) -> None
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-async def test_a_peer_that_dies_is_gone_and_ends_its_calls(world: World, running: Running, number: int) -> None:
+async def test_ended_peer_disappears_and_fails_pending_calls(world: World, running: Running, number: int) -> None:
     node = world.node("ours")
     client = node.create_client(SetBool, "/peer/set")
     async with running("raw", "silent") as peer:
@@ -99,7 +99,7 @@ async def test_a_peer_that_dies_is_gone_and_ends_its_calls(world: World, running
         await until(lambda: "/raw" not in node.get_node_names() and node.count_publishers("/from/peer") == 0, 5)
 
 
-async def test_a_frozen_peer_is_gone_after_its_lease(world: World, running: Running) -> None:
+async def test_frozen_peer_disappears_after_its_lease(world: World, running: Running) -> None:
     # Its return is not tested: it depends on the router's gossip, and failed in 3 of some 80 runs. A token that appears
     # again is tested in `runtime/transport/zenoh/test_graph.py`.
     node = world.node("ours")

@@ -1,4 +1,4 @@
-"""Commands as users run them: processes beside the test's own nodes, on loopback in this test process's domain."""
+"""Fixtures that run commands in processes, on loopback in the domain of this test process, next to the test's nodes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call", "world"]
 
-PATIENCE_S = 25
+COMMAND_TIMEOUT_S = 25
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Tool:
         )
 
     async def __call__(self, *arguments: str, stdin: str = "", **environment: str) -> Ended:
-        """Run a command to its end."""
+        """Run a command and return its exit code and output."""
         return await self.end(await self.start(*arguments, stdin=stdin, **environment), stdin)
 
     async def interrupt(self, process: Any, number: int = signal.SIGINT) -> Ended:
@@ -84,7 +84,7 @@ class Tool:
 
     async def end(self, process: Any, stdin: str = "") -> Ended:
         try:
-            out, err = await asyncio.wait_for(process.communicate(stdin.encode()), PATIENCE_S)
+            out, err = await asyncio.wait_for(process.communicate(stdin.encode()), COMMAND_TIMEOUT_S)
         except asyncio.TimeoutError:
             process.kill()
             raise
@@ -117,7 +117,7 @@ def topic_peer() -> Iterator[tuple[str, str]]:
 
 @pytest.fixture
 def run_here(capsys: Any, monkeypatch: Any, only_loopback: None) -> Callable[..., tuple[int, str, str]]:
-    """Run a command in this process, which is quick, but nothing goes on beside. Gives exit code, output, errors."""
+    """Return a function that runs a command in this process and returns exit code, output and errors."""
 
     def run(*arguments: str, stdin: str = "") -> tuple[int, str, str]:
         with tempfile.TemporaryFile() as file, monkeypatch.context() as patched:

@@ -1,4 +1,4 @@
-"""``rosidl-py bag`` beside a node of the test: recording from it, playing to it, keys meanwhile."""
+"""``rosidl-py bag`` with a node of the test: recording, playing and keyboard control."""
 
 from __future__ import annotations
 
@@ -57,7 +57,9 @@ def node(dds: World) -> Node:
 # ------------------------------------------------------------------------------------------------------------- record
 
 
-async def test_what_a_node_publishes_is_recorded_with_what_it_offers(network: World, tool: Any, tmp_path: Path) -> None:
+async def test_record_all_stores_messages_and_offered_qos_readable_by_rosbags(
+    network: World, tool: Any, tmp_path: Path
+) -> None:
     node = network.node("robot", enable_rosout=False, parameter_events=False)
     words = node.create_publisher(String, "words", QoSProfile().best_effort())
     node.create_publisher(String, "map", LATCHED).publish(String(data="map"))
@@ -85,12 +87,12 @@ async def test_what_a_node_publishes_is_recorded_with_what_it_offers(network: Wo
     assert [item.message.data for item in items] == [f"w{number}" for number in range(50)]
     assert all(before <= item.publish_time <= item.log_time <= time.time_ns() for item in items)
     store = get_typestore(Stores.ROS2_JAZZY)
-    with RosbagsReader(tmp_path / "bag") as theirs:
-        decoded = [store.deserialize_cdr(data, one.msgtype) for one, _, data in theirs.messages()]
+    with RosbagsReader(tmp_path / "bag") as rosbags_reader:
+        decoded = [store.deserialize_cdr(data, one.msgtype) for one, _, data in rosbags_reader.messages()]
     assert sorted(one.data for one in decoded)[0] == "late"  # type: ignore[attr-defined]
 
 
-async def test_a_type_nobody_installed_has_the_definition_of_its_node(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_unknown_type_is_recorded_with_definition_from_its_node(node: Node, tool: Any, tmp_path: Path) -> None:
     cls = compile_definition("nobody_has/msg/Odd", ODD)
     sample = cls(name="odd")
     node.create_publisher(cls, "odd", LATCHED).publish(sample)
@@ -110,7 +112,7 @@ async def test_a_type_nobody_installed_has_the_definition_of_its_node(node: Node
     assert out == b"/odd odd int32\n"
 
 
-async def test_a_full_disk_ends_recording_with_a_file_that_can_be_read(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_recording_on_full_disk_fails_and_leaves_readable_file(node: Node, tool: Any, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "none")
     await wait_for_lines(process, "no publisher of /words yet")
@@ -130,7 +132,7 @@ async def test_a_full_disk_ends_recording_with_a_file_that_can_be_read(node: Nod
 # --------------------------------------------------------------------------------------------------------------- play
 
 
-def test_no_bag_is_made_where_nothing_can_be_heard(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_record_without_middleware_fails_and_creates_no_bag(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
     def missing(*_: object) -> None:
         raise BackendMissingError("no middleware")
 
@@ -139,14 +141,26 @@ def test_no_bag_is_made_where_nothing_can_be_heard(run_here: Any, tmp_path: Path
     assert list(tmp_path.iterdir()) == []
 
 
-async def test_a_bag_is_played_at_its_rate_with_the_quality_of_then(network: World, tool: Any, tmp_path: Path) -> None:
+async def test_play_publishes_with_recorded_qos_at_requested_rate(network: World, tool: Any, tmp_path: Path) -> None:
     node = network.node("robot", enable_rosout=False, parameter_events=False)
     path = write_map_and_words(tmp_path / "bag")
-    words = node.create_subscription(String, "heard", qos=QoSProfile(depth=100).best_effort())
+    words = node.create_subscription(String, "received_texts", qos=QoSProfile(depth=100).best_effort())
     latched = node.create_subscription(String, "map", qos=LATCHED)
     clock = node.create_subscription(Clock, "clock", qos=QoSProfile(depth=100))
     process = await tool.start(
-        *("bag", "play", str(path), "--remap", "/words:=/heard", "--rate", "2", "--clock", "50", "--delay", "2")
+        *(
+            "bag",
+            "play",
+            str(path),
+            "--remap",
+            "/words:=/received_texts",
+            "--rate",
+            "2",
+            "--clock",
+            "50",
+            "--delay",
+            "2",
+        )
     )
     times = []
     for number in range(20):
@@ -165,12 +179,12 @@ async def test_a_bag_is_played_at_its_rate_with_the_quality_of_then(network: Wor
 # ---------------------------------------------------------------------------------------------------- info and convert
 
 
-def test_info_tells_what_a_bag_holds(run_here: Any, tmp_path: Path) -> None:
+def test_info_prints_contents_of_bag_and_reports_damaged_files(run_here: Any, tmp_path: Path) -> None:
     path = write_map_and_words(tmp_path / "bag")
     code, out, _ = run_here("bag", "info", str(path), "--json")
-    told = json.loads(out)
-    assert (code, told["messages"], told["duration_ns"], told["storage"]) == (0, 21, 19 * S // 20, "mcap")
-    assert told["topics"][1]["offered_qos"][0]["reliability"] == "best_effort"
+    document = json.loads(out)
+    assert (code, document["messages"], document["duration_ns"], document["storage"]) == (0, 21, 19 * S // 20, "mcap")
+    assert document["topics"][1]["offered_qos"][0]["reliability"] == "best_effort"
     out = run_here("bag", "info", str(path))[1]
     assert "Duration:   0.950 s\n" in out and "/map\tstd_msgs/msg/String\t1\treliable, transient local\n" in out
     (tmp_path / "no.mcap").write_bytes(b"no bag")
@@ -179,7 +193,7 @@ def test_info_tells_what_a_bag_holds(run_here: Any, tmp_path: Path) -> None:
         assert (code, text in err, "Traceback" in err) == (1, True, False), err
 
 
-def test_info_counts_where_a_file_does_not_tell(run_here: Any, tmp_path: Path) -> None:
+def test_info_counts_messages_of_file_without_statistics(run_here: Any, tmp_path: Path) -> None:
     channels = [
         (topic, "std_msgs/msg/String", "string data", [(number, String(data="x").encode()) for number in range(count)])
         for topic, count in (("/a", 3), ("/b", 2), ("/c", 0))
@@ -188,26 +202,26 @@ def test_info_counts_where_a_file_does_not_tell(run_here: Any, tmp_path: Path) -
     code, out, _ = run_here("bag", "info", str(path))
     assert code == 0 and "Messages:   5\n" in out and "None" not in out
     assert [row.split("\t")[2] for row in out.splitlines() if row.startswith("/")] == ["3", "2", "0"]
-    told = json.loads(run_here("bag", "info", str(path), "--json")[1])
-    assert (told["messages"], [one["count"] for one in told["topics"]]) == (5, [3, 2, 0])
+    document = json.loads(run_here("bag", "info", str(path), "--json")[1])
+    assert (document["messages"], [one["count"] for one in document["topics"]]) == (5, [3, 2, 0])
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_part_is_written_again_as_the_other_kind(run_here: Any, tmp_path: Path, storage: str) -> None:
+def test_convert_writes_selection_in_other_storage_and_back(run_here: Any, tmp_path: Path, storage: str) -> None:
     path, part, back = write_map_and_words(tmp_path / "bag"), tmp_path / "part", tmp_path / "back.mcap"
     options = ("--topics", "/words", "--start-offset", "0.5", "--max-bag-duration", "0.25")
     code, out, err = run_here("bag", "convert", str(path), str(part), "-s", storage, *options)
     assert len(list(part.glob("part_*"))) == 2
     assert (code, out) == (0, f"10 messages of 1 topic in {part}\n"), err
-    with RosbagsReader(part) as theirs:
-        assert theirs.message_count == 10 and next(theirs.messages())[1] == 1000 * S + S // 2
+    with RosbagsReader(part) as rosbags_reader:
+        assert rosbags_reader.message_count == 10 and next(rosbags_reader.messages())[1] == 1000 * S + S // 2
     assert run_here("bag", "convert", str(part), str(back), "--compression", "none")[0] == 0
     with BagReader(path) as one, BagReader(back) as two:
         assert two.topics["/words"] == replace(one.topics["/words"], count=10)
         assert [item.message.data for item in two] == [f"w{number}" for number in range(10, 20)]
 
 
-def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
+def test_invalid_play_and_convert_arguments_are_reported(run_here: Any, tmp_path: Path) -> None:
     path = str(write_map_and_words(tmp_path / "a.mcap"))
     out = str(tmp_path / "out")
     for words, text in (
@@ -233,12 +247,12 @@ def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
         (b"\x1b[1;5C\xff\x00", [], b""),
     ],
 )
-def test_keys_are_what_terminals_send(data: bytes, keys: list[str], rest: bytes) -> None:
+def test_terminal_escape_sequences_are_parsed_into_keys(data: bytes, keys: list[str], rest: bytes) -> None:
     assert keys_of(data) == (keys, rest)
 
 
 class Terminal:
-    """A terminal that a command is in the foreground of, and what was seen on it."""
+    """Terminal in whose foreground a command runs, with the displayed text."""
 
     def __init__(self) -> None:
         self._ours, self._theirs = os.openpty()
@@ -300,14 +314,16 @@ def bag(tmp_path: Path) -> str:
     return str(tmp_path / "bag")
 
 
-async def test_keys_step_pause_and_change_the_rate(dds: World, terminal: Terminal, bag: str) -> None:
-    heard: list[str] = []
+async def test_player_keys_step_pause_and_change_rate(dds: World, terminal: Terminal, bag: str) -> None:
+    received_texts: list[str] = []
     node = dds.node("robot", enable_rosout=False, parameter_events=False)
-    node.create_subscription(String, "words", lambda message: heard.append(message.data), qos=QoSProfile(depth=100))
+    node.create_subscription(
+        String, "words", lambda message: received_texts.append(message.data), qos=QoSProfile(depth=100)
+    )
     await terminal.start("bag", "play", bag, "--start-paused")
     await until(lambda: "paused; space: pause" in terminal.seen, 25)
     terminal.press(RIGHT)
-    await until(lambda: heard == ["w0"], 25)
+    await until(lambda: received_texts == ["w0"], 25)
     terminal.press(UP + UP + DOWN)
     await until(lambda: "at 1.1 times the rate" in terminal.seen, 25)
     terminal.press(SPACE)
@@ -315,7 +331,7 @@ async def test_keys_step_pause_and_change_the_rate(dds: World, terminal: Termina
     terminal.press(RIGHT + SPACE + RIGHT[:1])  # no step while it plays
     await until(lambda: ", paused" in terminal.last, 25)
     terminal.press(RIGHT[1:] + RIGHT)
-    await until(lambda: heard == ["w0", "w1", "w2"], 25)
+    await until(lambda: received_texts == ["w0", "w1", "w2"], 25)
     terminal.press(SPACE)
     assert await terminal.ended() == 0
     assert terminal.state() == terminal.before
@@ -326,7 +342,9 @@ async def test_keys_step_pause_and_change_the_rate(dds: World, terminal: Termina
     ("number", "code"),
     [(signal.SIGTERM, 130), (signal.SIGQUIT, -signal.SIGQUIT)],
 )
-async def test_the_terminal_is_as_before(dds: World, terminal: Terminal, bag: str, number: int, code: int) -> None:
+async def test_signal_that_ends_player_restores_terminal(
+    dds: World, terminal: Terminal, bag: str, number: int, code: int
+) -> None:
     await terminal.start("bag", "play", bag, "--start-paused", "--discovery", "off")
     assert terminal.process is not None
     await until(lambda: terminal.last.endswith(", paused;"), 25)
@@ -336,7 +354,7 @@ async def test_the_terminal_is_as_before(dds: World, terminal: Terminal, bag: st
     assert "paused" in terminal.seen and HIDE_CURSOR not in terminal.seen
 
 
-async def test_a_stopped_player_gives_the_terminal_back(dds: World, terminal: Terminal, bag: str) -> None:
+async def test_suspended_player_restores_terminal_until_resumed(dds: World, terminal: Terminal, bag: str) -> None:
     await terminal.start("bag", "play", bag, "--discovery", "off")
     assert terminal.process is not None
     for _ in range(2):
@@ -349,8 +367,10 @@ async def test_a_stopped_player_gives_the_terminal_back(dds: World, terminal: Te
     assert terminal.state() == terminal.before
 
 
-async def test_an_error_gives_the_terminal_back_too(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here in the process of the test, whose terminal it is not: nothing is touched."""
+async def test_read_keys_leaves_terminal_of_another_session_unchanged(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The terminal does not control the process of the test, so it must stay unchanged."""
 
     class Stream:
         def fileno(self) -> int:
@@ -363,7 +383,7 @@ async def test_an_error_gives_the_terminal_back_too(terminal: Terminal, monkeypa
     assert terminal.state() == terminal.before
 
 
-async def test_space_pauses_a_recorder(dds: World, terminal: Terminal, tmp_path: Path) -> None:
+async def test_space_key_resumes_and_pauses_recorder(dds: World, terminal: Terminal, tmp_path: Path) -> None:
     node = dds.node("robot", enable_rosout=False, parameter_events=False)
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
@@ -389,7 +409,7 @@ async def test_space_pauses_a_recorder(dds: World, terminal: Terminal, tmp_path:
         (("record", "/words", "-o", "{out}"), b"no publisher of /words yet; waiting for it\n"),
     ],
 )
-async def test_keys_are_left_alone_where_that_is_asked_for(
+async def test_disabled_keyboard_controls_leave_terminal_unchanged(
     dds: World, terminal: Terminal, bag: str, tmp_path: Path, command: tuple[str, ...], line: bytes
 ) -> None:
     arguments = [word.format(bag=bag, out=tmp_path / "out") for word in command]

@@ -1,4 +1,4 @@
-"""``rosidl-py bag`` and bags that are damaged, or without an index, or whose types are not in them or none of ROS 2."""
+"""``rosidl-py bag`` with damaged bags, bags without index or definitions, and bags with types that are not of ROS 2."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 S = 1_000_000_000
 LATCHED = QoSProfile().transient_local()
 NAME = "old_msgs/msg/Reading"
-THEN, NOW = "float32 value\nfloat32 weight\n", "float32 value\n"
+OLD_TEXT, NEW_TEXT = "float32 value\nfloat32 weight\n", "float32 value\n"
 
 
 def package(folder: Path, text: str) -> str:
@@ -43,28 +43,32 @@ def package(folder: Path, text: str) -> str:
 
 @pytest.fixture
 def humble(tmp_path: Path) -> str:
-    then = compile_definition(NAME, THEN)
+    then = compile_definition(NAME, OLD_TEXT)
     readings = [(stamp, then(value=stamp, weight=2.0).encode()) for stamp in (1, 2, 3)]
     texts = [(stamp, String(data="a").encode()) for stamp in (1, 2, 3)]
     topics = ("/reading", NAME, readings), ("/s", "std_msgs/msg/String", texts), ("/silent", "old_msgs/msg/Never", [])
     return str(write_humble(tmp_path / "humble.db3", *topics))
 
 
-def test_a_bag_without_definitions_gets_those_of_the_path(run_here: Any, humble: str, tmp_path: Path) -> None:
-    out, folder = tmp_path / "out.mcap", package(tmp_path / "then" / "old_msgs", THEN)
-    code, said, err = run_here("bag", "convert", humble, str(out), "--path", folder)
-    assert code == 0 and said == f"6 messages of 3 topics in {out}\n", err
+def test_convert_adds_definitions_from_path_to_bag_without_definitions(
+    run_here: Any, humble: str, tmp_path: Path
+) -> None:
+    out, folder = tmp_path / "out.mcap", package(tmp_path / "then" / "old_msgs", OLD_TEXT)
+    code, printed, err = run_here("bag", "convert", humble, str(out), "--path", folder)
+    assert code == 0 and printed == f"6 messages of 3 topics in {out}\n", err
     assert "definitions that the bag does not contain are written: old_msgs/msg/Reading from " in err
     assert "/silent [old_msgs/msg/Never] is written without a definition" in err
     with BagReader(out) as reader:
-        assert reader.topics["/reading"].definition.startswith(THEN)
-        assert reader.topics["/reading"].type_hash == type_hash(compile_definition(NAME, THEN))
+        assert reader.topics["/reading"].definition.startswith(OLD_TEXT)
+        assert reader.topics["/reading"].type_hash == type_hash(compile_definition(NAME, OLD_TEXT))
         assert reader.definition("/reading").origin == "the bag"
         assert [item.message.value for item in reader.messages("/reading")] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_types_that_are_known_nowhere_are_told(run_here: Any, humble: str, tmp_path: Path, storage: str) -> None:
+def test_convert_fails_for_types_without_definition_unless_permitted(
+    run_here: Any, humble: str, tmp_path: Path, storage: str
+) -> None:
     out = tmp_path / "out"
     code, _, err = run_here("bag", "convert", humble, str(out), "-s", storage)
     assert code == 1 and not out.exists()
@@ -77,14 +81,14 @@ def test_types_that_are_known_nowhere_are_told(run_here: Any, humble: str, tmp_p
         assert len(list(reader.messages("/reading", raw=True))) == 3
 
 
-def test_a_definition_that_is_not_that_of_messages_is_refused(run_here: Any, humble: str, tmp_path: Path) -> None:
-    folder = package(tmp_path / "now" / "old_msgs", NOW)
+def test_convert_refuses_definition_that_does_not_fit_messages(run_here: Any, humble: str, tmp_path: Path) -> None:
+    folder = package(tmp_path / "now" / "old_msgs", NEW_TEXT)
     code, _, err = run_here("bag", "convert", humble, str(tmp_path / "out.mcap"), "--path", folder)
     assert code == 1 and not (tmp_path / "out.mcap").exists()
     assert "4 of 12 bytes of a message are after its last field" in err and "Reading.msg" in err
 
 
-def test_damaged_messages_are_not_a_missing_definition(run_here: Any, tmp_path: Path) -> None:
+def test_convert_and_migrate_report_damaged_page_not_missing_definition(run_here: Any, tmp_path: Path) -> None:
     messages = [(1, String(data="x" * 10_000).encode())]  # more than a page
     bag = write_humble(tmp_path / "humble.db3", ("/s", "std_msgs/msg/String", messages))
     data, page = bytearray(bag.read_bytes()), 4096
@@ -100,19 +104,25 @@ def test_damaged_messages_are_not_a_missing_definition(run_here: Any, tmp_path: 
         assert code == 1 and "disk image is malformed\n" in err, err
 
 
-def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_path: Path) -> None:
-    folder = package(tmp_path / "then" / "old_msgs", THEN)
+def test_verbose_info_prints_origin_of_definitions(run_here: Any, humble: str, tmp_path: Path) -> None:
+    folder = package(tmp_path / "then" / "old_msgs", OLD_TEXT)
     out = run_here("bag", "info", humble, "--verbose", "--path", folder)[1]
     assert "old_msgs/msg/Reading.msg (guessed by name)" in out
-    told = {one["name"]: one for one in json.loads(run_here("bag", "info", humble, "-v", "--json")[1])["topics"]}
-    assert told["/reading"]["definition"] is None and "no definition" in told["/reading"]["problem"]
-    assert told["/s"]["is_recorded"] is False and told["/s"]["definition_hash"] == type_hash(String)
+    bag_information = {
+        one["name"]: one for one in json.loads(run_here("bag", "info", humble, "-v", "--json")[1])["topics"]
+    }
+    assert (
+        bag_information["/reading"]["definition"] is None and "no definition" in bag_information["/reading"]["problem"]
+    )
+    assert bag_information["/s"]["is_recorded"] is False and bag_information["/s"]["definition_hash"] == type_hash(
+        String
+    )
     assert "Types:      3 have no definition in the bag; --verbose prints" in run_here("bag", "info", humble)[1]
     assert "definition" not in json.loads(run_here("bag", "info", humble, "--json")[1])["topics"][0]
 
 
 def odd_bag(path: Path) -> Path:
-    """Topics that ROS 2 cannot have, between two that it can."""
+    """Write a bag of topics that are invalid in ROS 2, between two valid ones."""
     with BagWriter(path) as writer:
         rows = {"/good": "std_msgs/msg/String", "/none": "", "/one": "String", "/four": "std_msgs/msg/String/x"}
         rows |= {"/two": "nobody_has/Thing", "no slash": "std_msgs/msg/String", "/ros1": "std_msgs/String"}
@@ -122,11 +132,11 @@ def odd_bag(path: Path) -> Path:
     return path
 
 
-async def test_topics_that_ros_2_cannot_have_are_not_played(memory: World, tool: Any, tmp_path: Path) -> None:
+async def test_play_skips_topics_with_invalid_name_type_or_encoding(memory: World, tool: Any, tmp_path: Path) -> None:
     node = memory.node("robot", enable_rosout=False, parameter_events=False)
-    heard = node.create_subscription(String, "/good")
+    received = node.create_subscription(String, "/good")
     process = await tool.start("bag", "play", str(odd_bag(tmp_path / "odd.mcap")))
-    assert (await heard.receive(timeout_s=20)).data == "/good"
+    assert (await received.receive(timeout_s=20)).data == "/good"
     ended = await tool.end(process)
     assert ended.code == 0 and "published 2 messages of 2 topics" in ended.err, ended.err
     for text in (
@@ -139,37 +149,37 @@ async def test_topics_that_ros_2_cannot_have_are_not_played(memory: World, tool:
         assert text in ended.err, ended.err
 
 
-def test_each_channel_of_a_topic_is_written_with_the_definition_of_its_hash(run_here: Any, tmp_path: Path) -> None:
-    then, now = compile_definition(NAME, THEN), compile_definition(NAME, NOW)
+def test_convert_writes_each_channel_with_definition_of_its_type_hash(run_here: Any, tmp_path: Path) -> None:
+    then, now = compile_definition(NAME, OLD_TEXT), compile_definition(NAME, NEW_TEXT)
     bag, out = tmp_path / "two.mcap", tmp_path / "out.mcap"
     with BagWriter(bag) as writer:
         for number, cls in enumerate((then, now)):
             known = BagTopic("/reading", NAME, "", "", type_hash=type_hash(cls))
             writer.write_raw(RawMessage(known, cls(value=number).encode(), number, number))
-    folder = package(tmp_path / "then" / "old_msgs", THEN)  # the other one is known to this process
+    folder = package(tmp_path / "then" / "old_msgs", OLD_TEXT)  # the other one is known to this process
     assert run_here("bag", "convert", str(bag), str(out), "--path", folder)[0] == 0
     with BagReader(out) as reader:
-        assert [channel.definition for channel in reader.channels] == [THEN, NOW]
+        assert [channel.definition for channel in reader.channels] == [OLD_TEXT, NEW_TEXT]
         assert [item.message.value for item in reader] == [0, 1]
-    with BagReader(bag, search_path=folder, typestore={NAME: NOW}) as reader:
+    with BagReader(bag, search_path=folder, typestore={NAME: NEW_TEXT}) as reader:
         assert [reader.definition(channel).message_class for channel in reader.channels] == [then, now]
         assert all(reader.definition(channel).is_recorded for channel in reader.channels)
 
 
-async def test_messages_are_played_without_a_definition_that_is_not_theirs(
+async def test_play_ignores_definition_that_does_not_fit_messages(
     memory: World, tool: Any, humble: str, tmp_path: Path
 ) -> None:
-    """With its hash, those who have the right one would not get them."""
-    folder = package(tmp_path / "now" / "old_msgs", NOW)
+    """With the type hash of a wrong definition, subscriptions with the right one would not match."""
+    folder = package(tmp_path / "now" / "old_msgs", NEW_TEXT)
     node = memory.node("robot", enable_rosout=False, parameter_events=False)
-    heard = node.create_subscription(compile_definition(NAME, THEN), "/reading")
+    received = node.create_subscription(compile_definition(NAME, OLD_TEXT), "/reading")
     process = await tool.start("bag", "play", humble, "--path", folder, "--topics", "/reading")
-    assert (await heard.receive(timeout_s=20)).weight == 2.0
+    assert (await received.receive(timeout_s=20)).weight == 2.0
     ended = await tool.end(process)
     assert ended.code == 0 and "4 of 12 bytes of a message are after its last field" in ended.err, ended.err
 
 
-def test_a_copy_that_cannot_be_made_leaves_nothing(run_here: Any, tmp_path: Path) -> None:
+def test_failed_convert_leaves_no_output(run_here: Any, tmp_path: Path) -> None:
     texts = {"/one": "int32 a\nint32 b", "/two": "int32 b\nint32 a"}
     channels = [(topic, "my/msg/Pair", text, [(1, bytes(12))]) for topic, text in texts.items()]
     source = write_foreign(tmp_path / "two.mcap", *channels)
@@ -211,28 +221,28 @@ def test_convert_table_sql_and_reindex_skip_a_damaged_chunk(run_here: Any, tmp_p
     assert run_here("bag", "convert", path, str(tmp_path / "whole.mcap"))[0] == 0
 
 
-def test_info_counts_what_is_intact_in_a_file_without_index(run_here: Any, tmp_path: Path) -> None:
+def test_info_counts_intact_messages_of_damaged_file_without_index(run_here: Any, tmp_path: Path) -> None:
     zeroed_chunk(tmp_path / "a.mcap", 2, has_index=False)
     code, out, err = run_here("bag", "info", str(tmp_path / "a.mcap"))
     assert (code, f"Messages:   {LEFT}" in out, "Damaged:    1 part" in out, PLACE in err) == (0, True, True, True)
     assert "Index:      missing: the recorder was killed; `rosidl-py bag convert` creates a complete bag" in out
 
 
-async def test_play_publishes_what_is_intact(memory: World, tool: Any, tmp_path: Path) -> None:
+async def test_play_publishes_intact_messages_of_damaged_file(memory: World, tool: Any, tmp_path: Path) -> None:
     zeroed_chunk(tmp_path / "a.mcap", 2)
     node = memory.node("robot", enable_rosout=False, parameter_events=False)
-    heard: list[str] = []
-    node.create_subscription(String, "t0", lambda message: heard.append(message.data), qos=QoSProfile(depth=1000))
+    received: list[str] = []
+    node.create_subscription(String, "t0", lambda message: received.append(message.data), qos=QoSProfile(depth=1000))
     ended = await tool("bag", "play", str(tmp_path / "a.mcap"))
-    assert (ended.code, PLACE in ended.err, len(heard)) == (3, True, LEFT // 2)
+    assert (ended.code, PLACE in ended.err, len(received)) == (3, True, LEFT // 2)
 
 
 def split(path: Path, files: int = 12) -> Path:
-    """An MCAP folder with a message a second, each in a file of its own, and one latched."""
+    """Write an MCAP folder with one message per second, each in its own file, and a latched message."""
     return write_map_and_words(path, files, S, split_s=1)
 
 
-def told(folder: Path) -> Any:
+def bag_information(folder: Path) -> Any:
     return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
 
 
@@ -242,9 +252,9 @@ def data_of(path: Path) -> list[tuple[str, str, int]]:
 
 
 @pytest.mark.parametrize("left", ["missing", "empty", "no YAML", "of another bag"])
-def test_a_folder_gets_the_metadata_it_had(run_here: Any, tmp_path: Path, left: str) -> None:
+def test_reindex_restores_metadata_of_mcap_folder(run_here: Any, tmp_path: Path, left: str) -> None:
     path = split(tmp_path / "bag")
-    before, items = told(path), data_of(path)
+    before, items = bag_information(path), data_of(path)
     file = path / "metadata.yaml"
     if left == "missing":
         file.unlink()
@@ -254,25 +264,27 @@ def test_a_folder_gets_the_metadata_it_had(run_here: Any, tmp_path: Path, left: 
         file.write_text("" if left == "empty" else "{")
     code, out, err = run_here("bag", "reindex", str(path))
     assert (code, out, err) == (0, f"13 messages of 2 topics in 12 files: {file}\n", "")
-    assert told(path) == before  # in the order of numbers, not of letters
+    assert bag_information(path) == before  # in the order of numbers, not of letters
     assert before["relative_file_paths"][1:3] == ["bag_1.mcap", "bag_2.mcap"]
     assert data_of(path) == items
-    with RosbagsReader(path) as theirs:
-        assert theirs.message_count == 13
+    with RosbagsReader(path) as reference:
+        assert reference.message_count == 13
     assert sorted(one.name for one in path.iterdir()) == sorted([*before["relative_file_paths"], "metadata.yaml"])
 
 
-def test_a_bag_of_sqlite_files_gets_its_metadata(run_here: Any, tmp_path: Path) -> None:
-    before = told(copy_to_sqlite(split(tmp_path / "mcap"), tmp_path / "bag"))
+def test_reindex_restores_metadata_of_sqlite_folder(run_here: Any, tmp_path: Path) -> None:
+    before = bag_information(copy_to_sqlite(split(tmp_path / "mcap"), tmp_path / "bag"))
     (tmp_path / "bag" / "metadata.yaml").unlink()
     code, out, _ = run_here("bag", "reindex", str(tmp_path / "bag"), "--json")
     found = json.loads(out)
     assert (code, found["messages"], found["files"], found["kept"]) == (0, 13, 1, None)
-    assert told(tmp_path / "bag") == before
+    assert bag_information(tmp_path / "bag") == before
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_bags_of_others_get_theirs(run_here: Any, tmp_path: Path, plugin: StoragePlugin) -> None:
+def test_reindex_restores_metadata_of_bag_written_by_rosbags(
+    run_here: Any, tmp_path: Path, plugin: StoragePlugin
+) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     path = tmp_path / "bag"
     with RosbagsWriter(path, version=9, storage_plugin=plugin) as writer:
@@ -281,20 +293,20 @@ def test_bags_of_others_get_theirs(run_here: Any, tmp_path: Path, plugin: Storag
         for number in range(5):
             data = store.serialize_cdr(store.types[kind](data=str(number)), kind)  # type: ignore[call-arg]
             writer.write(connection, number * S, data)
-    before = told(path)
+    before = bag_information(path)
     (path / "metadata.yaml").unlink()
     assert run_here("bag", "reindex", str(path))[0] == 0
     for name in ("storage_identifier", "relative_file_paths", "duration", "starting_time", "message_count"):
-        assert told(path)[name] == before[name], name
-    topics = (one["topics_with_message_count"][0] for one in (told(path), before))
-    mine, theirs = ((one["message_count"], one["topic_metadata"]["type_description_hash"]) for one in topics)
-    assert mine == theirs
+        assert bag_information(path)[name] == before[name], name
+    topics = (one["topics_with_message_count"][0] for one in (bag_information(path), before))
+    mine, reference = ((one["message_count"], one["topic_metadata"]["type_description_hash"]) for one in topics)
+    assert mine == reference
     with RosbagsReader(path) as reader:
         assert [store.deserialize_cdr(data, one.msgtype).data for one, _, data in reader.messages()] == list("01234")  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
-def test_compression_of_rosbag2_is_seen(run_here: Any, tmp_path: Path, mode: str) -> None:
+def test_reindex_recognizes_zstd_compression_of_rosbag2(run_here: Any, tmp_path: Path, mode: str) -> None:
     path = copy_to_sqlite(split(tmp_path / "mcap", files=3), tmp_path / "bag")
     file = path / "bag_0.db3"
     if mode == "FILE":
@@ -306,13 +318,13 @@ def test_compression_of_rosbag2_is_seen(run_here: Any, tmp_path: Path, mode: str
             base.execute("update messages set data = packed(data)")
     (path / "metadata.yaml").unlink()
     assert run_here("bag", "reindex", str(path))[0] == 0
-    assert (told(path)["compression_format"], told(path)["compression_mode"]) == ("zstd", mode)
+    assert (bag_information(path)["compression_format"], bag_information(path)["compression_mode"]) == ("zstd", mode)
     assert json.loads(run_here("bag", "info", str(path), "--json")[1])["storage"] == "sqlite3"
     assert [text for _, text, _ in data_of(path)] == ["map", "w0", "w1", "w2"]
 
 
 def without_index(path: Path, *, cut: int) -> Path:
-    """An MCAP file as a recorder leaves it that was killed, within a record where `cut` is more than zero."""
+    """Write an MCAP file of a killed recorder; with `cut` above zero, its last record is incomplete."""
     with BagWriter(path) as bag:
         bag.add_topic("/map", String, qos=[LATCHED])
         for number in range(50):
@@ -326,7 +338,7 @@ def without_index(path: Path, *, cut: int) -> Path:
 
 @pytest.mark.parametrize(("cut", "count"), [(0, 50), (60, 49)])
 @pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
-def test_a_file_without_index_gets_one_and_is_kept(run_here: Any, tmp_path: Path, cut: int, count: int) -> None:
+def test_reindex_writes_index_and_keeps_old_file(run_here: Any, tmp_path: Path, cut: int, count: int) -> None:
     path = without_index(tmp_path / "a.mcap", cut=cut)
     before = path.read_bytes()
     with BagReader(path) as reader:
@@ -357,10 +369,10 @@ def test_reindex_of_a_folder_adds_missing_indexes(run_here: Any, tmp_path: Path)
     assert err == f"bag_2.mcap had no index and is rewritten; the old file is renamed to {backup}\n"
     with BagReader(path) as reader:
         assert reader.has_index
-    assert [one["message_count"] for one in told(path)["files"]] == [2, 1, 50]
+    assert [one["message_count"] for one in bag_information(path)["files"]] == [2, 1, 50]
 
 
-def test_a_file_without_any_summary_counts(run_here: Any, tmp_path: Path) -> None:
+def test_reindex_counts_messages_of_file_without_summary(run_here: Any, tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     messages = [(number * S + 5, String(data=str(number)).encode()) for number in range(3)]
     channel = "/words", "std_msgs/msg/String", "string data", messages
@@ -368,13 +380,13 @@ def test_a_file_without_any_summary_counts(run_here: Any, tmp_path: Path) -> Non
     write_foreign(tmp_path / "bag" / "x.mcap", channel, **options)
     code, out, _ = run_here("bag", "reindex", str(tmp_path / "bag"))
     assert code == 0 and out.startswith("3 messages of 1 topic in 1 file")
-    assert (told(tmp_path / "bag")["starting_time"], told(tmp_path / "bag")["duration"]) == (
+    assert (bag_information(tmp_path / "bag")["starting_time"], bag_information(tmp_path / "bag")["duration"]) == (
         {"nanoseconds_since_epoch": 5},
         {"nanoseconds": 2 * S},
     )
 
 
-def test_what_cannot_be_reindexed_is_told_and_left_alone(run_here: Any, tmp_path: Path) -> None:
+def test_reindex_reports_unsuitable_bags_and_changes_no_metadata(run_here: Any, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     mixed = split(tmp_path / "mixed", files=2)
     copy_to_sqlite(mixed, tmp_path / "db3")

@@ -1,4 +1,4 @@
-"""``rosidl-py bag migrate``, and files of rules and of ``--qos-profile-overrides-path``."""
+"""``rosidl-py bag migrate``, its files of rules, and files of ``--qos-profile-overrides-path``."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ if TYPE_CHECKING:
 
 
 NAME = "robot_msgs/msg/Wheel"
-THEN = (
+OLD_TEXT = (
     "float64 speed\nstring name\nint32 turns\nint8[] debug\nPoint[] track\n"
     + "=" * 80
     + "\nMSG: robot_msgs/Point\nint16 x\nint16 y\n"
 )
-NOW = {
+NEW_FILES = {
     "robot_msgs/msg/Wheel.msg": "# A wheel.\nuint8 MAX=3\nstring label\nfloat32 speed\nint64 turns\n"
     "float32 slip 0.5\nPoint[] track\n",
     "robot_msgs/msg/Point.msg": "int32 x\nint8 z 7\n",
@@ -55,7 +55,7 @@ String: Any = get_message("std_msgs/msg/String")
 @pytest.fixture
 def bag(tmp_path: Path) -> str:
     """Three messages of a wheel, and one of a type that does not change."""
-    cls = compile_definition(NAME, THEN)
+    cls = compile_definition(NAME, OLD_TEXT)
     point = cls._TYPE.fields[-1].cls
     with BagWriter(tmp_path / "drive") as writer:
         writer.add_topic("/wheel", cls, qos=[QoSProfile().transient_local()])
@@ -69,7 +69,7 @@ def bag(tmp_path: Path) -> str:
 
 @pytest.fixture
 def now(tmp_path: Path) -> str:
-    return str(write(tmp_path / "now", NOW))
+    return str(write(tmp_path / "now", NEW_FILES))
 
 
 def rules(tmp_path: Path, text: str = RULES) -> str:
@@ -79,7 +79,7 @@ def rules(tmp_path: Path, text: str = RULES) -> str:
 
 @pytest.fixture
 def migrate(run_here: Run, tmp_path: Path) -> Run:
-    """Migrate a bag into ``out.mcap``, to definitions that are written to a folder, or those of a folder."""
+    """Migrate a bag into ``out.mcap``; definitions are texts, which are written to a folder, or a folder."""
 
     def run(bag: object, definitions: str | dict[str, str], *options: str) -> tuple[int, str, str]:
         folder = definitions if isinstance(definitions, str) else str(write(tmp_path / "now", definitions))
@@ -93,10 +93,10 @@ def out(tmp_path: Path) -> Path:
     return tmp_path / "out.mcap"
 
 
-def test_a_recording_is_carried_over_by_field_name(migrate: Run, bag: str, now: str, out: Path, tmp_path: Path) -> None:
-    code, said, err = migrate(bag, now, "--rules", rules(tmp_path))
+def test_migrate_copies_fields_by_name_and_rule(migrate: Run, bag: str, now: str, out: Path, tmp_path: Path) -> None:
+    code, printed, err = migrate(bag, now, "--rules", rules(tmp_path))
     assert (code, err) == (0, "")
-    assert said.splitlines() == [
+    assert printed.splitlines() == [
         "robot_msgs/msg/Wheel, in /wheel",
         "    speed: float64 -> float32",
         "    name -> label",
@@ -125,14 +125,14 @@ def test_a_recording_is_carried_over_by_field_name(migrate: Run, bag: str, now: 
         assert same.data == before.data and same.channel.definition == before.channel.definition
 
 
-def test_a_dry_run_writes_nothing_and_json_has_the_list(run_here: Run, bag: str, now: str, tmp_path: Path) -> None:
+def test_dry_run_writes_no_files_and_json_lists_changes(run_here: Run, bag: str, now: str, tmp_path: Path) -> None:
     arguments = ("bag", "migrate", bag, "--path", now, "--rules", rules(tmp_path))
     before = sorted(tmp_path.rglob("*"))
-    code, said, _ = run_here(*arguments, "--dry-run", "--json")
+    code, printed, _ = run_here(*arguments, "--dry-run", "--json")
     assert code == 0 and sorted(tmp_path.rglob("*")) == before
-    told = json.loads(said)
-    wheel, words = told["topics"]
-    assert (told["messages"], wheel["count"], words["note"]) == (None, 3, "not defined in --path")
+    document = json.loads(printed)
+    wheel, words = document["topics"]
+    assert (document["messages"], wheel["count"], words["note"]) == (None, 3, "not defined in --path")
     assert wheel["carried_over"] and not words["carried_over"]
     assert wheel["changes"][0] == {
         "old_type": NAME,
@@ -146,23 +146,25 @@ def test_a_dry_run_writes_nothing_and_json_has_the_list(run_here: Run, bag: str,
     assert code == 2 and "--output or --dry-run" in err
 
 
-def test_a_type_that_is_called_otherwise_needs_a_rule(migrate: Run, bag: str, out: Path, tmp_path: Path) -> None:
+def test_renamed_type_is_migrated_with_rule_and_copied_without(
+    migrate: Run, bag: str, out: Path, tmp_path: Path
+) -> None:
     text = "types:\n  robot_msgs/Wheel: new_msgs/WheelState\n  robot_msgs/Point: new_msgs/Spot\n"
     files = {"new_msgs/msg/WheelState.msg": "string name\nSpot[] track\n", "new_msgs/msg/Spot.msg": "int8 x\n"}
-    code, said, err = migrate(bag, files, "--rules", rules(tmp_path, text))
-    assert code == 0 and "robot_msgs/msg/Wheel -> new_msgs/msg/WheelState, in /wheel" in said, err
+    code, printed, err = migrate(bag, files, "--rules", rules(tmp_path, text))
+    assert code == 0 and "robot_msgs/msg/Wheel -> new_msgs/msg/WheelState, in /wheel" in printed, err
     with BagReader(out) as reader:
         assert reader.topics["/wheel"].type_name == "new_msgs/msg/WheelState"
         assert [one.message.name for one in reader.messages("/wheel")] == ["w0", "w1", "w2"]
     out.unlink()
-    code, said, _ = migrate(bag, str(tmp_path / "now"))
-    assert code == 0 and f"/wheel [{NAME}] is copied: not among the new definitions" in said
+    code, printed, _ = migrate(bag, str(tmp_path / "now"))
+    assert code == 0 and f"/wheel [{NAME}] is copied: not among the new definitions" in printed
     text = text.replace("WheelState", "Whel")
     code, _, err = migrate(bag, str(tmp_path / "now"), "--rules", rules(tmp_path, text))
     assert code == 1 and "rules.yaml:2:21: new_msgs/msg/Whel is not among the new definitions" in err
 
 
-def test_everything_that_cannot_be_carried_over_is_told_first(migrate: Run, bag: str, out: Path) -> None:
+def test_migrate_reports_all_incompatible_fields_before_writing(migrate: Run, bag: str, out: Path) -> None:
     code, _, err = migrate(bag, {"robot_msgs/msg/Wheel.msg": "int32 speed\nint8 name\nint8[] track\n"})
     assert code == 1 and not out.exists()
     for reason in ("speed: float64 cannot become int32", "name: string cannot", "track: robot_msgs/msg/Point[] cannot"):
@@ -184,7 +186,7 @@ VALUES = [
 
 
 @pytest.mark.parametrize(("old", "new", "value", "reason"), VALUES)
-def test_a_value_that_does_not_fit_is_told_with_its_message_and_nothing_is_left(
+def test_unrepresentable_value_is_reported_with_message_and_leaves_no_output(
     migrate: Run, out: Path, tmp_path: Path, old: str, new: str, value: dict[str, Any], reason: str
 ) -> None:
     path = tmp_path / "old.mcap"
@@ -212,7 +214,7 @@ CARRIED = [
 
 
 @pytest.mark.parametrize(("old", "new", "value", "expected"), CARRIED)
-def test_values_that_fit_stay(
+def test_representable_values_survive_type_change(
     migrate: Run, out: Path, tmp_path: Path, old: str, new: str, value: Any, expected: Any
 ) -> None:
     path = tmp_path / "old.mcap"
@@ -225,29 +227,29 @@ def test_values_that_fit_stay(
     np.testing.assert_array_equal(found.message.a, expected)
 
 
-def test_messages_of_an_equal_type_keep_their_bytes(migrate: Run, bag: str, out: Path) -> None:
-    code, said, err = migrate(bag, {"std_msgs/msg/String.msg": "# Ours.\nstring data\n"}, "--topics", "/words")
-    assert code == 0 and said == f"1 message of 1 topic in {out}, 0 converted\n", err
+def test_messages_of_unchanged_type_are_copied_byte_for_byte(migrate: Run, bag: str, out: Path) -> None:
+    code, printed, err = migrate(bag, {"std_msgs/msg/String.msg": "# Ours.\nstring data\n"}, "--topics", "/words")
+    assert code == 0 and printed == f"1 message of 1 topic in {out}, 0 converted\n", err
     with BagReader(out) as reader, BagReader(bag) as old:
         assert reader.topics["/words"].definition == "# Ours.\nstring data\n"
         assert [one.data for one in reader.raw_messages()] == [one.data for one in old.raw_messages("/words")]
 
 
-def test_a_topic_with_two_definitions_becomes_one_with_the_new(migrate: Run, out: Path, tmp_path: Path) -> None:
+def test_topic_with_two_definitions_is_migrated_to_one_channel(migrate: Run, out: Path, tmp_path: Path) -> None:
     path = tmp_path / "old.mcap"
     with BagWriter(path) as writer:
         for number, text in enumerate(("int8 a", "int16 a\nint8 b")):
             cls = compile_definition("two_msgs/msg/A", text)
             known = BagTopic("/a", "two_msgs/msg/A", text, type_hash=type_hash(cls))
             writer.write_raw(RawMessage(known, cls(a=number).encode(), number, number))
-    code, said, err = migrate(path, {"two_msgs/msg/A.msg": "int64 a"})
-    assert code == 0 and said.count("two_msgs/msg/A, in /a") == 2, err
+    code, printed, err = migrate(path, {"two_msgs/msg/A.msg": "int64 a"})
+    assert code == 0 and printed.count("two_msgs/msg/A, in /a") == 2, err
     with BagReader(out) as reader:
         assert len(reader.channels) == 1
         assert [one.message.a for one in reader] == [0, 1]
 
 
-def test_a_bag_without_definitions_needs_those_of_then(migrate: Run, out: Path, tmp_path: Path) -> None:
+def test_bag_without_definitions_requires_old_path_option(migrate: Run, out: Path, tmp_path: Path) -> None:
     path = tmp_path / "old.mcap"
     cls = compile_definition("bare_msgs/msg/A", "int8 a")
     with BagWriter(path) as writer:
@@ -262,16 +264,16 @@ def test_a_bag_without_definitions_needs_those_of_then(migrate: Run, out: Path, 
         assert [one.message.a for one in reader] == [5]
 
 
-def test_damage_names_bag_topic_and_message(migrate: Run, now: str, out: Path, tmp_path: Path) -> None:
+def test_decode_error_names_bag_topic_and_message(migrate: Run, now: str, out: Path, tmp_path: Path) -> None:
     path = tmp_path / "old.mcap"
     with BagWriter(path) as writer:
-        writer.add_topic("/wheel", compile_definition(NAME, THEN))
+        writer.add_topic("/wheel", compile_definition(NAME, OLD_TEXT))
         writer.write("/wheel", b"\0\1\0\0\0", log_time_ns=7)
     code, _, err = migrate(path, now, "--rules", rules(tmp_path))
     assert code == 1 and f"{path}: /wheel at 7 ns: {NAME}.speed: at byte" in err and not out.exists()
 
 
-def test_rules_that_were_not_needed_are_named(migrate: Run, bag: str, now: str, tmp_path: Path) -> None:
+def test_unused_rules_are_reported(migrate: Run, bag: str, now: str, tmp_path: Path) -> None:
     text = RULES + "types: {robot_msgs/Whel: robot_msgs/Wheel}\n"
     code, _, err = migrate(bag, now, "--dry-run", "--rules", rules(tmp_path, text))
     assert code == 0 and "rule for robot_msgs/msg/Whel is unused" in err
@@ -323,20 +325,20 @@ def test_random_values_of_random_definitions_are_migrated(case: tuple[Any, Any, 
         ("types: !!python/object/apply:os.system [ls]", "r:1:8: types: expected"),
     ],
 )
-def test_rules_that_are_wrong_are_told_with_their_place(text: str, error: str) -> None:
+def test_invalid_rules_are_reported_with_line_and_column(text: str, error: str) -> None:
     with pytest.raises(CommandError) as caught:
         parse_rules(text, "r")
     assert str(caught.value).startswith(error), str(caught.value)
 
 
-def test_words_of_yaml_are_names_here() -> None:
+def test_yaml_keywords_in_rules_are_read_as_names() -> None:
     found = parse_rules("fields:\n  a/B: {y: no, on: 'null', off: ~, 1: x}\n")
     expected = {"y": "no", "on": "null", "off": "", "1": "x"}
     assert {old: rule.target for old, rule in found.fields["a/msg/B"].items()} == expected
     assert parse_rules("") == parse_rules("types:\nfields: {}\n")
 
 
-def test_a_file_of_rules_that_is_none_is_an_error(migrate: Run, bag: str, now: str, tmp_path: Path) -> None:
+def test_unreadable_rules_file_is_an_error(migrate: Run, bag: str, now: str, tmp_path: Path) -> None:
     file = tmp_path / "rules.yaml"
     for data, error in ((b"\xff", "expected UTF-8, found the byte 0xff"), (b" " * (1 << 21), "expected at most")):
         file.write_bytes(data)
@@ -348,7 +350,7 @@ def test_a_file_of_rules_that_is_none_is_an_error(migrate: Run, bag: str, now: s
 
 @settings(max_examples=examples(300))
 @given(st.text(st.sampled_from("typesfield:{}[]-&*!~'\"\n ab/B,#|>%@\t"), max_size=60))
-def test_any_text_is_rules_or_our_error(text: str) -> None:
+def test_arbitrary_text_is_parsed_as_rules_or_raises_command_error(text: str) -> None:
     try:
         parse_rules(text)
     except CommandError as error:
@@ -372,7 +374,7 @@ ALL = """\
 """
 
 
-def test_policies_have_the_names_of_rosbag2(tmp_path: Path) -> None:
+def test_qos_overrides_are_read_in_format_of_rosbag2(tmp_path: Path) -> None:
     path = tmp_path / "qos.yaml"
     path.write_text(ALL)
     assert read_qos_overrides(str(path)) == {
@@ -403,7 +405,7 @@ def test_policies_have_the_names_of_rosbag2(tmp_path: Path) -> None:
         ("/scan:\n  avoid_ros_namespace_conventions: 2", "<profiles>:2:36: avoid_ros_namespace_conventions: expected"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(text: str, error: str) -> None:
+def test_invalid_qos_overrides_are_reported_with_line_and_column(text: str, error: str) -> None:
     with pytest.raises(CommandError) as caught:
         parse_qos_overrides(text)
     assert str(caught.value).startswith(error)
@@ -416,7 +418,7 @@ def test_what_is_wrong_is_told_with_its_place(text: str, error: str) -> None:
         lambda one: st.dictionaries(st.sampled_from(["/a", "depth", "history", "deadline", "sec", "nsec"]), one),
     ).map(yaml.safe_dump)
 )
-def test_any_text_is_profiles_or_an_error_of_ours(text: str) -> None:
+def test_arbitrary_text_is_parsed_as_qos_overrides_or_raises_command_error(text: str) -> None:
     try:
         found = parse_qos_overrides(text)
     except CommandError:

@@ -1,4 +1,4 @@
-"""``rosidl-py bag play`` with the options of ``ros2 bag play``, beside nodes in memory, where waiting takes no time."""
+"""``rosidl-py bag play`` with the options of ``ros2 bag play``, in memory, where waiting takes no time."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def words(tmp_path: Path) -> str:
 
 
 def strings(path: Path, topics: dict[str, Any], step_ns: int = S // 10) -> Path:
-    """A bag of strings with their number, each so many steps behind the first."""
+    """Write a bag of numbered strings, each at its number of steps after the first."""
     with BagWriter(path) as bag:
         for topic in topics:
             bag.add_topic(topic, String)
@@ -58,7 +58,7 @@ def strings(path: Path, topics: dict[str, Any], step_ns: int = S // 10) -> Path:
     return path
 
 
-class Heard:
+class MessageRecorder:
     """Received messages of some topics, with the times of the loop."""
 
     def __init__(self, node: Node, *topics: str, kind: Any = String, qos: QoSProfile = KEEP) -> None:
@@ -89,23 +89,25 @@ async def played(tool: Any, *arguments: str) -> Any:
 
 
 @pytest.mark.parametrize(("rate", "step_s"), [("1", 0.1), ("2", 0.05), ("0.5", 0.2)])
-async def test_messages_come_as_far_apart_as_then(node: Node, tool: Any, words: str, rate: str, step_s: float) -> None:
-    heard = Heard(node, "words")
+async def test_play_keeps_recorded_intervals_scaled_by_rate(
+    node: Node, tool: Any, words: str, rate: str, step_s: float
+) -> None:
+    recorder = MessageRecorder(node, "words")
     ended = await played(tool, words, "--rate", rate)
-    assert heard.data == [f"w{number}" for number in range(10)]
-    assert heard.times == pytest.approx([number * step_s for number in range(10)])
+    assert recorder.data == [f"w{number}" for number in range(10)]
+    assert recorder.times == pytest.approx([number * step_s for number in range(10)])
     assert ended.err == "published 10 messages of 1 topic\n"
 
 
-async def test_a_topic_begins_as_long_after_the_bag_as_then_and_delay_waits_before(
+async def test_late_topic_starts_at_recorded_offset_after_delay(
     memory: World, node: Node, tool: Any, tmp_path: Path
 ) -> None:
     path = str(strings(tmp_path / "bag", {"/early": [0], "/late": [30]}))
-    heard = Heard(node, "late")
-    clock = Heard(node, "clock", kind=Clock)
+    recorder = MessageRecorder(node, "late")
+    clock = MessageRecorder(node, "clock", kind=Clock)
     await played(tool, path, "--topics", "/late", "--clock", "10", "--delay", "5")
-    assert heard.data == ["l30"]
-    assert heard.items[0][0] - clock.items[0][0] == pytest.approx(3)
+    assert recorder.data == ["l30"]
+    assert recorder.items[0][0] - clock.items[0][0] == pytest.approx(3)
     assert clock.items[0][0] > 5
 
 
@@ -126,46 +128,48 @@ async def test_a_topic_begins_as_long_after_the_bag_as_then_and_delay_waits_befo
         (("--playback-duration", "0.6", "--playback-until-sec", "1000.4"), range(7)),
     ],
 )
-async def test_a_part_is_played(node: Node, tool: Any, words: str, options: tuple[str, ...], numbers: Any) -> None:
-    heard = Heard(node, "words")
+async def test_start_and_duration_options_limit_played_messages(
+    node: Node, tool: Any, words: str, options: tuple[str, ...], numbers: Any
+) -> None:
+    recorder = MessageRecorder(node, "words")
     await played(tool, words, *options)
-    assert heard.data == [f"w{number}" for number in numbers]
+    assert recorder.data == [f"w{number}" for number in numbers]
 
 
-async def test_loops_begin_again_at_once_and_end_by_a_service(node: Node, tool: Any, words: str) -> None:
-    heard, remote = Heard(node, "words"), Rosbag2Services(node, "/rosbag2_player")
+async def test_loop_restarts_without_delay_until_stop_service_is_called(node: Node, tool: Any, words: str) -> None:
+    recorder, remote = MessageRecorder(node, "words"), Rosbag2Services(node, "/rosbag2_player")
     process = await tool.start("bag", "play", words, "--loop", "--start-offset", "0.8", "--delay", "1")
-    await until(lambda: len(heard.items) == 7)
+    await until(lambda: len(recorder.items) == 7)
     await remote("stop")
     assert (await tool.end(process)).code == 0
-    assert heard.data == ["w8", "w9"] * 3 + ["w8"]
-    assert heard.times == pytest.approx([0, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3])  # no delay between them
+    assert recorder.data == ["w8", "w9"] * 3 + ["w8"]
+    assert recorder.times == pytest.approx([0, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3])  # no delay between them
 
 
-async def test_messages_are_played_in_the_order_they_were_sent(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_message_order_option_selects_received_or_sent_order(node: Node, tool: Any, tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         for number, sent in enumerate([3, 0, 2, 1, 5, 4]):
             bag.write("/words", String(data=str(sent)), START + S + number * S, START + sent * S)
     path = str(tmp_path / "bag")
-    heard = Heard(node, "words")
+    recorder = MessageRecorder(node, "words")
     await played(tool, path, "--message-order", "received")
-    assert heard.data == list("302154")
-    heard.items.clear()
+    assert recorder.data == list("302154")
+    recorder.items.clear()
     await played(tool, path, "--message-order", "sent")
-    assert heard.data == list("012345")
-    assert heard.times == pytest.approx([0, 0, 1, 2, 3, 4])  # sent when or before the bag begins
-    heard.items.clear()
+    assert recorder.data == list("012345")
+    assert recorder.times == pytest.approx([0, 0, 1, 2, 3, 4])  # sent when or before the bag begins
+    recorder.items.clear()
     await played(tool, path, "--message-order", "sent", "--read-ahead-queue-size", "1")
-    assert heard.data == list("021345")  # more than one message came too early
+    assert recorder.data == list("021345")  # more than one message came too early
 
 
-async def test_several_bags_are_played_as_one(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_several_bags_are_played_merged_by_time(node: Node, tool: Any, tmp_path: Path) -> None:
     one = strings(tmp_path / "one", {"/a": [0, 2, 4], "/b": [0]})
     two = copy_to_sqlite(strings(tmp_path / "x.mcap", {"/a": [1, 3, 9]}), tmp_path / "two")
-    heard = Heard(node, "a")
+    recorder = MessageRecorder(node, "a")
     ended = await played(tool, "-i", str(one), "--input", str(two), "--topics", "/a", "/b")
-    assert heard.data == [f"a{number}" for number in (0, 1, 2, 3, 4, 9)]
-    assert heard.times == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.9])
+    assert recorder.data == [f"a{number}" for number in (0, 1, 2, 3, 4, 9)]
+    assert recorder.times == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.9])
     assert ended.err == "published 7 messages of 2 topics\n"
 
 
@@ -227,7 +231,7 @@ ACTION = {f"/count/_action/{part}" for part in PARTS}
         (("--topics", "/a", "/b", "--exclude-regex", "/b"), {"/a"}),
     ],
 )
-async def test_what_is_named_is_played_and_what_is_excluded_is_not(
+async def test_selection_and_exclusion_options_choose_played_topics(
     memory: World, node: Node, tool: Any, mixed: str, options: tuple[str, ...], topics: set[str]
 ) -> None:
     process = await tool.start("bag", "play", mixed, "--start-paused", *options)
@@ -242,7 +246,7 @@ async def test_what_is_named_is_played_and_what_is_excluded_is_not(
     assert ended.code == 0 and counts in ended.err
 
 
-async def test_a_topic_that_is_only_called_like_events_is_a_topic(memory: World, tool: Any, tmp_path: Path) -> None:
+async def test_topic_named_like_service_events_is_played_as_topic(memory: World, tool: Any, tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         for topic in ("/add/_service_event", "/count/_action/send_goal/_service_event"):
             bag.write(topic, String(), START)
@@ -252,15 +256,15 @@ async def test_a_topic_that_is_only_called_like_events_is_a_topic(memory: World,
     assert ended.err == "published 2 messages of 2 topics and sent 0 requests\n"
 
 
-async def test_an_excluded_name_that_is_not_there_is_said(tool: Any, memory: World, mixed: str) -> None:
+async def test_excluded_names_missing_in_bag_are_reported(tool: Any, memory: World, mixed: str) -> None:
     ended = await played(tool, mixed, "--exclude-topics", "/c", "--exclude-services", "/a")
     assert f"--exclude-topics: {mixed} has no topic /c" in ended.err
     assert f"--exclude-services: {mixed} has no service /a" in ended.err
     assert "it is a topic: --exclude-topics /a" in ended.err
 
 
-async def test_topics_and_services_get_other_names(node: Node, tool: Any, mixed: str) -> None:
-    heard = Heard(node, "x", "ns/y")
+async def test_remap_renames_topics_and_services(node: Node, tool: Any, mixed: str) -> None:
+    recorder = MessageRecorder(node, "x", "ns/y")
     asked = []
     node.create_service(Add, "sum", lambda request: asked.append(request) or Add.Response())
     await played(
@@ -268,7 +272,7 @@ async def test_topics_and_services_get_other_names(node: Node, tool: Any, mixed:
         *(mixed, "--topics", "/a", "/b", "--services", "/add", "--publish-service-requests"),
         *("--remap", "/a:=/x", "/b:=/ns/y", "-m", "/add:=/sum"),
     )
-    assert sorted(heard.data) == ["/a", "/b"] and len(asked) == 1
+    assert sorted(recorder.data) == ["/a", "/b"] and len(asked) == 1
 
 
 # ----------------------------------------------------------------------------------------------------------- progress
@@ -283,7 +287,7 @@ async def test_topics_and_services_get_other_names(node: Node, tool: Any, mixed:
         (("--progress-bar-update-rate", "-1"), range(9)),  # for each message
     ],
 )
-async def test_a_terminal_shows_how_far_it_is_as_often_as_is_asked_for(
+async def test_progress_is_updated_at_requested_rate(
     memory: World, tool: Any, tmp_path: Path, options: tuple[str, ...], times: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = str(strings(tmp_path / "bag", {"/words": range(10)}, step_ns=S))
@@ -291,22 +295,22 @@ async def test_a_terminal_shows_how_far_it_is_as_often_as_is_asked_for(
     for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", "200")):
         monkeypatch.setenv(name, value)
     ended = await played(tool, path, *options)
-    shown = re.findall(r"([0-9.]+) s of 9.000 s, (\d+) messages?; Ctrl-C ends playback", ended.err)
-    shown = [one for one in shown if float(one[0]) < 8.9]  # the end is at the same time as the last message
-    assert [float(at) for at, _ in shown] == pytest.approx(list(times), abs=0.002)
-    assert all(int(count) in (int(float(at)), int(float(at)) + 1) for at, count in shown)
+    displayed = re.findall(r"([0-9.]+) s of 9.000 s, (\d+) messages?; Ctrl-C ends playback", ended.err)
+    displayed = [one for one in displayed if float(one[0]) < 8.9]  # the end is at the same time as the last message
+    assert [float(at) for at, _ in displayed] == pytest.approx(list(times), abs=0.002)
+    assert all(int(count) in (int(float(at)), int(float(at)) + 1) for at, count in displayed)
 
 
 # -------------------------------------------------------------------------------------------------------------- clock
 
 
-async def test_the_clock_has_its_rate_or_that_of_messages(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_clock_is_published_at_requested_rate_or_for_each_message(node: Node, tool: Any, tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         bag.write("/clock", Clock(), START)
         for number in range(11):
             bag.write("/words" if number % 2 else "/other", String(), START + number * S // 10)
     path = str(tmp_path / "bag")
-    clock = Heard(node, "clock", kind=Clock)
+    clock = MessageRecorder(node, "clock", kind=Clock)
 
     def stamps() -> list[float]:
         found = [message.clock.sec + message.clock.nanosec / S for _, message in clock.items]
@@ -326,8 +330,8 @@ async def test_the_clock_has_its_rate_or_that_of_messages(node: Node, tool: Any,
     assert stamps() == [0]
 
 
-async def test_the_clock_stands_still_while_it_is_paused(node: Node, tool: Any, words: str) -> None:
-    clock, remote = Heard(node, "clock", kind=Clock), Rosbag2Services(node, "/rosbag2_player")
+async def test_clock_time_stops_while_player_is_paused(node: Node, tool: Any, words: str) -> None:
+    clock, remote = MessageRecorder(node, "clock", kind=Clock), Rosbag2Services(node, "/rosbag2_player")
     process = await tool.start("bag", "play", words, "--clock", "100", "-p")
     await until(lambda: len(clock.items) > 20)
     assert {message.clock.sec * S + message.clock.nanosec for _, message in clock.items} == {START}
@@ -343,36 +347,36 @@ async def test_the_clock_stands_still_while_it_is_paused(node: Node, tool: Any, 
 # ----------------------------------------------------------------------------------------------------------- services
 
 
-async def test_the_services_of_rosbag2s_player_steer_it(node: Node, tool: Any, words: str) -> None:
-    heard, remote = Heard(node, "words"), Rosbag2Services(node, "/rosbag2_player")
+async def test_player_services_of_rosbag2_control_playback(node: Node, tool: Any, words: str) -> None:
+    recorder, remote = MessageRecorder(node, "words"), Rosbag2Services(node, "/rosbag2_player")
     process = await tool.start("bag", "play", words, "--start-paused")
-    assert (await remote("is_paused")).paused and not heard.items
+    assert (await remote("is_paused")).paused and not recorder.items
     assert (await remote("play_next")).success
     assert (await remote("burst", num_messages=2)).actually_burst == 2
-    await until(lambda: heard.data == ["w0", "w1", "w2"])
+    await until(lambda: recorder.data == ["w0", "w1", "w2"])
     await asyncio.sleep(100)
-    assert len(heard.items) == 3
+    assert len(recorder.items) == 3
     assert (await remote("seek", time=_time(1000.7))).success
     assert not (await remote("seek", time=_time(1001))).success
     assert (await remote("set_rate", rate=0.5)).success and not (await remote("set_rate", rate=-1.0)).success
     assert not (await remote("set_rate", rate=float("nan"))).success
     assert (await remote("get_rate")).rate == 0.5
     assert not (await remote("play")).success  # it plays already
-    heard.items.clear()
+    recorder.items.clear()
     await remote("toggle_paused")
     assert not (await remote("is_paused")).paused
     assert not (await remote("play_next")).success and not (await remote("burst")).actually_burst
-    await until(lambda: len(heard.items) == 2)
+    await until(lambda: len(recorder.items) == 2)
     await remote("pause")
-    assert heard.data == ["w7", "w8"] and heard.times == pytest.approx([0, 0.2])
+    assert recorder.data == ["w7", "w8"] and recorder.times == pytest.approx([0, 0.2])
     await remote("seek", time=_time(5))  # before the bag: its begin
     assert (await remote("burst", num_messages=0)).actually_burst == 10
-    await until(lambda: len(heard.items) == 12)
+    await until(lambda: len(recorder.items) == 12)
     assert process.returncode is None  # paused at its end
     await remote("seek", time=_time(1000.9))
     await remote("resume")
     assert (await tool.end(process)).code == 0
-    assert heard.data[12:] == ["w9"]
+    assert recorder.data[12:] == ["w9"]
 
 
 def _time(seconds: float) -> Any:
@@ -381,7 +385,7 @@ def _time(seconds: float) -> Any:
     return stamp
 
 
-async def test_the_player_describes_its_services(memory: World, tool: Any, words: str) -> None:
+async def test_service_call_command_resumes_paused_player(memory: World, tool: Any, words: str) -> None:
     process = await tool.start("bag", "play", words, "--start-paused")
     ended = await tool("service", "call", "/rosbag2_player/resume", "rosbag2_interfaces/srv/Resume")
     assert ended.code == 0, ended.err
@@ -391,7 +395,7 @@ async def test_the_player_describes_its_services(memory: World, tool: Any, words
 # ------------------------------------------------------------------------------------------------- quality of service
 
 
-async def test_profiles_of_a_file_replace_those_of_the_bag(node: Node, tool: Any, mixed: str, tmp_path: Path) -> None:
+async def test_qos_overrides_file_replaces_recorded_profiles(node: Node, tool: Any, mixed: str, tmp_path: Path) -> None:
     file = tmp_path / "qos.yaml"
     file.write_text(
         "/a:\n  reliability: best_effort\n  durability: transient_local\n  history: keep_last\n  depth: 3\n"
@@ -413,7 +417,7 @@ async def test_profiles_of_a_file_replace_those_of_the_bag(node: Node, tool: Any
     assert "/ns/a" not in ended.err
 
 
-async def test_a_wrong_profile_is_an_error_at_its_line(tool: Any, memory: World, words: str, tmp_path: Path) -> None:
+async def test_invalid_qos_override_is_an_error_with_line(tool: Any, memory: World, words: str, tmp_path: Path) -> None:
     file = tmp_path / "qos.yaml"
     file.write_text("/words:\n  depth: 5\n  reliability: relaible\n")
     ended = await tool("bag", "play", words, "--qos-profile-overrides-path", str(file))
@@ -426,7 +430,7 @@ async def test_a_wrong_profile_is_an_error_at_its_line(tool: Any, memory: World,
 
 @pytest.fixture
 def sums(tmp_path: Path) -> str:
-    """Events of /add: two requests that client and server both told of, a response, and one without contents."""
+    """Events of /add: two requests, each from client and server, their responses, and an event without contents."""
     path = tmp_path / "sums"
     with BagWriter(path) as bag:
         for number in (1, 2):
@@ -453,25 +457,25 @@ async def test_recorded_requests_are_sent_to_the_service(
         return Add.Response(sum=request.a + request.b)
 
     node.create_service(Add, "add", add)
-    heard = Heard(node, "words")
+    recorder = MessageRecorder(node, "words")
     ended = await played(tool, sums, "--publish-service-requests", "--service-requests-source", source)
     assert [number for _, number in asked] == [1, 2]
-    assert asked[0][0] - heard.items[0][0] == pytest.approx(first_s)
+    assert asked[0][0] - recorder.items[0][0] == pytest.approx(first_s)
     assert asked[1][0] - asked[0][0] == pytest.approx(1)
     assert "published 1 message of 2 topics and sent 2 requests\n" in ended.err
-    kept = (
+    warning = (
         "/add/_service_event: service_introspection events were recorded without request contents; no request is sent\n"
     )
-    assert (kept in ended.err) is missing
+    assert (warning in ended.err) is missing
 
 
-async def test_requests_to_nobody_are_left_out_with_a_word(memory: World, tool: Any, sums: str) -> None:
+async def test_requests_without_server_are_skipped_and_reported_once(memory: World, tool: Any, sums: str) -> None:
     ended = await played(tool, sums, "--publish-service-requests")
     assert ended.err.count("/add: no server exists; requests are skipped\n") == 1
     assert "and sent 0 requests\n" in ended.err
 
 
-async def test_requests_that_nobody_answers_do_not_hold_up_the_end(node: Node, tool: Any, sums: str) -> None:
+async def test_unanswered_requests_do_not_block_end_of_playback(node: Node, tool: Any, sums: str) -> None:
     async def never(request: Any) -> Any:
         await asyncio.Event().wait()
 
@@ -480,15 +484,17 @@ async def test_requests_that_nobody_answers_do_not_hold_up_the_end(node: Node, t
     assert "2 requests had no response in 5 s\n" in ended.err
 
 
-async def test_without_the_option_events_are_published_as_topics_are(node: Node, tool: Any, sums: str) -> None:
-    heard = Heard(node, "add/_service_event", kind=Add.Event)
+async def test_service_events_are_published_as_messages_by_default(node: Node, tool: Any, sums: str) -> None:
+    recorder = MessageRecorder(node, "add/_service_event", kind=Add.Event)
     node.create_service(Add, "add", lambda request: pytest.fail("nobody is to be asked"))
     await played(tool, sums)
-    assert [message.info.event_type for _, message in heard.items] == [0, 1, 2, 0, 1, 2, 1]
+    assert [message.info.event_type for _, message in recorder.items] == [0, 1, 2, 0, 1, 2, 1]
 
 
 @pytest.mark.parametrize("encoding", ["unknown", "ros2msg"])
-async def test_definitions_as_rosbag2_writes_them(node: Node, tool: Any, tmp_path: Path, encoding: str) -> None:
+async def test_request_type_is_read_from_definition_written_by_rosbag2(
+    node: Node, tool: Any, tmp_path: Path, encoding: str
+) -> None:
     body = "int64 left\n---\nint64 right\n"
     cls: Any = compile_definition("only_here/srv/Turn", body)
     text = "=" * 80 + f"\nSRV: only_here/srv/Turn\n{body}"
@@ -503,7 +509,7 @@ async def test_definitions_as_rosbag2_writes_them(node: Node, tool: Any, tmp_pat
     assert asked == [7]
 
 
-async def test_a_service_that_is_known_nowhere_is_an_error(memory: World, tool: Any, tmp_path: Path) -> None:
+async def test_service_without_definition_is_an_error(memory: World, tool: Any, tmp_path: Path) -> None:
     known = replace(topic_of("/x/_service_event", Add.Event), type_name="nobody_has/srv/X_Event", definition="")
     with BagWriter(tmp_path / "bag") as bag:
         bag.write_raw(RawMessage(replace(known, type_hash=""), b"\0\1\0\0\0\0\0\0", START, START))
@@ -512,7 +518,9 @@ async def test_a_service_that_is_known_nowhere_is_an_error(memory: World, tool: 
     assert "pass the folder of its definition with --path" in ended.err
 
 
-async def test_actions_are_sent_as_a_client_does(memory: World, node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_recorded_goal_is_sent_with_send_actions_as_client(
+    memory: World, node: Node, tool: Any, tmp_path: Path
+) -> None:
     path = tmp_path / "bag"
     goal_id = get_message("unique_identifier_msgs/msg/UUID")(uuid=bytes(range(16)))
     goal = Fibonacci.SendGoal.Request(goal_id=goal_id, goal=Fibonacci.Goal(order=5))
@@ -537,7 +545,7 @@ async def test_actions_are_sent_as_a_client_does(memory: World, node: Node, tool
 # -------------------------------------------------------------------------------------------------------------- words
 
 
-def test_wrong_words_for_playing_are_told(run_here: Any, words: str, mixed: str, tmp_path: Path) -> None:
+def test_invalid_play_arguments_are_reported(run_here: Any, words: str, mixed: str, tmp_path: Path) -> None:
     for arguments, code, text in (
         ([], 2, "expected BAG, or --input BAG"),
         ([words, "-i", words], 2, "expected BAG, or --input BAG"),
@@ -566,7 +574,7 @@ def test_wrong_words_for_playing_are_told(run_here: Any, words: str, mixed: str,
         assert (found, text in err, "Traceback" in err) == (code, True, False), (arguments, err)
 
 
-def test_names_of_the_bag_are_completed(mixed: str) -> None:
+def test_shell_completion_offers_topics_services_and_actions_of_bag(mixed: str) -> None:
     shell = ShellComplete(ros_cli.root(), {}, "rosidl-py", "_ROSIDL_PY_COMPLETE")
     for words, incomplete, found in (
         ((mixed, "--topics"), "/", ["/a", "/b", "/ns/a"]),

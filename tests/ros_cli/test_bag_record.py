@@ -1,4 +1,4 @@
-"""``rosidl-py bag record``: each option, by the bag that comes of it."""
+"""``rosidl-py bag record``: the bag that each option results in."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def words_of(path: Path) -> list[str]:
 
 
 def metadata_of(path: Path) -> dict[str, Any]:
-    told = yaml.safe_load((path / "metadata.yaml").read_text())
-    return dict(told["rosbag2_bagfile_information"])
+    metadata = yaml.safe_load((path / "metadata.yaml").read_text())
+    return dict(metadata["rosbag2_bagfile_information"])
 
 
 @asynccontextmanager
 async def recording(tool: Any, path: Path, *options: str) -> AsyncIterator[Any]:
-    """A recorder that writes each message at once, and that SIGINT ends; it has to end with 0."""
+    """Run a recorder that writes each message immediately, end it by SIGINT, and require exit code 0."""
     process = await tool.start("bag", "record", "-o", str(path), "--max-cache-size", "0", *options)
     yield process
     ended = await tool.interrupt(process)
@@ -72,11 +72,13 @@ async def recording(tool: Any, path: Path, *options: str) -> AsyncIterator[Any]:
 
 
 async def taken(node: Node, recorder: str = RECORDER) -> bool:
-    """Wait until what was published before is taken: an answer comes after it. Gives whether the recorder is paused."""
+    """Wait until the recorder has received all earlier messages; return True if it is paused."""
     return bool((await Rosbag2Services(node, recorder)("is_paused")).paused)
 
 
-async def test_messages_of_humble_have_the_definition_of_humble(tool: Any, node: Node, tmp_path: Path) -> None:
+async def test_topic_first_published_by_humble_is_recorded_with_its_definition(
+    tool: Any, node: Node, tmp_path: Path
+) -> None:
     current: Any = get_message("sensor_msgs/msg/Range")
     of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
     humble = node.create_publisher(without_hash(of_humble), "range")
@@ -175,7 +177,7 @@ def followed(node: Node) -> set[str]:
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-async def test_what_is_asked_for_is_in_the_bag(
+async def test_selection_options_choose_recorded_topics(
     node: Node, tool: Any, tmp_path: Path, words: list[str], expected: set[str]
 ) -> None:
     publish_all(node)
@@ -189,8 +191,8 @@ async def test_what_is_asked_for_is_in_the_bag(
     with BagReader(path) as reader:
         assert {name: topic.count for name, topic in reader.topics.items()} == dict.fromkeys(expected, 1)
         assert len(list(reader)) == len(expected)  # each is decoded with the definition that is in the bag
-    with RosbagsReader(path) as theirs:
-        assert {one.topic for one in theirs.connections} == expected
+    with RosbagsReader(path) as rosbags_reader:
+        assert {one.topic for one in rosbags_reader.connections} == expected
 
 
 async def test_unpublished_topics_are_recorded_on_request(node: Node, tool: Any, tmp_path: Path) -> None:
@@ -203,7 +205,9 @@ async def test_unpublished_topics_are_recorded_on_request(node: Node, tool: Any,
     } == {"/count": 1, "/unpublished": 0}
 
 
-async def test_a_topic_that_appears_is_found_when_it_is_looked_for(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_new_topic_is_recorded_depending_on_polling_interval_and_discovery(
+    node: Node, tool: Any, tmp_path: Path
+) -> None:
     first = node.create_publisher(String, "first", QoSProfile(depth=1).transient_local())
     first.publish(String(data="1"))
     for words, expected in (
@@ -226,7 +230,7 @@ async def test_a_topic_that_appears_is_found_when_it_is_looked_for(node: Node, t
             assert {*reader.topics} == expected
 
 
-async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_requested_names_without_publisher_are_reported(node: Node, tool: Any, tmp_path: Path) -> None:
     publish_all(node)
     node.create_service(AddTwoInts, "silent", lambda one: AddTwoInts.Response())
     missing = ("--topics", "/no", "/count", "--services", "/silent", "/add", "--actions", "/act", "/fib")
@@ -246,7 +250,7 @@ async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Pa
 # ------------------------------------------------------------------------------------------- services and actions
 
 
-async def test_events_of_a_service_have_their_type_and_qos(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_service_events_are_recorded_with_type_and_qos(node: Node, tool: Any, tmp_path: Path) -> None:
     server = node.create_service(AddTwoInts, "add", lambda one: AddTwoInts.Response(sum=one.a + one.b))
     client = node.create_client(AddTwoInts, "add")
     for end in (server, client):
@@ -256,8 +260,8 @@ async def test_events_of_a_service_have_their_type_and_qos(node: Node, tool: Any
         await wait_for_lines(process, f"recording {ADD} [example_interfaces/srv/AddTwoInts_Event]")
         assert (await client.call(AddTwoInts.Request(a=2, b=3), 10)).sum == 5
         await until(lambda: count_of(path) == 4)
-    (told,) = metadata_of(path)["topics_with_message_count"]
-    topic = told["topic_metadata"]
+    (metadata,) = metadata_of(path)["topics_with_message_count"]
+    topic = metadata["topic_metadata"]
     assert (topic["name"], topic["type"]) == (ADD, "example_interfaces/srv/AddTwoInts_Event")
     assert topic["type_description_hash"] == type_hash(AddTwoInts.Event)
     for offered in qos_profiles(topic["offered_qos_profiles"]):
@@ -269,7 +273,7 @@ async def test_events_of_a_service_have_their_type_and_qos(node: Node, tool: Any
     assert {one.response[0].sum for one in events if one.response} == {5}
 
 
-async def test_an_action_is_recorded_while_it_runs(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_feedback_and_status_of_running_action_are_recorded(node: Node, tool: Any, tmp_path: Path) -> None:
     async def run(goal: Any) -> Any:
         goal.publish_feedback(Fibonacci.Feedback(sequence=[1]))
         return Fibonacci.Result(sequence=[1, 2])
@@ -294,7 +298,7 @@ async def test_an_action_is_recorded_while_it_runs(node: Node, tool: Any, tmp_pa
 # ------------------------------------------------------------------------------------------------------ quality, time
 
 
-async def test_overrides_say_how_a_topic_is_received(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_qos_overrides_apply_to_recorder_subscriptions(node: Node, tool: Any, tmp_path: Path) -> None:
     words = node.create_publisher(String, "words", LATCHED)
     words.publish(String(data="before"))
     node.create_publisher(String, "kept", LATCHED).publish(String(data="kept"))
@@ -321,7 +325,7 @@ async def test_overrides_say_how_a_topic_is_received(node: Node, tool: Any, tmp_
     assert (ended.code, "No such file" in ended.err) == (1, True)
 
 
-async def test_times_are_those_of_the_simulation(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_use_sim_time_records_simulated_log_times(node: Node, tool: Any, tmp_path: Path) -> None:
     words = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
     async with recording(tool, path, "/words", "--use-sim-time") as process:
@@ -334,7 +338,7 @@ async def test_times_are_those_of_the_simulation(node: Node, tool: Any, tmp_path
         await clock.wait_for_subscribers(10)
 
         def goes_on() -> bool:
-            """The recorder has heard of the time once it writes."""
+            """The recorder writes only after it has received the time."""
             clock.publish(now)
             words.publish(String(data="in time"))
             return count_of(path) > 0
@@ -369,17 +373,17 @@ async def test_bags_of_both_storages_are_split_and_compressed(
         for number in range(6):
             publisher.publish(String(data=f"{number:0600}"))
         await until(lambda: len([*path.glob("bag_2.*")]) == 1)
-    told = metadata_of(path)
-    assert (told["storage_identifier"], told["compression_mode"]) == (storage, mode)
-    assert told["custom_data"] == {"robot": "r2", "run": "a=b"}
+    metadata = metadata_of(path)
+    assert (metadata["storage_identifier"], metadata["compression_mode"]) == (storage, mode)
+    assert metadata["custom_data"] == {"robot": "r2", "run": "a=b"}
     suffix = {"mcap": ".mcap", "sqlite3": ".db3"}[storage] + ".zstd" * (mode == "FILE")
-    assert told["relative_file_paths"] == [f"bag_{number}{suffix}" for number in range(3)]
+    assert metadata["relative_file_paths"] == [f"bag_{number}{suffix}" for number in range(3)]
     assert [int(one) for one in words_of(path)] == [*range(6)]
-    with RosbagsReader(path) as theirs:
-        assert theirs.message_count == len(list(theirs.messages())) == 6
+    with RosbagsReader(path) as rosbags_reader:
+        assert rosbags_reader.message_count == len(list(rosbags_reader.messages())) == 6
 
 
-async def test_a_bag_is_split_by_time(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_recording_is_split_by_max_bag_duration(node: Node, tool: Any, tmp_path: Path) -> None:
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
     options = ("--max-bag-duration", "0.05", "--max-bag-size", "0", "--compression", "lz4")
@@ -399,7 +403,7 @@ async def test_a_bag_is_split_by_time(node: Node, tool: Any, tmp_path: Path) -> 
 # ------------------------------------------------------------------------------------------------- pausing, snapshots
 
 
-async def test_services_pause_and_split(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_services_pause_resume_and_split_recording(node: Node, tool: Any, tmp_path: Path) -> None:
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
 
@@ -426,7 +430,7 @@ async def test_services_pause_and_split(node: Node, tool: Any, tmp_path: Path) -
     assert [one["message_count"] for one in metadata_of(path)["files"]] == [1, 1]
 
 
-async def test_one_file_is_not_split_by_a_service(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_split_service_does_not_split_single_file_bag(node: Node, tool: Any, tmp_path: Path) -> None:
     node.create_publisher(String, "words", LATCHED).publish(String(data="w"))
     path = tmp_path / "a.mcap"
     async with recording(tool, path, "/words") as process:
@@ -437,7 +441,9 @@ async def test_one_file_is_not_split_by_a_service(node: Node, tool: Any, tmp_pat
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Path, storage: str) -> None:
+async def test_snapshot_contains_most_recent_messages_within_cache_size(
+    node: Node, tool: Any, tmp_path: Path, storage: str
+) -> None:
     publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
     path = tmp_path / "bag"
     options = ("--snapshot-mode", "--max-cache-size", "4000", "--node-name", "box", "-s", storage)
@@ -460,8 +466,8 @@ async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Pa
     assert "more arrived" not in ended.err
     assert [int(one) for one in words_of(path)] == [7, 8, 9, 10, 11]
     assert [one["message_count"] for one in metadata_of(path)["files"]][:2] == [3, 2]
-    with RosbagsReader(path) as theirs:
-        assert theirs.message_count == 5
+    with RosbagsReader(path) as rosbags_reader:
+        assert rosbags_reader.message_count == 5
 
 
 class Slow(BagWriter):
@@ -476,7 +482,7 @@ class Slow(BagWriter):
         super().write(*arguments)
 
 
-def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: Path) -> None:
+def test_writer_drops_messages_beyond_max_bytes_and_refuses_concurrent_snapshots(tmp_path: Path) -> None:
     import threading
 
     for snapshots in (False, True):
@@ -502,7 +508,7 @@ def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: P
             assert [item.log_time for item in reader] == ([7, 8, 9] if snapshots else [0, 1, 2, 3])
 
 
-def test_small_messages_take_no_more_memory_than_a_snapshot_may_have(tmp_path: Path) -> None:
+def test_small_messages_take_no_more_memory_than_snapshot_limit(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         writer = WriterThread(bag, lambda: None, max_bytes=1_000_000, snapshots=True)
         tracemalloc.start()
@@ -516,7 +522,7 @@ def test_small_messages_take_no_more_memory_than_a_snapshot_may_have(tmp_path: P
     assert 700_000 < taken < 1_100_000
 
 
-def test_the_error_of_a_full_disk_has_the_path_once(tmp_path: Path) -> None:
+def test_full_disk_error_contains_path_once(tmp_path: Path) -> None:
     for name, error in (("db3", BagError(f"{tmp_path / 'db3'}: full")), ("mcap", OSError(28, "full", "a file"))):
         with BagWriter(tmp_path / name) as bag:
             writer = WriterThread(bag, lambda: None)
@@ -537,7 +543,7 @@ def raising(error: Exception) -> Any:
 # ----------------------------------------------------------------------------------------------------- the command line
 
 
-def test_wrong_words_are_told(run_here: Any, tmp_path: Path) -> None:
+def test_invalid_record_arguments_are_reported(run_here: Any, tmp_path: Path) -> None:
     out = str(tmp_path / "bag")
     for words, code, text in (
         ([], 2, "expected topics, --services"),

@@ -24,7 +24,7 @@ from rosidl_py_gen.bags.remote import has_colons_in_names, is_url
 from rosidl_py_gen.ros_cli import terminal_output
 from rosidl_py_gen.tables.multi_bag import datasets as many
 
-pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is lost is said in them
+pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is lost is output in them
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Image: Any = get_message("sensor_msgs/msg/Image")
 Odometry: Any = get_message("nav_msgs/msg/Odometry")
@@ -48,40 +48,42 @@ def drive(path: Path, broken: bool = False) -> str:
     return str(path)
 
 
-def test_bags_become_a_dataset_that_can_be_asked(run_here: Any, tmp_path: Path) -> None:
+def test_table_writes_dataset_that_sql_queries_like_bags(run_here: Any, tmp_path: Path) -> None:
     first, second, out = drive(tmp_path / "a.mcap"), drive(tmp_path / "b"), tmp_path / "out"
-    code, said, err = run_here("bag", "table", first, second, "--out", str(out))
-    assert (code, said) == (0, f"102 messages of 2 topics in {out}\n")
+    code, output, err = run_here("bag", "table", first, second, "--out", str(out))
+    assert (code, output) == (0, f"102 messages of 2 topics in {out}\n")
     large = "sensor_msgs/msg/Image is large: --include-large (include_large=True) writes it"
     assert err == "".join(f"{one}: skipped /image: {large}\n" for one in "ab")
     query = 'select bag, count(*), max(linear_acceleration.x) from "/imu" group by bag order by bag'
     assert run_here("bag", "sql", query, str(out)) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
     assert run_here("bag", "sql", query, first, second) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
-    code, said, err = run_here("bag", "table", first, "--out", str(out))
-    assert (code, said, err) == (0, f"0 messages of 0 topics in {out}; 1 bag unchanged\n", "")
+    code, output, err = run_here("bag", "table", first, "--out", str(out))
+    assert (code, output, err) == (0, f"0 messages of 0 topics in {out}; 1 bag unchanged\n", "")
     code, _, err = run_here("bag", "table", first, "--out", str(out), "--include-large")
     assert code == 1 and err.endswith("parquet exists already\n")
     assert run_here("bag", "table", first, "--out", str(out), "--overwrite", "--include-large")[0] == 0
 
 
-def test_a_part_of_a_bag_is_chosen_as_for_convert(run_here: Any, tmp_path: Path) -> None:
+def test_table_has_selection_options_of_convert(run_here: Any, tmp_path: Path) -> None:
     bag, out = drive(tmp_path / "a.mcap"), tmp_path / "out"
     part = ("--topics", "/imu", "--start-offset", "10", "--duration", "5")
-    code, said, _ = run_here("bag", "table", bag, "-o", str(out), *part, "--json")
-    told = json.loads(said)
-    assert code == 0 and [(one["topic"], one["messages"], one["bag"]) for one in told["files"]] == [("/imu", 5, "a")]
-    assert pq.read_table(told["files"][0]["path"]).num_rows == 5
+    code, output, _ = run_here("bag", "table", bag, "-o", str(out), *part, "--json")
+    document = json.loads(output)
+    assert code == 0 and [(one["topic"], one["messages"], one["bag"]) for one in document["files"]] == [
+        ("/imu", 5, "a")
+    ]
+    assert pq.read_table(document["files"][0]["path"]).num_rows == 5
     code, _, err = run_here("bag", "table", bag, "-o", str(out), "--topics", "/im")
     assert code == 1 and "has no topic /im; did you mean" in err
 
 
-def test_the_answer_has_the_format_that_is_asked_for(run_here: Any, tmp_path: Path) -> None:
+def test_sql_writes_result_in_requested_format(run_here: Any, tmp_path: Path) -> None:
     bag = drive(tmp_path / "a.mcap")
     query = "select log_time, header.frame_id, angular_velocity from imu order by log_time limit 2"
-    code, said, _ = run_here("bag", "sql", query, bag, "--format", "csv")
-    assert code == 0 and list(csv.DictReader(io.StringIO(said)))[1]["frame_id"] == "f1"
-    code, said, _ = run_here("bag", "sql", query, bag, "--format", "json")
-    rows = [json.loads(line) for line in said.splitlines()]
+    code, output, _ = run_here("bag", "sql", query, bag, "--format", "csv")
+    assert code == 0 and list(csv.DictReader(io.StringIO(output)))[1]["frame_id"] == "f1"
+    code, output, _ = run_here("bag", "sql", query, bag, "--format", "json")
+    rows = [json.loads(line) for line in output.splitlines()]
     assert code == 0 and rows[0]["angular_velocity"] == {"x": 0.0, "y": 0.0, "z": 0.0} and len(rows) == 2
     for name in ("x.csv", "x.json", "x.parquet"):
         assert run_here("bag", "sql", query, bag, "-o", str(tmp_path / name)) == (0, "", "")
@@ -92,22 +94,22 @@ def test_the_answer_has_the_format_that_is_asked_for(run_here: Any, tmp_path: Pa
         ("-o", str(tmp_path / "y"), "-f", "table"): "--format table cannot be written to a file",
         ("-f", "parquet"): "requires --output",
     }.items():
-        code, said, err = run_here("bag", "sql", query, bag, *arguments)
-        assert code == 1 and said == "" and wrong in err
+        code, output, err = run_here("bag", "sql", query, bag, *arguments)
+        assert code == 1 and output == "" and wrong in err
 
 
-def test_errors_name_bag_topic_and_message(run_here: Any, tmp_path: Path) -> None:
+def test_decode_errors_of_table_and_sql_name_bag_topic_and_time(run_here: Any, tmp_path: Path) -> None:
     bag, out = drive(tmp_path / "broken.mcap", broken=True), tmp_path / "out"
     for command in (("table", bag, "-o", str(out)), ("sql", 'select * from "/s"', bag)):
         code, _, err = run_here("bag", *command)
         assert code == 1 and f"{bag}: /s at 1000000000 ns: std_msgs/msg/String.data" in err
-    code, said, err = run_here("bag", "table", bag, "-o", str(out), "--skip-damaged")
-    assert code == 0 and said == f"50 messages of 1 topic in {out}\n" and "skipped /s: " in err
+    code, output, err = run_here("bag", "table", bag, "-o", str(out), "--skip-damaged")
+    assert code == 0 and output == f"50 messages of 1 topic in {out}\n" and "skipped /s: " in err
     code, _, err = run_here("bag", "sql", "select * from nothing", bag)
     assert code == 1 and "no topic nothing; there are /image, /imu, /s" in err
 
 
-def test_patterns_in_quotes_mean_the_bags_that_are_called_so(run_here: Any, tmp_path: Path) -> None:
+def test_quoted_patterns_select_matching_bags(run_here: Any, tmp_path: Path) -> None:
     for name in ("a", "b"):
         drive(tmp_path / f"{name}.mcap")
     odd = drive(tmp_path / "run[1].mcap")
@@ -121,19 +123,19 @@ def test_patterns_in_quotes_mean_the_bags_that_are_called_so(run_here: Any, tmp_
     code, _, err = run_here("bag", "sql", query, str(tmp_path / "c.mcap"))
     assert (code, err) == (1, f"error: {tmp_path / 'c.mcap'}: there is no such bag\n")
     out = tmp_path / "out"
-    code, said, _ = run_here("bag", "table", str(tmp_path / "[ab].mcap"), "-o", str(out))
-    assert (code, said) == (0, f"102 messages of 2 topics in {out}\n")
+    code, output, _ = run_here("bag", "table", str(tmp_path / "[ab].mcap"), "-o", str(out))
+    assert (code, output) == (0, f"102 messages of 2 topics in {out}\n")
     assert run_here("bag", "sql", query, str(tmp_path / "ou*")) == (0, "a\t50\nb\t50\n", "")
 
 
-def test_a_query_has_so_much_memory_and_then_a_folder(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_sql_query_is_limited_by_memory_limit_option(run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     bag = drive(tmp_path / "a.mcap")
     many = "select count(*) from (select i, count(*) from imu, range(20000) r(i) group by i, log_time)"
     assert run_here("bag", "sql", many, bag, "--memory-limit", "40MB") == (0, "1000000\n", "")
     whole = "select length(string_agg(repeat(header.frame_id, 500000), '')) from imu"
-    code, said, err = run_here("bag", "sql", whole, bag, "--memory-limit", "40MB")
-    assert (code, said) == (1, "") and err.startswith("error: DuckDB: Out of Memory Error: ")
+    code, output, err = run_here("bag", "sql", whole, bag, "--memory-limit", "40MB")
+    assert (code, output) == (1, "") and err.startswith("error: DuckDB: Out of Memory Error: ")
     assert err.endswith("; --memory-limit raises the limit\n")
     assert run_here("bag", "sql", whole, bag)[0] == 0
     limit = "select value from duckdb_settings() where name = 'memory_limit'"
@@ -143,16 +145,16 @@ def test_a_query_has_so_much_memory_and_then_a_folder(run_here: Any, tmp_path: P
     assert [one.name for one in tmp_path.iterdir()] == ["a.mcap"]
 
 
-def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:
+def test_sql_refuses_statements_that_are_not_queries(run_here: Any, tmp_path: Path) -> None:
     bag, other = drive(tmp_path / "a.mcap"), tmp_path / "b.csv"
     for query, kind in ((f"copy imu to '{other}'", "COPY"), ("select 1; pragma version", "PRAGMA"), (" ", "nothing")):
-        code, said, err = run_here("bag", "sql", query, bag)
-        assert (code, said) == (1, "")
+        code, output, err = run_here("bag", "sql", query, bag)
+        assert (code, output) == (1, "")
         assert err == f"error: expected a query, such as select count(*) from a topic, got {kind}\n"
     assert not other.exists()
 
 
-def test_processes_of_this_machine_do_it_without_a_scheduler(tmp_path: Path, monkeypatch: Any, run_here: Any) -> None:
+def test_table_uses_local_worker_processes_without_scheduler(tmp_path: Path, monkeypatch: Any, run_here: Any) -> None:
     monkeypatch.setattr(many, "RANGE_BYTES", 20_000)
     monkeypatch.setattr(mcap_writer, "CHUNK_BYTES", 1 << 13)
     large = bag_datasets.bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
@@ -174,7 +176,7 @@ def test_processes_of_this_machine_do_it_without_a_scheduler(tmp_path: Path, mon
 
 
 def damaged(data: bytes, count: int) -> list[bytes]:
-    """With a byte wrong, in all bits or in one, and cut, each at so many places; last what only a checksum tells."""
+    """Return copies of data: each has a wrong byte or bit, or is truncated; only a checksum reveals the last one."""
     step = len(data) // count
     wrong = [
         data[:at] + bytes([data[at] ^ (0xFF if at % 2 else 1 << at // 2 % 8)]) + data[at + 1 :]
@@ -189,22 +191,22 @@ def require_error_line(code: int, err: str) -> None:
 
 
 @pytest.mark.parametrize("compression", ["", "zstd"])
-def test_a_damaged_mcap_file_gives_right_rows_or_an_error(run_here: Any, tmp_path: Path, compression: str) -> None:
+def test_damaged_mcap_file_yields_correct_rows_or_an_error(run_here: Any, tmp_path: Path, compression: str) -> None:
     path, out = tmp_path / "a.mcap", tmp_path / "out"
     write_strings(path, [one["data"] for one in RIGHT], compression=compression)
     codes = set()
     for wrong in damaged(path.read_bytes(), 23):
         path.write_bytes(wrong)
-        asked, said, err = run_here("bag", "sql", QUERY, str(path), "-f", "json")
-        found = [json.loads(line) for line in said.splitlines()] if asked == 0 else require_error_line(asked, err)
+        asked, output, err = run_here("bag", "sql", QUERY, str(path), "-f", "json")
+        found = [json.loads(line) for line in output.splitlines()] if asked == 0 else require_error_line(asked, err)
         assert found in (None, RIGHT[: len(found or ())])
         shutil.rmtree(out, ignore_errors=True)
-        code, said, err = run_here("bag", "table", str(path), "--out", str(out), "--json")
+        code, output, err = run_here("bag", "table", str(path), "--out", str(out), "--json")
         files = [file for file in out.rglob("*") if file.is_file()]
         if code:
             require_error_line(code, err)
             assert files == []
-        for one in json.loads(said)["files"] if code == 0 else ():
+        for one in json.loads(output)["files"] if code == 0 else ():
             table = pq.ParquetFile(one["path"]).read()
             times = table.column("log_time").cast("int64").to_pylist()
             rows = [{"log_time": at, "data": text} for at, text in zip(times, table["data"].to_pylist(), strict=True)]
@@ -213,7 +215,7 @@ def test_a_damaged_mcap_file_gives_right_rows_or_an_error(run_here: Any, tmp_pat
     assert {(0, 0), (1, 1)} <= codes
 
 
-def test_a_damaged_dataset_gives_rows_or_an_error(run_here: Any, tmp_path: Path) -> None:
+def test_damaged_dataset_yields_rows_or_an_error(run_here: Any, tmp_path: Path) -> None:
     bag = write_strings(tmp_path / "a.mcap", [one["data"] for one in RIGHT])
     assert run_here("bag", "table", str(bag), "-o", str(tmp_path / "set"))[0] == 0
     file = next((tmp_path / "set").rglob("*.parquet"))
@@ -227,7 +229,7 @@ def test_a_damaged_dataset_gives_rows_or_an_error(run_here: Any, tmp_path: Path)
     assert codes == {0, 1}
 
 
-def test_messages_that_cannot_be_decoded_are_left_out_of_both_when_that_is_asked(run_here: Any, tmp_path: Path) -> None:
+def test_skip_damaged_omits_undecodable_messages_in_table_and_sql(run_here: Any, tmp_path: Path) -> None:
     messages = [String(data=one["data"]).encode() for one in RIGHT]
     messages[2], messages[5] = messages[2][:-1], messages[5][:4] + struct.pack("<I", 1 << 31) + messages[5][8:]
     path = write_strings(tmp_path / "a.mcap", messages)
@@ -239,8 +241,8 @@ def test_messages_that_cannot_be_decoded_are_left_out_of_both_when_that_is_asked
     assert run_here("bag", "table", str(path), "-o", str(out), "--skip-damaged")[1].startswith("6 messages of 1 topic")
     table = pq.read_table(next(out.rglob("*.parquet")), columns=["data"], partitioning=None)
     assert table.column("data").to_pylist() == [one["data"] for one in kept]
-    code, said, err = run_here("bag", "sql", 'select data from "/s" order by log_time', str(path), "--skip-damaged")
-    assert (code, said.split("\n")[:-1]) == (0, [one["data"] for one in kept]) and "skipped /s" in err
+    code, output, err = run_here("bag", "sql", 'select data from "/s" order by log_time', str(path), "--skip-damaged")
+    assert (code, output.split("\n")[:-1]) == (0, [one["data"] for one in kept]) and "skipped /s" in err
 
 
 def bag_of(path: Path, *topics: str) -> str:
@@ -257,7 +259,7 @@ def values_of(path: Path) -> str:
     return str(path)
 
 
-def test_a_topic_may_have_a_name_that_duckdb_knows(run_here: Any, tmp_path: Path) -> None:
+def test_topics_may_be_named_like_duckdb_views_and_keywords(run_here: Any, tmp_path: Path) -> None:
     views = [one for (one,) in duckdb.connect().execute("select view_name from duckdb_views()").fetchall()]
     own = "topics main temp range read_csv select query base a.b a'b"
     names = [*dict.fromkeys([*views, "result of the query", *own.split()])]
@@ -265,32 +267,32 @@ def test_a_topic_may_have_a_name_that_duckdb_knows(run_here: Any, tmp_path: Path
     for quote in "/ ":
         listed = [f'"{quote.strip()}{name}"' for name in names]
         query = "select data from (" + " union all ".join(f"select * from {one}" for one in listed) + ")"
-        code, said, err = run_here("bag", "sql", query, bag)
-        assert (code, err) == (0, "") and sorted(said.split("\n")[:-1]) == sorted(f"/{name}" for name in names)
+        code, output, err = run_here("bag", "sql", query, bag)
+        assert (code, err) == (0, "") and sorted(output.split("\n")[:-1]) == sorted(f"/{name}" for name in names)
     assert run_here("bag", "sql", "select '\"' || data from '/a.b'", bag) == (0, '"/a.b\n', "")
     code, _, err = run_here("bag", "sql", "select * from names", bag)
     assert code == 1 and "no topic names" in err, "variables of this package are no tables"
 
 
-def test_json_is_valid_and_no_output_steers_a_terminal(run_here: Any, tmp_path: Path) -> None:
+def test_sql_json_is_valid_and_output_has_no_control_characters(run_here: Any, tmp_path: Path) -> None:
     bag = values_of(tmp_path / "a.mcap")
     query = 'select d, f, s, i, {a: [-d]} as n, s as "\x1b[1mname" from v order by log_time'
     files = {form: str(tmp_path / f"out.{form}") for form in ("csv", "json", "parquet")}
     for arguments in ((), ("--format", "csv"), ("--json",)):
-        code, said, err = run_here("bag", "sql", query, bag, *arguments)
-        assert (code, err) == (0, "") and said.replace("\n", "").replace("\t", "").isprintable(), arguments
-    first, second = map(json.loads, said.splitlines())
+        code, output, err = run_here("bag", "sql", query, bag, *arguments)
+        assert (code, err) == (0, "") and output.replace("\n", "").replace("\t", "").isprintable(), arguments
+    first, second = map(json.loads, output.splitlines())
     right = {"d": "NaN", "f": ["Infinity", "-Infinity", 0.5], "s": HOSTILE, "i": 2**63 - 1, "n": {"a": ["NaN"]}}
     assert first == {**right, "\x1b[1mname": HOSTILE} and second["d"] == 1e300
     for file, option in zip(files.values(), ("-o", "--output", "--out"), strict=True):
         assert run_here("bag", "sql", query, bag, option, file) == (0, "", "")
-    assert Path(files["json"]).read_text(encoding="utf-8") == said
+    assert Path(files["json"]).read_text(encoding="utf-8") == output
     with open(files["csv"], encoding="utf-8", newline="") as stream:
         texts = [one["s"] for one in csv.DictReader(stream)]
     assert texts == [HOSTILE, "a,\n"] == pq.read_table(files["parquet"]).column("s").to_pylist(), "files are exact"
 
 
-def test_the_query_may_come_first_or_last(run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_query_may_be_first_or_last_argument(run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     one, two, query = bag_of(Path("a b.mcap"), "/s"), bag_of(Path("two.mcap"), "/s"), "select count(*) from s"
     for words in ((query, one, two), (one, two, query), (query, "*.mcap"), ("*.mcap", query)):
@@ -309,35 +311,35 @@ def test_show_tables_lists_the_topics(run_here: Any, tmp_path: Path) -> None:
     assert run_here("bag", "sql", "/* all */show\n-- of them\ntables; -- by name", bag) == (0, "".join(right), "")
     assert run_here("bag", "table", bag, "-o", out)[0] == 0
     assert run_here("bag", "sql", "SHOW ALL TABLES;", out) == (0, "".join(right), "")
-    said = run_here("bag", "sql", "show tables", out, bag, "--json")[1]
-    assert json.loads(said.splitlines()[0]) == {"name": "/a/b", "type": "std_msgs/msg/String", "messages": 2}
+    output = run_here("bag", "sql", "show tables", out, bag, "--json")[1]
+    assert json.loads(output.splitlines()[0]) == {"name": "/a/b", "type": "std_msgs/msg/String", "messages": 2}
     with BagWriter(tmp_path / "none.mcap"):
         pass
     assert run_here("bag", "sql", "show tables", str(tmp_path / "none.mcap")) == (0, "", "")
 
 
-def test_a_topic_may_be_longer_than_names_of_files(run_here: Any, tmp_path: Path) -> None:
+def test_topic_longer_than_file_names_can_be_queried_but_not_written(run_here: Any, tmp_path: Path) -> None:
     long = "/robot" + "/segment_of_a_name" * 14
     bag, out = bag_of(tmp_path / "a.mcap", "/s", long), str(tmp_path / "out")
     assert run_here("bag", "sql", f'select data, bag from "{long}"', bag) == (0, f"{long}\ta\n", "")
-    code, said, err = run_here("bag", "table", bag, "-o", out)
-    assert (code, said) == (0, f"1 message of 1 topic in {out}\n")
+    code, output, err = run_here("bag", "table", bag, "-o", out)
+    assert (code, output) == (0, f"1 message of 1 topic in {out}\n")
     assert "the name of its folder would have 294 characters; expected at most 255" in err
     code, _, err = run_here("bag", "table", bag, "-o", out, "--overwrite", "--topics", long)
     assert code == 1 and "expected at most 255" in err
 
 
-def test_a_topic_without_quotes_is_explained_before_anything_is_read(run_here: Any, tmp_path: Path) -> None:
+def test_unquoted_topic_name_error_explains_double_quotes(run_here: Any, tmp_path: Path) -> None:
     bag = bag_of(tmp_path / "a.mcap", "/imu", "/a/imu")
     for name, near in (("/imu", ""), ("/a/imu", ""), ("a/imu", ""), ("/imi", '; did you mean "/imu"?')):
-        code, said, err = run_here("bag", "sql", f"select * from {name} limit 5", bag)
-        assert (code, said) == (1, "")
+        code, output, err = run_here("bag", "sql", f"select * from {name} limit 5", bag)
+        assert (code, output) == (1, "")
         assert err.endswith(f'; a topic with a slash needs double quotes: from "{name}"{near}\n'), err
     code, _, err = run_here("bag", "sql", "select 1 / 2 from imu where", bag)
     assert code == 1 and "double quotes" not in err
 
 
-def test_names_of_files_may_have_signs_that_fsspec_and_duckdb_read(run_here: Any, tmp_path: Path) -> None:
+def test_file_names_may_contain_wildcards_and_colons(run_here: Any, tmp_path: Path) -> None:
     folder = tmp_path / "speed=3[a]*" / "drive::x"
     folder.mkdir(parents=True)
     bag, out = bag_of(folder / "a::b.mcap", "/s"), folder / "out::1"
@@ -346,8 +348,8 @@ def test_names_of_files_may_have_signs_that_fsspec_and_duckdb_read(run_here: Any
         assert run_here("bag", "table", source, "-o", target) == (0, f"1 message of 1 topic in {target}\n", "")
         assert Path(target.removeprefix("file://"), "topic=%2Fs", "bag=a%3A%3Ab").is_dir()
         assert run_here("bag", "sql", "select data, bag from s", source) == (0, "/s\ta::b\n", "")
-        code, said, _ = run_here("bag", "info", source)
-        assert code == 0 and "a::b.mcap" in said, prefix
+        code, output, _ = run_here("bag", "info", source)
+        assert code == 0 and "a::b.mcap" in output, prefix
     assert run_here("bag", "sql", "select * exclude (log_time, publish_time) from s", str(out)) == (0, "/s\ta::b\n", "")
     assert run_here("bag", "sql", "select data from s", f"{tmp_path}/speed*/drive::x/a::*.mcap") == (0, "/s\n", "")
     urls = "s3://b/a::b.mcap", "simplecache::s3://b", "zip://a::b", "zip://a::s3://b", "c://b", "/a/b://c", "a::b"
@@ -355,7 +357,7 @@ def test_names_of_files_may_have_signs_that_fsspec_and_duckdb_read(run_here: Any
     assert [one for one in (*urls, "a b://c") if has_colons_in_names(one)] == [urls[0]]
 
 
-def test_wide_rows_are_a_line_for_each_field(capsys: Any, monkeypatch: Any) -> None:
+def test_wide_rows_are_printed_one_field_per_line(capsys: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("NO_COLOR", "1")
     rows = [["1", "x" * 30, "[b]\x1b"], ["22", "漢", ""]]

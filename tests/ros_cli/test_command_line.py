@@ -1,4 +1,4 @@
-"""``rosidl-py`` as a whole: help, completion in shells, how runs end."""
+"""``rosidl-py`` as a whole: help, completion in shells, and exit codes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-def test_an_unknown_command_is_a_wrong_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_command_exits_with_2_and_suggestion(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         ros_cli.main(["topik"])
     assert end.value.code == 2
@@ -76,7 +76,7 @@ def test_generator_ends_quietly_if_the_reader_of_its_output_has_ended() -> None:
     assert done.stderr == "" and done.stdout in ("141\n", "0\n")
 
 
-def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]) -> None:
+def test_multi_line_errors_keep_lines_and_escape_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         ros_cli.main(["topic", "type", "/a b", "--discovery", "off"])
     assert end.value.code == 1
@@ -114,14 +114,14 @@ LOADED = {
 
 
 @pytest.mark.parametrize("what", LOADED)
-def test_modules_are_loaded_when_they_are_needed(what: str) -> None:
+def test_commands_load_modules_lazily(what: str) -> None:
     code, loaded = LOADED[what]
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == loaded
 
 
 @pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
-def test_closed_streams_are_no_trouble(closed: str) -> None:
+def test_command_succeeds_with_closed_standard_streams(closed: str) -> None:
     command = f"{sys.executable} -m rosidl_py_gen.ros_cli topic list --discovery localhost {closed}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     notes = [line for line in done.stderr.splitlines() if not line.startswith("no nodes were found in domain")]
@@ -144,7 +144,7 @@ CONTEXT = click.Context(ROOT, **ROOT.context_settings)
 COMMANDS = [*_commands(ROOT, CONTEXT)]
 
 
-def test_help_has_an_example_and_names_of_values_and_commands_with_a_node_accept_no_daemon() -> None:
+def test_every_command_help_has_example_and_node_commands_accept_no_daemon() -> None:
     for command in COMMANDS:
         context = click.Context(command, CONTEXT, command.name, max_content_width=200)
         text = command.get_help(context)
@@ -156,7 +156,7 @@ def test_help_has_an_example_and_names_of_values_and_commands_with_a_node_accept
         assert "--json" in names or command.name in shows_itself, command.name
 
 
-def test_topics_takes_several_words_in_every_command_of_bags() -> None:
+def test_topics_option_takes_several_values_in_bag_commands() -> None:
     group = ROOT.get_command(CONTEXT, "bag")
     assert isinstance(group, click.Group)
     for words, topics, others in [
@@ -182,7 +182,9 @@ def test_topics_takes_several_words_in_every_command_of_bags() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda one: f"{one.callback.__module__.split('.')[-1]}.{one.name}")
-def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_click_parameters_match_signature_of_command_function(
+    command: click.Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
     context = click.Context(command, CONTEXT)
     for parameter in command.params:
         if parameter.expose_value:
@@ -207,7 +209,7 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
 
 
 def offered(line: str, *options: str) -> list[str]:
-    """Return what completes the last word of a command line, before a shell's quotes; options follow the command."""
+    """Return the completions of the last word of a command line; options are inserted after the command."""
     *words, incomplete = line.split(" ")
     place = 1 if words[:1] == ["graph"] else 2
     words[place:place] = options
@@ -215,7 +217,7 @@ def offered(line: str, *options: str) -> list[str]:
     return [item.value for item in complete.get_completions(words, incomplete)]
 
 
-async def test_names_types_and_fields_come_from_the_live_graph(dds: World) -> None:
+async def test_completion_offers_names_types_and_fields_of_live_graph(dds: World) -> None:
     node, other = dds.node("base"), dds.node("pilot")
     node.create_publisher(String, "/speed")
     node.create_publisher(String, "/_secret")
@@ -248,7 +250,9 @@ async def test_names_types_and_fields_come_from_the_live_graph(dds: World) -> No
     assert not any("_action" in name for name in await asyncio.to_thread(offered, "topic echo /", "--spin-time", "3"))
 
 
-def test_what_is_on_this_machine_needs_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_completion_of_local_packages_and_bags_needs_no_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     workspace, file = tmp_path / "ws", tmp_path / "a.mcap"
     files = {"robot/package.xml": PACKAGE_XML.format("robot"), "robot/launch/up.launch.py": "", "robot/x.py": ""}
     write(workspace, files)
@@ -296,7 +300,7 @@ def test_what_is_on_this_machine_needs_no_network(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_each_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_completion_script_is_valid_for_each_shell(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     ros_cli.main(["completion", shell])
     script = capsys.readouterr().out
     assert f"_ROSIDL_PY_COMPLETE={shell}_complete" in script
@@ -306,7 +310,7 @@ def test_each_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
-def test_a_real_bash_completes() -> None:
+def test_bash_completes_with_installed_script() -> None:
     tools_dir = Path(sys.executable).parent
     if not (tools_dir / "rosidl-py").exists():
         pytest.skip("the command is not installed beside this Python")
@@ -330,7 +334,7 @@ def test_a_real_bash_completes() -> None:
     assert (dict(zip(lines, done.stdout.splitlines(), strict=True)), done.stderr) == (lines, "")
 
 
-def test_what_other_nodes_are_called_is_never_run_by_a_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_completion_quotes_names_of_peers_for_shells(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ["/a$(touch x)", "/a`touch x`", "/a;x", "/a b", "/a*", "/a\nplain,/b", "/a\x1b[31m", "/a'b"]
 
     @click.command()
@@ -380,7 +384,9 @@ HOSTILE: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("values", HOSTILE.values(), ids=HOSTILE.keys())
-def test_no_completion_raises(values: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_completion_never_raises_for_invalid_parameters(
+    values: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "junk")  # nodes do not start
     monkeypatch.chdir(tmp_path)
     found = parameters_with_completion()
@@ -403,7 +409,7 @@ def test_no_completion_raises(values: Any, monkeypatch: pytest.MonkeyPatch, tmp_
         "bag play  --topics ",
     ],
 )
-def test_a_completion_that_fails_prints_nothing(words: str) -> None:
+def test_failing_completion_prints_no_errors(words: str) -> None:
     """Options may precede the arguments that their completion needs."""
     line = f"rosidl-py {words}"
     environment = {"_ROSIDL_PY_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_LINE": line, "COMP_CWORD": "9"}

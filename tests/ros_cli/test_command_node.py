@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-async def test_what_is_there_needs_no_time() -> None:
+async def test_wait_for_without_timeout_returns_current_condition() -> None:
     async with CommandNode({}) as command_node:
         assert await command_node.wait_for(lambda: True, 0)
         assert not await command_node.wait_for(lambda: False, 0)
@@ -34,7 +34,7 @@ async def test_what_is_there_needs_no_time() -> None:
             await command_node.find("node", "somebody")
 
 
-async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_new_endpoints_are_announced_once_after_delay(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
     async with CommandNode({}) as command_node:
         discovery = command_node.context._core.discovery
@@ -48,20 +48,22 @@ async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatc
         assert len(told) == 1
 
 
-async def test_a_command_listens_longer_when_it_was_held_up(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, held_up_s = asyncio.get_running_loop(), 0.0
-    monkeypatch.setattr(module, "now_s", lambda: loop.time() + held_up_s)
+async def test_discovery_wait_is_extended_if_event_loop_was_blocked(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, blocked_s = asyncio.get_running_loop(), 0.0
+    monkeypatch.setattr(module, "now_s", lambda: loop.time() + blocked_s)
     async with CommandNode({}) as made:
         waiting = asyncio.ensure_future(made.wait_for_discovery())
         loop.call_later(0.3, dds.node, "late")
         await asyncio.sleep(0)
-        held_up_s = 5.0
+        blocked_s = 5.0
         await waiting
         assert "/late" in made.node.get_node_names()
 
 
-class Told:
-    """A node whose graph changes at some times, in seconds, and knows another node from the first of them on."""
+class ChangingGraph:
+    """Node whose graph changes at the given times in seconds; from the first change on it knows another node."""
 
     context: Any = None
 
@@ -97,8 +99,10 @@ class Told:
         ([0.05 * number for number in range(1, 100)], True, 39, 2.0),
     ],
 )
-async def test_a_command_listens_to_news(memory: World, news: Any, are_known: bool, seen: int, took_s: float) -> None:
-    made, told = CommandNode({"context": memory.context()}), Told(news, endpoints_complete=are_known)
+async def test_discovery_wait_lasts_until_graph_stops_changing(
+    memory: World, news: Any, are_known: bool, seen: int, took_s: float
+) -> None:
+    made, told = CommandNode({"context": memory.context()}), ChangingGraph(news, endpoints_complete=are_known)
     start_s = module.now_s()
     made.node = made.context = told  # type: ignore[assignment]
     await made.wait_for_discovery()
@@ -106,14 +110,14 @@ async def test_a_command_listens_to_news(memory: World, news: Any, are_known: bo
     assert module.now_s() - start_s == pytest.approx(took_s, abs=0.001)
 
 
-async def test_what_came_while_a_command_was_held_up_counts(memory: World) -> None:
-    made, looks = object.__new__(CommandNode), list[bool]()
-    made.node = Told([])  # type: ignore[assignment]
-    assert await made.wait_for(lambda: looks.append(True) or len(looks) > 2, 0.1)
+async def test_wait_for_rechecks_condition_without_graph_changes(memory: World) -> None:
+    made, checks = object.__new__(CommandNode), list[bool]()
+    made.node = ChangingGraph([])  # type: ignore[assignment]
+    assert await made.wait_for(lambda: checks.append(True) or len(checks) > 2, 0.1)
 
 
 @pytest.mark.parametrize("error", [None, CommandError("wrong")])
-def test_a_command_listens_while_it_is_loaded_until_its_end(dds: World, error: CommandError | None) -> None:
+def test_context_opens_before_command_runs_and_closes_after_it(dds: World, error: CommandError | None) -> None:
     assert dds
     used: list[Any] = []
 
@@ -134,7 +138,7 @@ def test_a_command_listens_while_it_is_loaded_until_its_end(dds: World, error: C
     assert used[0] is used[1] and used[0].is_closed
 
 
-def test_what_keeps_a_command_from_listening_is_told(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_of_early_context_is_raised_by_command_node(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     with (
@@ -144,7 +148,7 @@ def test_what_keeps_a_command_from_listening_is_told(dds: World, monkeypatch: py
         CommandNode(network)
 
 
-def test_sigterm_while_a_command_is_loaded_ends_what_listens(dds: World) -> None:
+def test_sigterm_during_command_closes_early_context(dds: World) -> None:
     assert dds
     contexts = list[Any]()
 
@@ -160,7 +164,7 @@ def test_sigterm_while_a_command_is_loaded_ends_what_listens(dds: World) -> None
     assert contexts[0].is_closed and signal.getsignal(signal.SIGTERM) == before
 
 
-async def test_a_topic_of_two_types_needs_to_be_told_which() -> None:
+async def test_topic_with_two_types_requires_type_argument() -> None:
     async with CommandNode({}) as command_node:
         node = command_node.node
         node.create_publisher("std_msgs/msg/String", "both")

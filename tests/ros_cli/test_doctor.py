@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 def levels(findings: Iterable[Finding], word: str) -> list[str]:
-    """The levels of the findings that say a word."""
+    """Return the levels of the findings whose text contains a word."""
     return [one.level for one in findings if word in one.text]
 
 
@@ -53,7 +53,7 @@ def assert_each_line_has_a_level(lines: list[str], *expected: str) -> None:
 
 
 @pytest.mark.real_time("commands are processes")
-async def test_each_line_begins_with_a_level_also_at_80_columns(dds: World) -> None:
+async def test_each_line_begins_with_level_at_80_columns(dds: World) -> None:
     dds.node("a_node_with_a_name_that_is_as_long_as_it_may_sensibly_be_here", "/robot")
     for options in ((), ("--report",)):
         done = await on_terminal("doctor", "--spin-time", "1.25", *options, ROS_STATIC_PEERS="127.0.0.1")
@@ -62,7 +62,7 @@ async def test_each_line_begins_with_a_level_also_at_80_columns(dds: World) -> N
         assert any("1 participant, 1 node" in line for line in done.lines)
 
 
-async def test_a_good_machine_with_peers_is_well(network: World, tool: Tool) -> None:
+async def test_healthy_machine_with_peers_has_no_errors(network: World, tool: Tool) -> None:
     node, other = network.pair()
     node.create_publisher(String, "/talk")
     await until(lambda: other.count_publishers("/talk") == 1)
@@ -78,7 +78,7 @@ async def test_a_good_machine_with_peers_is_well(network: World, tool: Tool) -> 
     assert [row["level"] for row in found["installation"]] == ["ok"] * len(found["installation"])
 
 
-async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) -> None:
+async def test_duplicate_names_and_incompatible_endpoints_are_reported(network: World, tool: Tool) -> None:
     node, twin = network.node("same"), network.node("same")
     node.create_publisher(String, "/scan", qos=QoSProfile().best_effort())
     twin.create_subscription(String, "/scan")
@@ -99,7 +99,7 @@ async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) ->
     assert "/same" not in report.out and "/scan" not in report.out
 
 
-async def test_what_is_broken_ends_with_one_and_no_traceback(tool: Tool) -> None:
+async def test_broken_settings_exit_with_1_without_traceback(tool: Tool) -> None:
     domain, uri, off, zenoh = await asyncio.gather(
         tool("doctor", ROS_DOMAIN_ID="999"),
         tool("doctor", "--report", CYCLONEDDS_URI="<CycloneDDS>\n<Secret"),
@@ -117,7 +117,7 @@ async def test_what_is_broken_ends_with_one_and_no_traceback(tool: Tool) -> None
 
 
 @pytest.mark.skipif(shutil.which("unshare") is None, reason="Linux, with the right to make namespaces")
-def test_a_machine_without_network_or_proc_gets_its_answers() -> None:
+def test_doctor_reports_machine_without_network_or_proc() -> None:
     doctor = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "doctor"]
     bare = ["unshare", "-m", "-n", "sh", "-c", 'mount -t tmpfs none /proc && exec "$@"', "sh"]
     done = subprocess.run([*bare, *doctor], capture_output=True, text=True, timeout=60)
@@ -137,7 +137,9 @@ def test_a_machine_without_network_or_proc_gets_its_answers() -> None:
         ("rmw_zenoh_cpp", "cyclonedds", []),
     ],
 )
-def test_only_the_used_middleware_has_to_be_there(rmw: str, missing: str, broken: list[str], monkeypatch: Any) -> None:
+def test_only_selected_middleware_must_be_installed(
+    rmw: str, missing: str, broken: list[str], monkeypatch: Any
+) -> None:
     def version(name: str) -> str:
         if name == missing:
             raise PackageNotFoundError(name)
@@ -174,12 +176,12 @@ def test_only_the_used_middleware_has_to_be_there(rmw: str, missing: str, broken
         ({"CYCLONEDDS_URI": "<a><b></a>"}, "not well-formed", BROKEN),
     ],
 )
-def test_pitfalls_of_settings_are_found(variables: dict[str, str], word: str, level: str) -> None:
+def test_problematic_settings_are_reported_with_level(variables: dict[str, str], word: str, level: str) -> None:
     assert levels(doctor_machine.settings(variables, None, None), word) == [level]
     assert levels(doctor_machine.settings({}, None, None), word) == []
 
 
-def test_good_configurations_of_cyclone_are_left_alone(tmp_path: Path) -> None:
+def test_valid_configurations_of_cyclone_dds_have_no_findings(tmp_path: Path) -> None:
     file = tmp_path / "c.xml"
     file.write_text('<?xml version="1.0"?>\n<CycloneDDS/>')
     for value in ("", f"file://{file}", f"{file},{file}", '<?xml version="1.0"?><CycloneDDS/>', "<Domain/>,<Domain/>"):
@@ -190,7 +192,9 @@ def test_good_configurations_of_cyclone_are_left_alone(tmp_path: Path) -> None:
     ("domain_id", "text", "expected"),
     [(150, "32768\t60999\n", [NOTE]), (100, "32768\t60999\n", []), (220, "32768\t60999\n", []), (150, "junk", [])],
 )
-def test_domains_with_ports_of_others_are_told(domain_id: int, text: str, expected: list[str], tmp_path: Path) -> None:
+def test_domain_in_ephemeral_port_range_is_noted(
+    domain_id: int, text: str, expected: list[str], tmp_path: Path
+) -> None:
     file = tmp_path / "ip_local_port_range"
     file.write_text(text)
     found = list(doctor_machine.discovery_ports(domain_id, file))
@@ -202,7 +206,7 @@ def test_domains_with_ports_of_others_are_told(domain_id: int, text: str, expect
 
 
 @pytest.mark.parametrize(("text", "level"), [("212992\n", WARNING), ("4194304", OK), ("junk", NOTE), (None, NOTE)])
-def test_socket_buffers_that_are_too_small_are_told(text: str | None, level: str, tmp_path: Path) -> None:
+def test_small_socket_buffers_are_a_warning(text: str | None, level: str, tmp_path: Path) -> None:
     file = tmp_path / "rmem_max"
     if text is not None:
         file.write_text(text)
@@ -239,7 +243,7 @@ PEERS = DomainSettings(static_peers=("10.0.0.9",))
         ([LO], None, []),
     ],
 )
-def test_interfaces_are_judged_by_the_discovery_range(
+def test_network_interface_findings_depend_on_discovery_range(
     found: list[Interface], settings: DomainSettings | None, expected: list[tuple[str, str]]
 ) -> None:
     judged = [one for one in doctor_network.check_interfaces(found, settings) if one.level != OK]
@@ -259,7 +263,7 @@ def test_loopback_is_found_with_its_address(monkeypatch: pytest.MonkeyPatch) -> 
     assert doctor_network.interfaces() == []
 
 
-def test_other_domains_are_told_by_their_ports(tmp_path: Path) -> None:
+def test_other_domains_are_detected_by_their_ports(tmp_path: Path) -> None:
     ports = [7400, 7400 + 250 * 42, 7410 + 250 * 7, 7400 + 250 * 3 + 99, 7400 + 250 * 150, 53]
     lines = [f"  {number}: 0100007F:{port:04X} 00000000:0000 07 0" for number, port in enumerate(ports)]
     file = tmp_path / "udp"
@@ -273,7 +277,9 @@ def test_other_domains_are_told_by_their_ports(tmp_path: Path) -> None:
 
 
 @pytest.mark.real_time("a process")
-async def test_a_second_process_that_is_late_is_no_firewall(memory: World, monkeypatch: Any, tmp_path: Path) -> None:
+async def test_self_test_reports_second_process_that_did_not_start(
+    memory: World, monkeypatch: Any, tmp_path: Path
+) -> None:
     late = tmp_path / "python"
     late.write_text("#!/bin/sh\nexec sleep 60\n")
     late.chmod(0o700)
@@ -289,7 +295,7 @@ async def test_a_second_process_that_is_late_is_no_firewall(memory: World, monke
 
 
 @pytest.mark.parametrize(
-    ("prefix", "is_ros", "hashes", "said"),
+    ("prefix", "is_ros", "hashes", "description"),
     [
         ("010f", True, True, "Fast DDS, ROS Iron or later"),
         ("0110", True, False, "Cyclone DDS, ROS Humble or earlier (no type hashes)"),
@@ -298,25 +304,27 @@ async def test_a_second_process_that_is_late_is_no_firewall(memory: World, monke
         ("0999", False, False, "DDS of vendor 09.99, not ROS"),
     ],
 )
-def test_only_what_is_known_of_a_peer_is_said(prefix: str, is_ros: bool, hashes: bool | None, said: str) -> None:
-    assert middleware_text(ParticipantInfo(bytes.fromhex(prefix) + bytes(14), is_ros, hashes, ())) == said
+def test_middleware_text_contains_only_known_facts_of_peer(
+    prefix: str, is_ros: bool, hashes: bool | None, description: str
+) -> None:
+    assert middleware_text(ParticipantInfo(bytes.fromhex(prefix) + bytes(14), is_ros, hashes, ())) == description
 
 
-def test_strangers_learn_neither_homes_nor_hosts_nor_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_redacted_findings_hide_home_host_and_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/alice")
     monkeypatch.setenv("ROS_STATIC_PEERS", "robot.lab;10.1.2.3")
     monkeypatch.setattr(socket, "gethostname", lambda: "alices-laptop")
     text = (
         "/home/alice/ws on alices-laptop at 192.168.17.23 and 127.0.0.1, robot.lab;10.1.2.3, numpy 2.4.6, 239.255.0.1"
     )
-    shown = "~/ws on (host) at 192.168.x.x and 127.0.0.1, $ROS_STATIC_PEERS, numpy 2.4.6, 239.255.0.1"
-    assert redact_finding(Finding(OK, text, text)) == Finding(OK, shown, shown)
+    redacted = "~/ws on (host) at 192.168.x.x and 127.0.0.1, $ROS_STATIC_PEERS, numpy 2.4.6, 239.255.0.1"
+    assert redact_finding(Finding(OK, text, text)) == Finding(OK, redacted, redacted)
     assert redact_finding(Finding(OK, "nodes: /secret", public="nodes: 1", data={"nodes": ["/secret"]})) == Finding(
         OK, "nodes: 1"
     )
 
 
-def test_a_check_that_fails_is_a_finding() -> None:
+def test_exception_in_check_becomes_a_finding() -> None:
     def check() -> Iterable[Finding]:
         yield Finding(OK, "never seen")
         raise ZeroDivisionError("strange machine")
@@ -326,13 +334,13 @@ def test_a_check_that_fails_is_a_finding() -> None:
     ]
 
 
-def test_missing_folders_of_ament_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_missing_ament_prefix_folders_are_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(tmp_path), "/no/such/prefix"]))
     assert levels(doctor_machine.interfaces(()), "/no/such/prefix, which is not a folder") == [WARNING]
     assert levels(doctor_machine.interfaces(("/no/such",)), "expected a folder") == [BROKEN]
 
 
-def test_the_loopback_interface_is_used_by_the_range_localhost() -> None:
+def test_loopback_interface_is_reported_as_used_with_range_localhost() -> None:
     (found,) = doctor_network.check_interfaces([LO], LOCALHOST)
     assert found.text == "lo: 127.0.0.1, used by the discovery range LOCALHOST"
     assert "though its flag is not set: DDS does not use it" in next(doctor_network.check_interfaces([LO], SUBNET)).text

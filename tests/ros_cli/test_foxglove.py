@@ -1,4 +1,4 @@
-"""``rosidl-py foxglove`` between nodes of the test and viewers that speak the protocol, and in front of a browser."""
+"""``rosidl-py foxglove`` between nodes of the test and viewers with the protocol, and with a page in a browser."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def node(memory: World) -> Node:
 
 @pytest.fixture
 def serving(tool: Any) -> Callable[..., Any]:
-    """The command from start to Ctrl-C: its address, or the process with it. It has to end well."""
+    """Return a context manager that runs the command until Ctrl-C, yields its address, and requires exit code 0."""
 
     @asynccontextmanager
     async def serve(*options: str) -> AsyncIterator[str]:
@@ -77,7 +77,7 @@ def serving(tool: Any) -> Callable[..., Any]:
 
 @pytest.fixture
 def watching(serving: Callable[..., Any]) -> Callable[..., Any]:
-    """The same with one viewer."""
+    """Return a context manager that runs the command and yields a connected viewer."""
 
     @asynccontextmanager
     async def watch(*options: str) -> AsyncIterator[Viewer]:
@@ -90,7 +90,7 @@ def watching(serving: Callable[..., Any]) -> Callable[..., Any]:
 # ------------------------------------------------------------------------------------------------------------- topics
 
 
-async def test_a_topic_is_passed_on_as_it_is_and_only_while_somebody_watches(network: World, watching: Any) -> None:
+async def test_topic_is_forwarded_unchanged_only_while_subscribed(network: World, watching: Any) -> None:
     node = network.node("robot")
     words = node.create_publisher(String, "words")
     async with watching() as seen:
@@ -110,7 +110,7 @@ async def test_a_topic_is_passed_on_as_it_is_and_only_while_somebody_watches(net
         await until(lambda: words.subscription_count == 0, 20)
 
 
-async def test_a_type_that_is_known_nowhere_else_is_fetched(dds: World, watching: Any) -> None:
+async def test_unknown_type_is_requested_from_its_node(dds: World, watching: Any) -> None:
     odd: Any = compile_definition("other/msg/Odd", ODD)
     dds.node("robot").create_publisher(odd, "odd", LATCHED).publish(odd(name="strange"))
     async with watching() as seen:
@@ -120,7 +120,9 @@ async def test_a_type_that_is_known_nowhere_else_is_fetched(dds: World, watching
         assert odd.decode(seen.frames[0][2]).name == "strange"
 
 
-async def test_messages_of_humble_are_shown_with_the_definition_of_humble(dds: World, watching: Any) -> None:
+async def test_channel_of_humble_topic_has_its_definition_and_converts_newer_messages(
+    dds: World, watching: Any
+) -> None:
     current: Any = get_message("sensor_msgs/msg/Range")
     of_humble: Any = get_message("sensor_msgs/msg/Range", distro="humble")
     humble = humble_node(dds, "robot").create_publisher(without_hash(of_humble), "range")
@@ -137,7 +139,7 @@ async def test_messages_of_humble_are_shown_with_the_definition_of_humble(dds: W
         assert [frame[2] for frame in seen.frames] == [of_humble(range=1.0).encode(), of_humble(range=2.0).encode()]
 
 
-async def test_what_is_defined_in_idl_is_shown_as_msg(node: Node, watching: Any, tmp_path: Any) -> None:
+async def test_idl_definition_is_sent_as_msg_schema(node: Node, watching: Any, tmp_path: Any) -> None:
     package = tmp_path / "share" / "angular"
     (package / "msg").mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>angular</name></package>")
@@ -148,7 +150,7 @@ async def test_what_is_defined_in_idl_is_shown_as_msg(node: Node, watching: Any,
         assert channel["schema"] == "float64[3] by\n"
 
 
-async def test_topics_come_and_go(node: Node, memory: World, watching: Any) -> None:
+async def test_channels_follow_appearing_and_disappearing_topics(node: Node, memory: World, watching: Any) -> None:
     node.create_publisher(String, "_hidden")
     node.create_subscription(String, "always", print)
     async with watching() as seen:
@@ -166,7 +168,7 @@ async def test_topics_come_and_go(node: Node, memory: World, watching: Any) -> N
         assert seen.frames[-1][0] == 2 and "/_hidden" not in seen.channels
 
 
-async def test_every_viewer_gets_what_is_kept_for_those_who_come_late(node: Node, serving: Any) -> None:
+async def test_every_viewer_receives_latched_messages(node: Node, serving: Any) -> None:
     node.create_publisher(String, "map", LATCHED).publish(String(data="map"))
     async with serving() as address, viewer(address) as first, viewer(address) as second:
         await first.subscribe("/map")
@@ -176,7 +178,7 @@ async def test_every_viewer_gets_what_is_kept_for_those_who_come_late(node: Node
         assert String.decode(second.frames[0][2]).data == "map"
 
 
-async def test_a_publisher_that_offers_less_is_heard_too(node: Node, watching: Any) -> None:
+async def test_best_effort_publisher_is_received_after_reliable_one(node: Node, watching: Any) -> None:
     strong = node.create_publisher(String, "words")
     async with watching() as seen:
         await seen.subscribe("/words")
@@ -187,7 +189,7 @@ async def test_a_publisher_that_offers_less_is_heard_too(node: Node, watching: A
         await seen.until(lambda: seen.frames)
 
 
-async def test_simulated_time_is_told(node: Node, watching: Any) -> None:
+async def test_simulated_time_is_sent_to_viewers(node: Node, watching: Any) -> None:
     clock = node.create_publisher(Clock, "/clock")
     words = node.create_publisher(String, "words")
     message = Clock()
@@ -210,40 +212,40 @@ async def test_simulated_time_is_told(node: Node, watching: Any) -> None:
 
 
 async def test_viewers_publish_as_cdr_and_as_json(node: Node, watching: Any) -> None:
-    heard = node.create_subscription(String, "commands")
+    receiver = node.create_subscription(String, "commands")
     async with watching() as seen:
         await seen.until(lambda: "/commands" in seen.channels)
         await seen.offer(1, "/commands", "std_msgs/msg/String")
         await seen.publish(1, String(data="go").encode())
-        assert (await heard.receive(20)).data == "go"
+        assert (await receiver.receive(20)).data == "go"
         await seen.offer(2, "/commands", "std_msgs/String", "json")
         await seen.publish(2, b'{"data": "stop"}')
-        assert (await heard.receive(20)).data == "stop"
+        assert (await receiver.receive(20)).data == "stop"
         await seen.send("unadvertise", channelIds=[1, 2])
-        await until(lambda: heard.publisher_count == 0, 20)
+        await until(lambda: receiver.publisher_count == 0, 20)
 
 
-async def test_a_viewer_may_bring_its_own_type_or_name_one_of_a_node(node: Node, watching: Any) -> None:
-    heard = node.create_subscription(compile_definition("viewers/msg/Own", "int8 x\n"), "own")
+async def test_viewer_publishes_own_type_or_type_announced_by_node(node: Node, watching: Any) -> None:
+    receiver = node.create_subscription(compile_definition("viewers/msg/Own", "int8 x\n"), "own")
     async with watching() as seen:
         await seen.offer(1, "/mine", "viewers/msg/Mine", schemaEncoding="ros2msg", schema="int8 x\n")
         await seen.publish(1, b"\0\1\0\0\5")
         await seen.until(lambda: "/own" in seen.channels)
         await seen.offer(2, "/own", "viewers/msg/Own")  # announced by the node
         await seen.publish(2, b"\0\1\0\0\6")
-        received: Any = await heard.receive(20)
+        received: Any = await receiver.receive(20)
         assert received.x == 6
         await seen.offer(3, "/late", "viewers/msg/Late")  # known as soon as a node announces it
         await seen.publish(3, b"\0\1\0\0\7")
-        heard = node.create_subscription(compile_definition("viewers/msg/Late", "int8 x\n"), "late")
-        received = await heard.receive(20)
+        receiver = node.create_subscription(compile_definition("viewers/msg/Late", "int8 x\n"), "late")
+        received = await receiver.receive(20)
         assert received.x == 7 and seen.warnings() == ""
 
 
 CDR, STRING = "cdr", "std_msgs/msg/String"
 
 
-async def test_what_cannot_be_published_is_told(node: Node, watching: Any) -> None:
+async def test_unpublishable_messages_are_reported_to_viewer(node: Node, watching: Any) -> None:
     wrong = [
         (STRING, CDR, b"\0\1\0\0\xff\0\0\0a", "std_msgs/msg/String.data: at byte 8"),
         (STRING, CDR, b"", "was not published"),
@@ -253,7 +255,7 @@ async def test_what_cannot_be_published_is_told(node: Node, watching: Any) -> No
         (STRING, "protobuf", b"x", 'its encoding is "protobuf"; expected cdr or json'),
         ("../../etc/passwd", CDR, b"x", "../../etc/passwd"),
     ]
-    heard = [node.create_subscription(String, f"topic{number}") for number in range(len(wrong))]
+    receiver = [node.create_subscription(String, f"topic{number}") for number in range(len(wrong))]
     async with watching() as seen:
         await seen.until(lambda: len([topic for topic in seen.channels if "/topic" in topic]) == len(wrong))
         for number, (type_name, encoding, data, problem) in enumerate(wrong):
@@ -264,13 +266,13 @@ async def test_what_cannot_be_published_is_told(node: Node, watching: Any) -> No
         await seen.until(lambda: "/in valid cannot be published" in seen.warnings())
         await seen.offer(101, "/new", "nobody/msg/Knows")
         await seen.until(lambda: "/new cannot be published" in seen.warnings())
-    assert all(one.latest() is None for one in heard)
+    assert all(one.latest() is None for one in receiver)
 
 
 # ------------------------------------------------------------------------------------------- services and parameters
 
 
-async def test_services_are_called(node: Node, watching: Any) -> None:
+async def test_viewer_calls_services(node: Node, watching: Any) -> None:
     service = node.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a + request.b))
     node.create_service(Trigger, "trigger", lambda request: Trigger.Response(message="done"))
     async with watching() as seen:
@@ -288,7 +290,7 @@ async def test_services_are_called(node: Node, watching: Any) -> None:
         await seen.until(lambda: "/add" not in seen.services)
 
 
-async def test_parameters_are_read_set_and_followed(node: Node, memory: World, watching: Any) -> None:
+async def test_viewer_reads_sets_and_subscribes_to_parameters(node: Node, memory: World, watching: Any) -> None:
     node.declare_parameter("gain", 1.0)
     node.declare_parameter("names", ["a"])
     node.declare_parameter("raw", b"\1\2")
@@ -297,8 +299,8 @@ async def test_parameters_are_read_set_and_followed(node: Node, memory: World, w
         assert (known["/robot.gain"], known["/robot.names"], known["/robot.raw"]) == (1.0, ["a"], "AQI=")
         assert await seen.parameters(parameterNames=["/robot.gain", "/robot.none"]) == {"/robot.gain": 1.0}
         await seen.send("subscribeParameterUpdates", parameterNames=["/robot.gain"])
-        wanted = [{"name": "/robot.gain", "value": 3}, {"name": "/robot.names", "value": []}]
-        assert await seen.parameters("setParameters", parameters=wanted) == {"/robot.gain": 3.0, "/robot.names": []}
+        requested = [{"name": "/robot.gain", "value": 3}, {"name": "/robot.names", "value": []}]
+        assert await seen.parameters("setParameters", parameters=requested) == {"/robot.gain": 3.0, "/robot.names": []}
         assert (node.get_parameter("gain"), node.get_parameter("names")) == (3.0, ())
         node.set_parameters({"gain": 4.5})
 
@@ -316,13 +318,13 @@ async def test_parameters_are_read_set_and_followed(node: Node, memory: World, w
 
 
 async def known_with(seen: Viewer, name: str) -> dict[str, Any]:
-    """All parameters, as soon as one of them is among them."""
+    """Wait until the parameters include a name, and return all of them."""
     while name not in (known := await seen.parameters(parameterNames=[])):
         await asyncio.sleep(0.05)
     return known
 
 
-async def test_viewers_can_be_kept_from_acting(node: Node, watching: Any) -> None:
+async def test_read_only_option_refuses_changes_by_viewers(node: Node, watching: Any) -> None:
     node.declare_parameter("gain", 1.0)
     node.create_service(Trigger, "trigger", lambda request: Trigger.Response())
     node.create_publisher(String, "_hidden")
@@ -331,20 +333,20 @@ async def test_viewers_can_be_kept_from_acting(node: Node, watching: Any) -> Non
         assert info["capabilities"] == ["parameters", "parametersSubscribe", "connectionGraph"]
         await seen.until(lambda: "/_hidden" in seen.channels)
         await known_with(seen, "/robot.gain")
-        wanted = [{"name": "/robot.gain", "value": 3.0}]
-        assert await seen.parameters("setParameters", parameters=wanted) == {"/robot.gain": 1.0}
+        requested = [{"name": "/robot.gain", "value": 3.0}]
+        assert await seen.parameters("setParameters", parameters=requested) == {"/robot.gain": 1.0}
         await seen.until(lambda: "--read-only" in seen.warnings())
         await seen.offer(1, "/commands", STRING)
         await seen.until(lambda: "does not support clientPublish" in seen.warnings())
         assert seen.services == {} and node.count_publishers("commands") == 0
 
 
-async def test_the_graph_is_told_and_followed(node: Node, memory: World, watching: Any) -> None:
+async def test_connection_graph_is_sent_and_updated(node: Node, memory: World, watching: Any) -> None:
     node.create_publisher(String, "words")
     async with watching() as seen:
 
-        def has(kind: str, **wanted: Any) -> bool:
-            return any(wanted in said[kind] for said in seen.of("connectionGraphUpdate"))
+        def has(kind: str, **requested: Any) -> bool:
+            return any(requested in reply[kind] for reply in seen.of("connectionGraphUpdate"))
 
         await seen.send("subscribeConnectionGraph")
         await seen.until(lambda: has("publishedTopics", name="/words", publisherIds=["/robot"]))
@@ -358,13 +360,13 @@ async def test_the_graph_is_told_and_followed(node: Node, memory: World, watchin
         await seen.handled()
         other.close()
         gone = "/other/list_parameters"
-        await seen.until(lambda: any(gone in said["removedServices"] for said in seen.of("connectionGraphUpdate")))
+        await seen.until(lambda: any(gone in reply["removedServices"] for reply in seen.of("connectionGraphUpdate")))
 
 
 # -------------------------------------------------------------------------------------------------------- bad viewers
 
 
-async def test_a_viewer_that_sends_garbage_harms_nobody(node: Node, serving: Any) -> None:
+async def test_invalid_messages_of_one_viewer_do_not_affect_others(node: Node, serving: Any) -> None:
     words = node.create_publisher(String, "words")
     node.create_service(Trigger, "trigger", lambda request: Trigger.Response())
     odd: list[Any] = [None, -1, 1 << 32, 1.5, True, "\ud800", [], {}, [[]], {"id": 1}, {"name": ""}]
@@ -386,7 +388,7 @@ async def test_a_viewer_that_sends_garbage_harms_nobody(node: Node, serving: Any
         await good.until(lambda: good.frames)
 
 
-async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_else(
+async def test_topics_with_invalid_names_are_reported_once_and_others_work(
     node: Node, memory: World, watching: Any
 ) -> None:
     for topic in ("rt/2d_scan", "rt/a//b", "rt/"):
@@ -399,25 +401,25 @@ async def test_names_that_ros_refuses_are_told_those_who_watch_and_harm_nothing_
     node.declare_parameter("gain", 1.0)
     words = node.create_publisher(String, "words")
     async with node, watching() as seen:
-        wanted = ["/2d_scan", "/a//b", "/plain", "/words"]
-        for number, topic in enumerate(wanted):
+        requested = ["/2d_scan", "/a//b", "/plain", "/words"]
+        for number, topic in enumerate(requested):
             await seen.subscribe(topic, number)
         assert await words.wait_for_subscribers(5)
-        for topic in wanted[:3]:
+        for topic in requested[:3]:
             await seen.until(lambda topic=topic: f"{topic} cannot be read: " in seen.warnings())
         memory.node("later")  # a change, after which they are not told again
         await known_with(seen, "/later.use_sim_time")
-        assert all(seen.warnings().count(f"{topic} cannot be read: ") == 1 for topic in wanted[:3])
+        assert all(seen.warnings().count(f"{topic} cannot be read: ") == 1 for topic in requested[:3])
         await seen.until(lambda: "/trigger" in seen.services)
         assert not {"/2d", "/a//b"} & {*seen.services}
         assert (await known_with(seen, "/robot.gain"))["/robot.gain"] == 1.0
         await seen.send("subscribeConnectionGraph")
         graph = (await seen.until(lambda: seen.of("connectionGraphUpdate")))[0]
-        nodes = {one for said in graph["publishedTopics"] for one in said["publisherIds"]}
+        nodes = {one for reply in graph["publishedTopics"] for one in reply["publisherIds"]}
         assert "/robot" in nodes and not any("space" in one for one in nodes)
 
 
-async def test_events_of_nodes_that_are_not_there_are_not_kept(node: Node, watching: Any) -> None:
+async def test_parameter_events_of_unknown_nodes_are_ignored(node: Node, watching: Any) -> None:
     node.declare_parameter("gain", 1.0)
     async with node, watching() as seen:
         await known_with(seen, "/robot.gain")
@@ -431,14 +433,14 @@ async def test_events_of_nodes_that_are_not_there_are_not_kept(node: Node, watch
 
 
 @pytest.mark.parametrize(
-    ("limit", "most", "said"),
+    ("limit", "most", "reply"),
     [
         ("MAX_SCHEMAS", 2, "too many definitions: 3 (21 bytes); expected at most 2 ("),
         ("MAX_SCHEMAS_BYTES", 15, "too many definitions: 3 (21 bytes); expected at most 256 (15 bytes)"),
     ],
 )
-async def test_viewers_can_define_so_many_types_and_no_more(
-    node: Node, watching: Any, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, said: str
+async def test_number_and_size_of_viewer_definitions_are_limited(
+    node: Node, watching: Any, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, reply: str
 ) -> None:
     monkeypatch.setattr(limits, limit, most)
     async with watching() as seen:
@@ -452,16 +454,16 @@ async def test_viewers_can_define_so_many_types_and_no_more(
         assert await refusal(0, "Wrong", "no field\n")
         assert [await refusal(number, f"Many{number}", "int8 x\n") for number in (1, 2)] == ["", ""]
         assert await refusal(3, "Many2", "int8 x\n") == ""  # it is counted once
-        assert said in await refusal(4, "Many4", "int8 x\n")
+        assert reply in await refusal(4, "Many4", "int8 x\n")
 
 
-async def test_messages_that_wait_for_their_type_have_a_limit_for_all_topics(node: Node, watching: Any) -> None:
+async def test_queue_of_messages_with_unknown_type_is_limited_across_topics(node: Node, watching: Any) -> None:
     async with watching() as seen:
         for number in range(4):
             await seen.offer(number, f"/q{number}", "nobody/msg/Knows")
             await seen.publish(number, bytes(400_000))
-        said = await seen.handled()
-    assert [f"messages for /q{number} are dropped" in said for number in range(4)] == [False, False, True, True]
+        reply = await seen.handled()
+    assert [f"messages for /q{number} are dropped" in reply for number in range(4)] == [False, False, True, True]
 
 
 def _small(address: str) -> socket.socket:
@@ -472,7 +474,9 @@ def _small(address: str) -> socket.socket:
     return made
 
 
-async def test_a_slow_viewer_loses_the_oldest_messages_alone(node: Node, memory: World, serving: Any) -> None:
+async def test_slow_viewer_loses_oldest_messages_without_affecting_others(
+    node: Node, memory: World, serving: Any
+) -> None:
     count = 60
     images = node.create_publisher(Image, "images", QoSProfile(depth=count))
     other = memory.node("other").create_subscription(Image, "images", qos=QoSProfile(depth=count))
@@ -503,7 +507,7 @@ async def test_a_slow_viewer_loses_the_oldest_messages_alone(node: Node, memory:
 # -------------------------------------------------------------------------------------------------- beginning and end
 
 
-async def test_it_ends_at_once_even_while_a_viewer_waits(node: Node, tool: Any) -> None:
+async def test_server_stops_immediately_during_a_pending_call(node: Node, tool: Any) -> None:
     never = asyncio.Event()
 
     async def wait(request: Any) -> Any:
@@ -521,7 +525,7 @@ async def test_it_ends_at_once_even_while_a_viewer_waits(node: Node, tool: Any) 
         calling.cancel()
 
 
-async def test_an_address_that_cannot_be_used_is_named(memory: World, tool: Any) -> None:
+async def test_unusable_listen_address_is_reported(memory: World, tool: Any) -> None:
     with closing(socket.create_server(("127.0.0.1", 0))) as taken:
         port = taken.getsockname()[1]
         ended = await tool("foxglove", "--port", str(port))
@@ -531,7 +535,7 @@ async def test_an_address_that_cannot_be_used_is_named(memory: World, tool: Any)
     assert ended.code == 1 and "cannot listen on no.such.host.invalid:8765" in ended.err
 
 
-async def test_ipv6_works_and_the_address_is_printed(node: Node, tool: Any) -> None:
+async def test_server_listens_on_ipv6_and_prints_address(node: Node, tool: Any) -> None:
     process = await tool.start("foxglove", "--port", "0", "--host", "::1")
     address, _, rest = (await asyncio.wait_for(process.stdout.readline(), 25)).decode().partition(" ")
     assert (address[:11], rest) == ("ws://[::1]:", "for Foxglove and Lichtblick; Ctrl-C ends the server\n")
@@ -548,7 +552,7 @@ Battery: Any = get_message("sensor_msgs/msg/BatteryState")
 PAGE = ROOT / "examples" / "live_view.html"
 
 
-async def test_a_page_plots_fields(memory: World, serving: Any, browser: Browser) -> None:
+async def test_live_view_example_page_plots_fields(memory: World, serving: Any, browser: Browser) -> None:
     node = memory.node("robot")
     wave, batteries = node.create_publisher(Pressure, "wave"), node.create_publisher(Battery, "battery")
     began, frames = monotonic(), itertools.cycle(["", "left", "right one"])

@@ -40,25 +40,25 @@ Trigger: Any = get_service("std_srvs/srv/Trigger")
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "reported_text"),
     [(CallTimeoutError("no response from /x in 10 s"), "no response from /x"), (asyncio.CancelledError(), "is closed")],
 )
-async def test_why_a_call_failed_is_told(error: BaseException, said: str) -> None:
+async def test_reason_of_failed_call_is_sent_to_viewer(error: BaseException, reported_text: str) -> None:
     async def fail(_: bytes) -> bytes:
         raise error
 
     async with served() as (server, address), viewer(address) as seen:
         server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), fail)
-        assert said in str(await seen.call("/x", b""))
+        assert reported_text in str(await seen.call("/x", b""))
 
 
 @pytest.mark.parametrize("name", ["foxglove.sdk.v1", "foxglove.websocket.v1"])
-async def test_both_names_of_the_protocol_are_known(name: Any) -> None:
+async def test_server_accepts_both_subprotocol_names(name: Any) -> None:
     async with served() as (_, address), connect(address, subprotocols=[name], proxy=None) as connection:
         assert connection.subprotocol == name and "serverInfo" in str(await connection.recv())
 
 
-async def test_who_takes_nothing_of_what_it_is_told_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_viewer_that_never_reads_is_disconnected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "MAX_CONTROL_MESSAGES", 100)
     protocols: Any = ["foxglove.sdk.v1"]
     async with (
@@ -78,10 +78,10 @@ async def test_who_takes_nothing_of_what_it_is_told_is_let_go(monkeypatch: pytes
 # --------------------------------------------------------------------------------------------------------- the protocol
 
 
-def test_values_say_their_type_where_json_does_not() -> None:
+def test_parameter_values_have_type_if_json_is_ambiguous() -> None:
     values = {"a": 1, "b": 2.0, "c": b"\1\2", "d": (1.0, float("nan")), "e": float("inf"), "f": None, "g": ("x",)}
-    told = json.loads(protocol.parameter_values(values, "7"))
-    assert told == {
+    document = json.loads(protocol.parameter_values(values, "7"))
+    assert document == {
         "op": "parameterValues",
         "id": "7",
         "parameters": [
@@ -95,7 +95,7 @@ def test_values_say_their_type_where_json_does_not() -> None:
     }
 
 
-def test_of_a_graph_the_difference_is_told() -> None:
+def test_graph_update_contains_only_differences() -> None:
     before: protocol.Graph = {"/a": ["/x"], "/b": ["/x"]}, {"/b": ["/y"]}, {"/s": ["/x"]}
     now: protocol.Graph = {"/a": ["/x", "/z"]}, {"/b": ["/y"]}, {}
     assert json.loads(protocol.graph_update(before, now)) == {
@@ -126,11 +126,11 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("message", "said"), WRONG)
-def test_what_is_no_message_is_refused(message: str | bytes, said: str) -> None:
+@pytest.mark.parametrize(("message", "reported_text"), WRONG)
+def test_invalid_messages_raise_protocol_error(message: str | bytes, reported_text: str) -> None:
     with pytest.raises(protocol.ProtocolError, match=r"^Invalid message: ") as refused:
         protocol.read(message)
-    assert said in str(refused.value)
+    assert reported_text in str(refused.value)
 
 
 _GOOD = """http://localhost http://localhost:8080 https://127.0.0.1:3000 http://[::1]:8080 https://app.foxglove.dev
@@ -152,7 +152,7 @@ async def visit(address: str, origin: str | None, **how: Any) -> str:
         return f"{refused.response.status_code} {refused.response.body.decode()}"
 
 
-async def test_pages_of_this_machine_known_apps_and_what_is_no_page_may_connect_and_no_others() -> None:
+async def test_connection_requires_local_known_or_permitted_origin() -> None:
     async with served() as (_, address):
         for origin in GOOD:
             assert await visit(address, origin) == "serverInfo", origin
@@ -168,7 +168,7 @@ async def test_pages_of_this_machine_known_apps_and_what_is_no_page_may_connect_
         assert await visit(address, "https://two.example") == "serverInfo"
 
 
-async def test_with_a_token_nobody_connects_without_it() -> None:
+async def test_connection_requires_configured_token() -> None:
     async with served(token="let me/in&é") as (_, address):
         assert await visit(f"{address}/?token=let%20me/in%26%C3%A9", None) == "serverInfo"
         right = "token=let%20me/in%26%C3%A9"
@@ -178,7 +178,7 @@ async def test_with_a_token_nobody_connects_without_it() -> None:
         assert (await visit(f"{address}/?{right}", "https://evil.example")).startswith("403")
 
 
-async def test_a_message_that_is_too_large_ends_its_viewer_only() -> None:
+async def test_too_large_message_disconnects_only_its_viewer() -> None:
     async with served() as (_, address), viewer(address) as good:
         for sent in (b"\1" * ((1 << 20) + 1), [b"\1" * 600_000, b"\1" * 600_000]):
             async with viewer(address) as bad:
@@ -189,7 +189,7 @@ async def test_a_message_that_is_too_large_ends_its_viewer_only() -> None:
         await good.until(lambda: "Unknown channel ID: 77" in good.warnings())
 
 
-async def test_a_viewer_that_sends_too_much_is_read_more_slowly_and_others_are_not() -> None:
+async def test_rate_limit_slows_flooding_viewer_but_not_others() -> None:
     async with served(per_s=50) as (_, address), viewer(address) as good, viewer(address) as flood:
         start = time.monotonic()
         for _ in range(150):
@@ -202,7 +202,7 @@ async def test_a_viewer_that_sends_too_much_is_read_more_slowly_and_others_are_n
         assert time.monotonic() - start > 1.8
 
 
-async def test_there_is_an_end_of_viewers() -> None:
+async def test_number_of_viewers_is_limited() -> None:
     async with served() as (_, address):
         held = [connect(address, proxy=None, subprotocols=["foxglove.sdk.v1"]) for _ in range(64)]  # type: ignore[list-item]
         connections = [await one for one in held]
@@ -213,18 +213,18 @@ async def test_there_is_an_end_of_viewers() -> None:
         await asyncio.gather(*(one.close() for one in connections))
 
 
-async def test_who_does_not_speak_http_is_let_go() -> None:
+async def test_connection_without_valid_http_is_refused() -> None:
     async with served() as (_, address):
         host, port = address.removeprefix("ws://").split(":")
-        for said in (b"\0" * 100, b"GET / HTTP/1.1", b"GET /" + b"a" * 20_000, b"POST / HTTP/1.1"):
+        for reported_text in (b"\0" * 100, b"GET / HTTP/1.1", b"GET /" + b"a" * 20_000, b"POST / HTTP/1.1"):
             reader, writer = await asyncio.open_connection(host, int(port))
-            writer.write(said + b"\r\n\r\n")
+            writer.write(reported_text + b"\r\n\r\n")
             assert not (await asyncio.wait_for(reader.read(), 10)).startswith(b"HTTP/1.1 101")
             writer.close()
         assert await visit(address, None) == "serverInfo"
 
 
-async def test_what_the_server_sends_comes_in_its_order_whole() -> None:
+async def test_large_service_responses_arrive_complete() -> None:
     async def call(data: bytes) -> bytes:
         return data * 3
 
@@ -237,7 +237,7 @@ async def test_what_the_server_sends_comes_in_its_order_whole() -> None:
         await visit(address, None)
 
 
-def test_a_viewer_may_send_so_many_at_once_and_then_at_its_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rate_limit_permits_burst_then_steady_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("rosidl_py_gen.ros_cli.foxglove.viewer.monotonic", lambda: now)
     pace = RateLimit(10)
@@ -291,7 +291,7 @@ def _viewer(connection: Any) -> Viewer:
 # ------------------------------------------------------------------------------------------------- one message
 
 
-def test_every_list_of_a_message_has_a_limit_of_entries() -> None:
+def test_entries_of_every_message_list_are_limited() -> None:
     entries: dict[str, Any] = {"subscriptions": {"id": 1, "channelId": 1}, "channels": {}, "parameters": {"name": "x"}}
     for op, (key, _) in protocol.OPERATIONS.items():
         if key:
@@ -300,7 +300,7 @@ def test_every_list_of_a_message_has_a_limit_of_entries() -> None:
                 protocol.read(text)
 
 
-def test_large_and_odd_texts_are_refused_with_the_limit() -> None:
+def test_oversized_message_values_are_refused_with_their_limit() -> None:
     def set_(value: str) -> str:
         return '{"op": "setParameters", "parameters": [{"name": "/x.y", "value": ' + value + "}]}"
 
@@ -317,40 +317,43 @@ def test_large_and_odd_texts_are_refused_with_the_limit() -> None:
         (json.dumps({"op": "getParameters", "parameterNames": [], "id": "x" * 9999}), "expected at most 1024"),
         (b"\2" + struct.pack("<III", 1, 1, 4000) + b"c" * 4000, "an encoding of 4000 bytes"),
     ]
-    for message, said in wrong:
+    for message, reported_text in wrong:
         with pytest.raises(protocol.ProtocolError) as refused:
             protocol.read(message)
-        assert said in str(refused.value) and len(str(refused.value)) < 300, message[:60]
+        assert reported_text in str(refused.value) and len(str(refused.value)) < 300, message[:60]
     assert protocol.read(set_("-9223372036854775808")).what == [("/x.y", -(1 << 63))]
 
 
 # --------------------------------------------------------------------------------------------- what is retained
 
 
-async def test_refused_entries_of_one_message_are_counted() -> None:
+async def test_further_refused_entries_of_a_message_are_only_counted() -> None:
     async with served() as (_, address), viewer(address) as seen:
         await seen.send("subscribe", subscriptions=[{"id": 1, "channelId": 0}] * 100)
-        said = await seen.handled()
-    assert said.count("Unknown channel ID: 0") == 8 and "92 further entries of the message are refused" in said
+        reported_text = await seen.handled()
+    assert (
+        reported_text.count("Unknown channel ID: 0") == 8
+        and "92 further entries of the message are refused" in reported_text
+    )
 
 
-async def test_a_viewer_follows_so_many_parameters_and_no_more() -> None:
+async def test_subscribed_parameters_of_a_viewer_are_limited() -> None:
     def names(tag: str, length: int = 1) -> list[str]:
         return [f"{tag}{n}" + "x" * length for n in range(5000)]
 
-    async def said_to(*requests: list[str]) -> str:
+    async def warnings_after(*requests: list[str]) -> str:
         async with served() as (_, address), viewer(address) as seen:
             for names in requests:
                 await seen.send("subscribeParameterUpdates", parameterNames=names)
             return await seen.handled()
 
-    assert "would be 10000 names" in await said_to(names("/a."), names("/a."), names("/b."))
+    assert "would be 10000 names" in await warnings_after(names("/a."), names("/a."), names("/b."))
     most = "expected at most 8192 names with 524288 characters; an empty list follows all"
-    assert most in await said_to(names("/a.", 110))
-    assert await said_to([], names("/a.", 110)) == ""
+    assert most in await warnings_after(names("/a.", 110))
+    assert await warnings_after([], names("/a.", 110)) == ""
 
 
-async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
+async def test_definitions_of_a_viewer_are_limited_each_and_in_total() -> None:
     def channels(numbers: range, size: int) -> list[dict[str, Any]]:
         channel = {"encoding": "cdr", "schemaName": "q/msg/Q", "schema": "#" * size}
         return [{"id": number, "topic": f"/q{number}", **channel} for number in numbers]
@@ -369,11 +372,11 @@ async def test_definitions_of_a_viewer_have_limits_each_and_in_total() -> None:
         assert len(server.offers) == full - 1
     async with served() as (_, address), viewer(address) as seen:
         await seen.send("advertise", channels=channels(range(100), 0))
-        said = await seen.handled()
-    assert said.count("64 topics are published already") == 8 and "28 further entries" in said
+        reported_text = await seen.handled()
+    assert reported_text.count("64 topics are published already") == 8 and "28 further entries" in reported_text
 
 
-async def test_pending_calls_have_limits_of_number_and_size(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_number_and_size_of_pending_calls_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     async def wait(_: bytes) -> bytes:
         await asyncio.Event().wait()
         return b""
@@ -396,7 +399,9 @@ async def test_pending_calls_have_limits_of_number_and_size(monkeypatch: pytest.
             assert failed[0]["callId"] == 2 and "expected at most 1000 at a time" in failed[0]["message"]
 
 
-async def test_what_waits_for_a_viewer_has_a_limit_of_size(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_viewer_queue_drops_oldest_messages_and_aborts_on_control_overflow(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(limits, "MAX_CONTROL_BYTES", 1000)
     connection: Any = _Messages()
     one = _viewer(connection)
@@ -415,14 +420,14 @@ async def test_what_waits_for_a_viewer_has_a_limit_of_size(monkeypatch: pytest.M
     assert one.watched == {}
 
 
-async def test_warnings_to_all_viewers_have_a_limit() -> None:
+async def test_number_and_length_of_warnings_are_limited() -> None:
     async with served() as (server, address), viewer(address) as seen:
         await seen.until(lambda: seen.of("serverInfo"))
         for number in range(500):
             server.send_control(f"node{number}", f"node{number}: " + "x" * 10_000)
         await seen.until(lambda: "further warnings" in seen.warnings())
         assert len(seen.of("status")) == limits.MAX_WARNINGS + 1
-        assert max(len(said["message"]) for said in seen.of("status")) <= limits.MAX_STATUS_LENGTH
+        assert max(len(reported_text["message"]) for reported_text in seen.of("status")) <= limits.MAX_STATUS_LENGTH
 
 
 # ---------------------------------------------------------------------------------------------------- the loop
@@ -460,7 +465,7 @@ async def test_large_messages_are_decoded_in_a_thread_and_small_ones_on_the_loop
 
 
 @pytest.mark.real_time("threads")
-async def test_a_cancelled_function_is_skipped_by_the_worker() -> None:
+async def test_worker_skips_cancelled_function() -> None:
     worker, go, done = Worker(), threading.Event(), []
     first = asyncio.ensure_future(worker.run(go.wait, 10))
     await asyncio.sleep(0)
@@ -486,7 +491,7 @@ async def test_messages_that_would_become_many_objects_are_refused() -> None:
     names = compile_definition("own_msgs/msg/Names", "string[] x\n")
     large = b"\0\1\0\0" + struct.pack("<I", 1 << 20) + bytes(2 << 20)
     worker = Worker()
-    for cls, encoding, data, said in (
+    for cls, encoding, data, reported_text in (
         (nested, "cdr", large, "a type with a sequence of strings, or of messages that vary in size"),
         (names, "cdr", large, "expected at most 1048576"),
         (plain, "json", b'{"x": [' + b"{}," * 400_000 + b"{}]}", "bytes of JSON, expected at most 1048576"),
@@ -494,7 +499,7 @@ async def test_messages_that_would_become_many_objects_are_refused() -> None:
     ):
         with pytest.raises(CommandError) as refused:
             await Decoder(cls, encoding).run(data, worker, encode)
-        assert said in str(refused.value)
+        assert reported_text in str(refused.value)
     assert await Decoder(plain).run(large, worker, encode) == large
     worker.close()
 
@@ -502,7 +507,7 @@ async def test_messages_that_would_become_many_objects_are_refused() -> None:
 # ----------------------------------------------------------------------------------------------------------- the graph
 
 
-async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World) -> None:
+async def test_topics_of_node_with_same_name_are_advertised_but_own_topics_are_not(memory: World) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
     ours._scope.discovery.announce_delay_s = 5.0  # our endpoints are of no node yet
     async with served() as (server, _):
@@ -518,7 +523,7 @@ async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World)
         assert server.channels == {}
 
 
-async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World) -> None:
+async def test_call_of_disappeared_service_fails_without_creating_client(memory: World) -> None:
     robot, ours = memory.pair()
     service = robot.create_service(Trigger, "trigger", lambda request: Trigger.Response())
     async with served() as (server, _):
@@ -537,7 +542,7 @@ async def test_a_call_of_a_service_that_has_gone_makes_no_client(memory: World) 
         await services.close()
 
 
-async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_compiler_is_preloaded_only_during_a_real_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     loop, loaded, times = asyncio.get_running_loop(), asyncio.Event(), []
 
     def load() -> None:
@@ -551,7 +556,7 @@ async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monk
     assert [time > began for time in times] == [True]
 
 
-async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_failed_preload_of_compiler_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     loop, failed = asyncio.get_running_loop(), asyncio.Event()
 
     def fail() -> None:
@@ -570,7 +575,7 @@ async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monke
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])
-def test_the_address_for_other_machines_has_the_name_of_this_one(host: str) -> None:
+def test_address_contains_host_name_if_listening_on_all_interfaces(host: str) -> None:
     address, app = addresses(host, 8765, "a&b")
     assert address == f"ws://{socket.gethostname()}:8765/?token=a%26b"
     assert app.endswith("&ds.url=ws%3A%2F%2Flocalhost%3A8765%2F%3Ftoken%3Da%2526b")

@@ -1,4 +1,4 @@
-"""``rosidl-py graph`` and ``rosidl-py tf``: pictures and tables, in which names of peers stay text."""
+"""``rosidl-py graph`` and ``rosidl-py tf``: pictures and tables, in which names of peers are escaped."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def with_names(answer: dict[str, Any], node: str, role: str) -> list[tuple[str, 
     return [(row["kind"], row["name"], row["with"]) for row in found[role]]
 
 
-async def test_the_graph_shows_who_is_connected_through_what(memory: World, tool: Tool) -> None:
+async def test_graph_lists_connections_of_nodes_by_topic_service_and_action(memory: World, tool: Tool) -> None:
     await robot(memory)
     answer = json.loads((await tool("graph", "--json", "--spin-time", "3")).out)
     assert [one["name"] for one in answer["nodes"]] == ["/base", "/cockpit/pilot", "/idle"]
@@ -76,7 +76,7 @@ async def test_the_graph_shows_who_is_connected_through_what(memory: World, tool
     assert not any("_rosidl_py" in one["name"] for one in answer["nodes"])
 
 
-async def test_what_does_not_match_is_not_connected(memory: World, tool: Tool) -> None:
+async def test_incompatible_endpoints_are_not_connected_in_graph(memory: World, tool: Tool) -> None:
     base, pilot = memory.node("base"), memory.node("pilot")
     base.create_publisher(String, "/best_effort", SENSOR_DATA)
     pilot.create_subscription(String, "/best_effort", qos=10)
@@ -94,7 +94,9 @@ async def test_what_does_not_match_is_not_connected(memory: World, tool: Tool) -
     assert with_names(answer, "/base", "serves") == [("service", "/served", [])]
 
 
-async def test_filters_leave_the_chosen_and_their_counterparts(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_graph_filters_keep_selected_names_and_their_counterparts(
+    memory: World, tool: Tool, tmp_path: Path
+) -> None:
     await robot(memory)
     text, mermaid, wrong = await asyncio.gather(
         tool("graph", "--node", "cockpit/*", "--topic", "/speed", "--spin-time", "3"),
@@ -109,7 +111,7 @@ async def test_filters_leave_the_chosen_and_their_counterparts(memory: World, to
     assert (wrong.code, wrong.err) == (1, 'error: no node /bse; did you mean "/base"?\n')
 
 
-async def test_files_are_drawn_by_their_ending(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_graph_file_format_follows_file_ending(memory: World, tool: Tool, tmp_path: Path) -> None:
     await robot(memory)
     endings = ("svg", "md", "json", "txt")
     files = [str(tmp_path / f"g.{ending}") for ending in endings]
@@ -121,7 +123,7 @@ async def test_files_are_drawn_by_their_ending(memory: World, tool: Tool, tmp_pa
     assert json.loads(texts["json"])["nodes"] and texts["txt"].startswith("/base\n")
 
 
-async def test_files_that_cannot_be_written_are_told(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_unwritable_graph_files_are_reported(memory: World, tool: Tool, tmp_path: Path) -> None:
     ending, missing = await asyncio.gather(
         tool("graph", "-o", str(tmp_path / "g.png")), tool("graph", "-o", str(tmp_path / "no" / "g.svg"))
     )
@@ -139,7 +141,7 @@ def hostile() -> Picture:
     return Picture(0, sorted({EVIL, "/b", "/c\x00"}), edges)
 
 
-def test_names_of_peers_are_text_in_an_svg() -> None:
+def test_svg_escapes_names_of_peers() -> None:
     root = ElementTree.fromstring(graph_svg.svg(hostile()).encode())
     tags = {element.tag.rpartition("}")[2] for element in root.iter()}
     assert tags == {"svg", "style", "defs", "marker", "path", "rect", "g", "title", "text"}
@@ -148,7 +150,7 @@ def test_names_of_peers_are_text_in_an_svg() -> None:
     assert all(len(element.text or "") <= 1000 for element in root.iter() if not element.tag.endswith("style"))
 
 
-def test_names_of_peers_are_text_in_mermaid() -> None:
+def test_mermaid_escapes_names_of_peers() -> None:
     first, *lines = graph_text.mermaid(hostile()).splitlines()
     label = r"(?:[A-Za-z0-9_/ .,()-]|#\d+;|<br/>)*"
     box = rf'  [nt]\d+(?:\["{label}"\]|\(\["{label}"\]\)|\{{\{{"{label}"\}}\}}|\[\["{label}"\]\])'
@@ -157,13 +159,13 @@ def test_names_of_peers_are_text_in_mermaid() -> None:
 
 
 @pytest.mark.parametrize("nodes", [[], ["/alone"]])
-def test_a_picture_of_nearly_nothing_is_a_picture(nodes: list[str]) -> None:
+def test_graph_without_connections_can_be_drawn(nodes: list[str]) -> None:
     picture = Picture(5, nodes, [])
     assert ElementTree.fromstring(graph_svg.svg(picture)) is not None
     assert [text for text, _ in graph_text.lines(picture)] == (nodes or ["no nodes in domain 5"])
 
 
-def test_boxes_do_not_overlap() -> None:
+def test_boxes_of_svg_graph_do_not_overlap() -> None:
     edges = [Edge(f"/n{one % 7}", "publishes", "topic", f"/t{one}", ("a/msg/B",)) for one in range(30)]
     edges += [Edge(f"/m{one % 5}", "subscribes", "topic", f"/t{one}", ("a/msg/B",)) for one in range(30)]
     root = ElementTree.fromstring(graph_svg.svg(Picture(0, sorted({edge.node for edge in edges}), edges)))
@@ -198,7 +200,7 @@ async def moving_robot(world: World, *, late_s: float = 0.0) -> None:
     base.create_timer(0.05, lambda: send(two, "odom", "base"))
 
 
-async def test_echo_shows_one_transform_as_tf2_echo_does(memory: World, tool: Tool) -> None:
+async def test_tf_echo_prints_transform_like_tf2_echo(memory: World, tool: Tool) -> None:
     node = memory.node("robot")
     latched = StaticTransformBroadcaster(node)
     latched.send([Transform("map", "base", 0, np.array([1.0, -2, 3]), QUARTER), moved("base", "lidar", 0, 1)])
@@ -222,7 +224,7 @@ async def test_echo_shows_one_transform_as_tf2_echo_does(memory: World, tool: To
     assert (rows[0]["target"], rows[0]["source"], rows[0]["stamp_ns"]) == ("map", "lidar", 0)
 
 
-async def test_echo_says_what_is_missing(memory: World, tool: Tool) -> None:
+async def test_tf_echo_reports_missing_and_invalid_frames(memory: World, tool: Tool) -> None:
     await moving_robot(memory)
     done = await tool("tf", "echo", "map", "tool", "--timeout", "2")
     assert done.code == 1
@@ -233,7 +235,7 @@ async def test_echo_says_what_is_missing(memory: World, tool: Tool) -> None:
     assert wrong.code == 1 and "begins with /" in wrong.err
 
 
-async def test_the_tree_shows_parents_rates_delays_and_nodes(memory: World, tool: Tool) -> None:
+async def test_tf_tree_shows_parents_rates_delays_and_nodes(memory: World, tool: Tool) -> None:
     await moving_robot(memory, late_s=0.5)
     plain, data, mermaid = await asyncio.gather(
         tool("tf", "tree"), tool("tf", "tree", "--json", "--wait-time", "6"), tool("tf", "tree", "--format", "mermaid")
@@ -262,7 +264,7 @@ async def test_the_tree_shows_parents_rates_delays_and_nodes(memory: World, tool
     assert '  f3 -->|"5.0 Hz, 0.500 s late, /localizer"| f4' in rest
 
 
-async def test_the_tree_is_written_into_files_by_their_ending(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_tf_tree_file_format_follows_file_ending(memory: World, tool: Tool, tmp_path: Path) -> None:
     await moving_robot(memory)
     endings = ("png", "md", "json", "txt")
     files = [str(tmp_path / f"frames.{ending}") for ending in endings]
@@ -278,7 +280,7 @@ async def test_the_tree_is_written_into_files_by_their_ending(memory: World, too
     assert Path(files[3]).read_text().startswith("map\n└─ odom ")
 
 
-async def test_files_that_cannot_be_written_are_told_before_anybody_waits(memory: World, tool: Tool) -> None:
+async def test_invalid_tf_tree_output_options_are_reported(memory: World, tool: Tool) -> None:
     ending, no_file = await asyncio.gather(tool("tf", "tree", "-o", "f.bmp"), tool("tf", "tree", "--format", "png"))
     assert ending.code == 1 and "expected one of .png, .mmd" in ending.err
     assert no_file.code == 1 and "write it to a file: -o frames.png" in no_file.err
@@ -286,7 +288,7 @@ async def test_files_that_cannot_be_written_are_told_before_anybody_waits(memory
     assert (nothing.code, nothing.out) == (0, "no transforms\n")
 
 
-async def test_what_is_wrong_with_the_whole_is_told(memory: World, tool: Tool) -> None:
+async def test_tf_tree_warns_of_loops_disconnected_trees_and_several_publishers(memory: World, tool: Tool) -> None:
     one, two = TransformBroadcaster(memory.node("one")), TransformBroadcaster(memory.node("two"))
     node = memory.node("timer")
 
@@ -305,7 +307,7 @@ async def test_what_is_wrong_with_the_whole_is_told(memory: World, tool: Tool) -
     assert done.out.startswith("bench\n└─ tool ") and "/one, /two" in done.out
 
 
-async def test_monitor_tells_rates_and_delays_every_second(memory: World, tool: Tool) -> None:
+async def test_tf_monitor_prints_rates_and_delays(memory: World, tool: Tool) -> None:
     await moving_robot(memory, late_s=0.25)
     every, way, data = await asyncio.gather(
         tool("tf", "monitor", "-n", "2"),
@@ -326,7 +328,7 @@ async def test_monitor_tells_rates_and_delays_every_second(memory: World, tool: 
     assert answer["net_delay_s"]["mean"] == pytest.approx(0.25, abs=0.06)
 
 
-async def test_monitor_of_what_is_not_connected_says_so(memory: World, tool: Tool) -> None:
+async def test_tf_monitor_reports_unknown_frame_and_invalid_arguments(memory: World, tool: Tool) -> None:
     process = await tool.start("tf", "monitor", "map", "nowhere")
     await moving_robot(memory)
     await asyncio.sleep(4)
@@ -351,13 +353,13 @@ def bag(path: Path) -> str:
     return str(path)
 
 
-def test_the_frames_of_a_bag_need_no_network(tmp_path: Path, run_here: Any) -> None:
+def test_tf_tree_of_bag_needs_no_network(tmp_path: Path, run_here: Any) -> None:
     code, out, err = run_here("tf", "tree", "--bag", bag(tmp_path / "drive.mcap"))
     assert (code, err) == (0, "")
     assert out == "map\n└─ base      10.0 Hz, 0.250 s late, /tf\n   └─ lidar  static, /tf_static\n"
 
 
-def taken(transforms: list[Any]) -> FrameStatistics:
+def frame_statistics(transforms: list[Any]) -> FrameStatistics:
     frames = FrameStatistics()
     for number in (1, 2):
         message = TFMessage(transforms=[one.to_message() for one in transforms])
@@ -365,8 +367,8 @@ def taken(transforms: list[Any]) -> FrameStatistics:
     return frames
 
 
-def test_frames_are_text_in_every_form(tmp_path: Path) -> None:
-    frames = taken([moved("map", EVIL_FRAME), moved(EVIL_FRAME, "x" * 300)])
+def test_tf_tree_escapes_frame_names_in_every_format(tmp_path: Path) -> None:
+    frames = frame_statistics([moved("map", EVIL_FRAME), moved(EVIL_FRAME, "x" * 300)])
     label = r"(?:[A-Za-z0-9_/ .,()-]|#\d+;)*"
     first, *lines = tree.mermaid(frames, {"peer": EVIL_FRAME}).splitlines()
     form = rf'  f\d+(?:\["{label}"\]| -->\|"{label}"\| f\d+)'
@@ -375,17 +377,19 @@ def test_frames_are_text_in_every_form(tmp_path: Path) -> None:
     png.write(frames, {"peer": EVIL_FRAME}, tmp_path / "evil.png")
 
 
-def test_very_deep_and_very_wide_trees_stay_small(tmp_path: Path) -> None:
-    deep = taken([moved(f"f{number}", f"f{number + 1}") for number in range(3000)])
+def test_very_deep_and_very_wide_trees_have_limited_output(tmp_path: Path) -> None:
+    deep = frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(3000)])
     shown = [line for line, _ in tree.lines(deep, {})]
     assert len(shown) == 3001 and max(map(len, shown)) < 250
-    png.write(taken([moved(f"f{number}", f"f{number + 1}") for number in range(100)]), {}, tmp_path / "deep.png")
-    wide = taken([moved("map", f"child{number}") for number in range(3000)])
+    png.write(
+        frame_statistics([moved(f"f{number}", f"f{number + 1}") for number in range(100)]), {}, tmp_path / "deep.png"
+    )
+    wide = frame_statistics([moved("map", f"child{number}") for number in range(3000)])
     with pytest.raises(CommandError, match=r"3001 frames need a picture of .* pixels; --format mermaid"):
         png.write(wide, {}, tmp_path / "wide.png")
 
 
-async def test_everything_works_between_processes_on_dds(dds: World, tool: Tool) -> None:
+async def test_tf_tree_and_echo_work_between_processes_on_dds(dds: World, tool: Tool) -> None:
     await moving_robot(dds)
     tree, echo = await asyncio.gather(
         tool("tf", "tree", "--json", "--wait-time", "6"),

@@ -69,7 +69,7 @@ def test_show_expands_nested_types_below_their_fields(run: Run) -> None:
     )
 
 
-def test_show_prints_comments_of_the_type_itself_and_of_nested_ones_when_asked(run: Run, tmp_path: Path) -> None:
+def test_show_prints_nested_comments_only_with_all_comments(run: Run, tmp_path: Path) -> None:
     path = workspace(
         tmp_path, msg__Inner__msg="# inner\n\nint8 x # of x\n", msg__Outer__msg="# outer\n\nInner a # of a"
     )
@@ -85,7 +85,7 @@ def test_show_keeps_the_sections_of_services_and_actions(run: Run) -> None:
     assert text == "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n"
 
 
-def test_show_writes_idl_and_derived_messages_as_msg_files(run: Run, tmp_path: Path) -> None:
+def test_show_prints_idl_and_derived_messages_in_msg_format(run: Run, tmp_path: Path) -> None:
     idl = (
         "module my_msgs { module msg {\n module Speed_Constants { const uint8 FAST = 3; };\n"
         ' @verbatim(language="comment", text="How fast.")\n'
@@ -97,14 +97,14 @@ def test_show_writes_idl_and_derived_messages_as_msg_files(run: Run, tmp_path: P
     assert "bool data\n" in run("show", "std_srvs/srv/SetBool_Request")
 
 
-def test_types_that_double_with_each_level_are_refused(command: RunHere, tmp_path: Path) -> None:
+def test_exponentially_nested_types_are_refused(command: RunHere, tmp_path: Path) -> None:
     files = {f"msg__L{level}__msg": f"L{level + 1} a\nL{level + 1} b\n" for level in range(40)}
     path = workspace(tmp_path, **files, msg__L40__msg="int8 x\n")
     assert "more than 20000 lines" in command("show", "my_msgs/msg/L24", "--path", path)[2]
     assert "at most 1048576 are allowed" in command("show", "my_msgs/msg/L0", "--path", path)[2]
 
 
-def test_a_type_may_be_named_in_short(run: Run, command: RunHere) -> None:
+def test_types_can_be_selected_by_unique_short_name(run: Run, command: RunHere) -> None:
     assert run("show", "Fibonacci") == run("show", "example_interfaces/Fibonacci")
     assert run("hash", "Fibonacci").endswith("  example_interfaces/action/Fibonacci\n")
     assert '"SetBool" may be example_interfaces/srv/SetBool, std_srvs/srv/SetBool' in command("show", "SetBool")[2]
@@ -121,24 +121,24 @@ def test_a_type_may_be_named_in_short(run: Run, command: RunHere) -> None:
         (("packages", "--path", "no/folder"), "no/folder: expected a folder"),
     ],
 )
-def test_mistakes_are_told(arguments: tuple[str, ...], reason: str, command: RunHere) -> None:
+def test_invalid_names_and_paths_are_reported(arguments: tuple[str, ...], reason: str, command: RunHere) -> None:
     code, _, err = command(*arguments)
     assert code == 1 and reason in err
 
 
-def test_a_wrong_definition_is_located(command: RunHere, tmp_path: Path) -> None:
+def test_invalid_definition_is_reported_with_line(command: RunHere, tmp_path: Path) -> None:
     path = workspace(tmp_path, msg__Bad__msg="int8 x\nHeder h\n")
     assert "Bad.msg:2:1: unknown type" in command("show", "my_msgs/msg/Bad", "--path", path)[2]
 
 
 @each_case("name", BUNDLED)
-def test_prototypes_are_messages_as_they_are(name: str, run: Run) -> None:
+def test_prototype_of_every_bundled_type_parses_to_default_message(name: str, run: Run) -> None:
     cls = get_message(name + {"msg": "", "srv": "_Request", "action": "_Goal"}[name.split("/")[1]])
     (word,) = shlex.split(run("proto", name))
     assert message_from(cls, word) == cls()
 
 
-def test_prototypes_come_without_quotes_and_as_json(run: Run) -> None:
+def test_prototypes_can_be_printed_without_quotes_and_as_json(run: Run) -> None:
     cls = get_message("sensor_msgs/msg/Imu")
     assert message_from(cls, run("proto", "--no-quotes", "sensor_msgs/msg/Imu")) == cls()
     assert from_dict(cls, json.loads(run("proto", "--json", "sensor_msgs/msg/Imu"))) == cls()
@@ -154,7 +154,7 @@ def test_prototypes_survive_a_shell_and_yaml(default: str, run: Run, tmp_path: P
     assert message_from(cls, echoed) == cls() and cls().data == default  # type: ignore[attr-defined]
 
 
-def test_hashes_are_those_of_the_classes_parts_included(run: Run) -> None:
+def test_hash_equals_type_hash_of_class_and_its_derived_types(run: Run) -> None:
     service, action = get_service("std_srvs/srv/SetBool"), get_action("example_interfaces/action/Fibonacci")
     found = json.loads(run("hash", "--parts", "--json", "std_srvs/srv/SetBool", "example_interfaces/action/Fibonacci"))
     assert len(found) == 1 + 3 + 1 + 12
@@ -167,7 +167,7 @@ def test_hashes_are_those_of_the_classes_parts_included(run: Run) -> None:
     )
 
 
-def test_lists_are_those_of_the_search_path(run: Run, tmp_path: Path) -> None:
+def test_list_and_package_print_types_of_search_path(run: Run, tmp_path: Path) -> None:
     path = workspace(tmp_path, msg__A__msg="int8 x", srv__B__srv="---")
     assert run("list", "my_msgs", "--path", path) == (
         "Messages:\n    my_msgs/msg/A\nServices:\n    my_msgs/srv/B\nActions:\n"
@@ -179,14 +179,14 @@ def test_lists_are_those_of_the_search_path(run: Run, tmp_path: Path) -> None:
     assert "my_msgs" not in run("packages", "-a", "--path", path)
 
 
-def test_a_type_comes_from_standard_input(command: RunHere) -> None:
+def test_type_name_comes_from_standard_input(command: RunHere) -> None:
     code, out, _ = command("show", "-", stdin="std_msgs/msg/Bool\n")
     assert (code, out.splitlines()[-1][:9]) == (0, "bool data")
     code, _, err = command("show", "-")
     assert code == 1 and "found nothing" in err
 
 
-def test_without_the_extra_definitions_are_shown_and_the_rest_says_what_to_install() -> None:
+def test_without_the_extra_node_show_works_and_other_commands_name_it() -> None:
     code = (
         "import sys\n"
         "for name in ('cyclonedds', 'zenoh', 'rich', 'yaml'): sys.modules[name] = None\n"
@@ -217,36 +217,38 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def kept(command: RunHere, cache: Path) -> RunHere:
+def cached_command(command: RunHere, cache: Path) -> RunHere:
     return command
 
 
-def keep(told: Told, *parts: str, sources: bool = True) -> None:
+def cache_description(described: Told, *parts: str, sources: bool = True) -> None:
     for part in parts or ("",):
-        name = told.name + part
-        store_description(told.library.type_hash(name), encode(told.answer(name if part else "", sources=sources)))
+        name = described.name + part
+        store_description(
+            described.library.type_hash(name), encode(described.answer(name if part else "", sources=sources))
+        )
 
 
-async def test_what_a_node_described_is_shown_later(memory: World, kept: RunHere) -> None:
-    told = fresh("# how fast\nfloat64 speed 1.5\nint32 MOST=7")
+async def test_cached_description_of_node_is_shown_later(memory: World, cached_command: RunHere) -> None:
+    described = fresh("# how fast\nfloat64 speed 1.5\nint32 MOST=7")
     node = memory.node()
-    told_by(memory, told)
+    told_by(memory, described)
     await node.resolve_type("/t", timeout_s=10)
     memory.close()
-    code, out, err = kept("show", told.name)
+    code, out, err = cached_command("show", described.name)
     assert (code, out) == (0, "# how fast\nfloat64 speed 1.5\nint32 MOST=7\n")
-    assert err == f"{told.name} is not on the search path; using the cached definition {told.hash}\n"
-    assert kept("show", told.name.replace("/msg/", "/"))[1] == out
-    assert kept("hash", told.name)[1] == f"{told.hash}  {told.name}\n"
-    assert json.loads(kept("proto", "--json", told.name)[1]) == {"speed": 1.5}
-    assert json.loads(kept("show", "--json", told.name)[1])["hash"] == told.hash
+    assert err == f"{described.name} is not on the search path; using the cached definition {described.hash}\n"
+    assert cached_command("show", described.name.replace("/msg/", "/"))[1] == out
+    assert cached_command("hash", described.name)[1] == f"{described.hash}  {described.name}\n"
+    assert json.loads(cached_command("proto", "--json", described.name)[1]) == {"speed": 1.5}
+    assert json.loads(cached_command("show", "--json", described.name)[1])["hash"] == described.hash
 
 
-def test_nested_types_are_known_from_what_contains_them(kept: RunHere) -> None:
-    told = fresh("Inner[] inner", **{POINT: "int8 x\nint8 y"})
-    keep(told)
-    assert kept("show", told.name)[1] == "Inner[] inner\n\tint8 x\n\tint8 y\n"
-    assert kept("show", POINT)[1] == "int8 x\nint8 y\n"
+def test_nested_type_is_found_in_cached_description_of_outer_type(cached_command: RunHere) -> None:
+    described = fresh("Inner[] inner", **{POINT: "int8 x\nint8 y"})
+    cache_description(described)
+    assert cached_command("show", described.name)[1] == "Inner[] inner\n\tint8 x\n\tint8 y\n"
+    assert cached_command("show", POINT)[1] == "int8 x\nint8 y\n"
 
 
 @pytest.mark.parametrize(
@@ -261,51 +263,53 @@ def test_nested_types_are_known_from_what_contains_them(kept: RunHere) -> None:
         ),
     ],
 )
-def test_services_and_actions_are_made_of_their_parts(kept: RunHere, kind: str, text: str, parts: list[str]) -> None:
-    told = fresh(text, kind)
-    keep(told, *parts)
-    code, out, err = kept("show", told.name)
+def test_cached_parts_are_combined_to_services_and_actions(
+    cached_command: RunHere, kind: str, text: str, parts: list[str]
+) -> None:
+    described = fresh(text, kind)
+    cache_description(described, *parts)
+    code, out, err = cached_command("show", described.name)
     assert (code, out) == (0, text + "\n"), err
-    assert json.loads(kept("proto", "--json", told.name)[1]) == {"a": 0}
-    assert kept("hash", told.name)[1] == f"{told.hash}  {told.name}\n"
+    assert json.loads(cached_command("proto", "--json", described.name)[1]) == {"a": 0}
+    assert cached_command("hash", described.name)[1] == f"{described.hash}  {described.name}\n"
 
 
-def test_of_several_definitions_the_newest_is_shown_and_the_others_are_named(kept: RunHere, cache: Path) -> None:
+def test_newest_cached_definition_is_shown_and_others_are_named(cached_command: RunHere, cache: Path) -> None:
     old = fresh("int8 x")
     new = Told(old.name, "int8 x\nint8 y")
-    for age, told in enumerate((old, new)):
-        keep(told)
-        os.utime(cache / f"{told.hash}.cdr", (age, age))
-    _, out, err = kept("show", old.name)
+    for age, described in enumerate((old, new)):
+        cache_description(described)
+        os.utime(cache / f"{described.hash}.cdr", (age, age))
+    _, out, err = cached_command("show", old.name)
     assert out == "int8 x\nint8 y\n"
     assert err.endswith(f"{new.hash}; other cached definitions: {old.hash}\n")
 
 
-def test_halves_of_several_definitions_are_not_put_together(kept: RunHere) -> None:
+def test_parts_of_different_cached_definitions_are_not_combined(cached_command: RunHere) -> None:
     old = fresh("int8 a\n---\nint8 b", "srv")
     new = Told(old.name, "int8 a2\n---\nint8 b")
-    keep(old, "_Request", "_Response")
-    keep(new, "_Request")
-    code, out, err = kept("show", old.name)
+    cache_description(old, "_Request", "_Response")
+    cache_description(new, "_Request")
+    code, out, err = cached_command("show", old.name)
     assert (code, out) == (1, "")
     assert f"several definitions of {old.name}_Request" in err
 
 
-def test_what_was_changed_on_disk_is_not_shown(kept: RunHere, cache: Path) -> None:
-    told, other = fresh(), fresh("int8 z")
-    keep(told)
-    (cache / f"{told.hash}.cdr").write_bytes(encode(Told(told.name, "int8 evil").answer()))
-    (cache / f"{other.hash}.cdr").write_bytes(b"\0\1\0\0" + told.name.encode() + b"\xff" * 50)
+def test_modified_cache_files_are_ignored(cached_command: RunHere, cache: Path) -> None:
+    described, other = fresh(), fresh("int8 z")
+    cache_description(described)
+    (cache / f"{described.hash}.cdr").write_bytes(encode(Told(described.name, "int8 evil").answer()))
+    (cache / f"{other.hash}.cdr").write_bytes(b"\0\1\0\0" + described.name.encode() + b"\xff" * 50)
     (cache / "RIHS01_x.cdr").mkdir()
-    code, out, err = kept("show", told.name)
+    code, out, err = cached_command("show", described.name)
     assert (code, out) == (1, "") and 'no package "nowhere_msgs"' in err and "Traceback" not in err
 
 
-def test_the_search_path_comes_first(kept: RunHere, monkeypatch: pytest.MonkeyPatch) -> None:
-    keep(Told("std_msgs/msg/String", "string other"))
-    _, out, err = kept("show", "std_msgs/msg/String")
+def test_search_path_precedes_cached_definitions(cached_command: RunHere, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache_description(Told("std_msgs/msg/String", "string other"))
+    _, out, err = cached_command("show", "std_msgs/msg/String")
     assert out.endswith("string data\n") and err == ""
     for setting in ("/proc/nowhere", "off"):
         monkeypatch.setenv(VARIABLE, setting)
-        code, _, err = kept("show", "nowhere_msgs/msg/Kind")
+        code, _, err = cached_command("show", "nowhere_msgs/msg/Kind")
         assert code == 1 and 'no package "nowhere_msgs"' in err

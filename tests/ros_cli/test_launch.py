@@ -1,4 +1,4 @@
-"""``rosidl-py launch`` with packages that make the calls of launch and launch_ros; `support/launch_stub/README`."""
+"""``rosidl-py launch`` with a stub of launch and launch_ros (`support/launch_stub/README`)."""
 
 from __future__ import annotations
 
@@ -270,7 +270,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("words", ERRORS, ids=" ".join)
-def test_errors_name_place_and_cure(workspace: Path, words: tuple[str, ...]) -> None:
+def test_launch_errors_name_location_and_fix(workspace: Path, words: tuple[str, ...]) -> None:
     done = _launch(workspace, *words)
     assert ERRORS[words] in done.stderr
     assert done.returncode == (2 if "Usage:" in done.stderr else 1)
@@ -299,7 +299,7 @@ RETURNED = {
 }
 
 
-def test_ros2_of_a_launch_file_is_rosidl_py_unless_path_has_the_ros2_of_ros(workspace: Path, tmp_path: Path) -> None:
+def test_ros2_command_in_launch_file_runs_rosidl_py_unless_on_path(workspace: Path, tmp_path: Path) -> None:
     done = _launch(workspace, "robot", "ros2.launch.py")
     assert done.returncode == 0 and "[ros2]: process has ended with 0" in done.stdout, done.stderr
     assert any(os.path.isdir(os.path.join(line, "share/robot")) for line in done.stdout.splitlines())
@@ -356,7 +356,7 @@ def test_package_name_that_ament_refuses_is_one_line(tmp_path: Path) -> None:
     assert done.stderr == f'error: "p" is not a file, nor the name of a package; {rule}\n'
 
 
-def test_the_files_and_arguments_of_a_package_and_of_a_path_are_used(workspace: Path) -> None:
+def test_launch_file_is_selected_by_package_or_path_with_its_arguments(workspace: Path) -> None:
     """An unknown argument causes a warning, and a path below the share folder selects one of several files."""
     for words in (["robot", "a/twice.launch.py"], ["src/robot/launch/robot.launch.py"], ["robot", "robot.launch.py"]):
         done = _launch(workspace, *words, "--show-args")
@@ -372,7 +372,7 @@ def test_the_files_and_arguments_of_a_package_and_of_a_path_are_used(workspace: 
     assert "launch-prefix" not in done.stderr
 
 
-def test_without_launch_the_error_has_the_commands_of_pip(workspace: Path) -> None:
+def test_missing_launch_package_error_contains_pip_commands(workspace: Path) -> None:
     done = _launch(workspace, "robot", "robot.launch.py", stub=False)
     assert done.returncode == 1
     assert "the package launch of ROS is neither installed nor below --path; run: pip install " in done.stderr

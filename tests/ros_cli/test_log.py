@@ -1,4 +1,4 @@
-"""``rosidl-py log``: what nodes log, live and out of bags."""
+"""``rosidl-py log``: log messages of nodes and of bags."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def all_levels() -> Any:
     root.setLevel(before)
 
 
-async def test_what_was_logged_before_comes_first_in_the_order_of_its_times(memory: World, tool: Tool) -> None:
+async def test_retained_log_messages_are_printed_first_ordered_by_time(memory: World, tool: Tool) -> None:
     talker, camera = memory.node("talker"), memory.node("left", "/camera")
     talker.logger.info("one")
     await asyncio.sleep(0.1)
@@ -45,14 +45,14 @@ async def test_what_was_logged_before_comes_first_in_the_order_of_its_times(memo
     camera.logger.get_child("driver").info("four")
     done = await tool.end(process)
     stamp = r"\[\d+\.\d{9}\]"
-    wanted = (
+    pattern = (
         rf"\[INFO\] {stamp} \[talker\]: one\n\[WARN\] {stamp} \[camera.left\]: two\ufffd\[2J\n"
         rf"\[ERROR\] {stamp} \[talker\]: three\n    lines\n\[INFO\] {stamp} \[camera.left.driver\]: four\n"
     )
-    assert re.fullmatch(wanted, done.out), done.out
+    assert re.fullmatch(pattern, done.out), done.out
 
 
-async def test_options_say_which_are_wanted(memory: World, tool: Tool) -> None:
+async def test_options_filter_log_messages_by_level_node_and_text(memory: World, tool: Tool) -> None:
     talker, camera = memory.node("talker"), memory.node("left", "/camera")
     talker.logger.info("hello %d", 5)
     talker.logger.warning("late by 5 s")
@@ -76,14 +76,22 @@ async def test_options_say_which_are_wanted(memory: World, tool: Tool) -> None:
     assert await asyncio.gather(*(texts(*options) for options in cases)) == [*cases.values()]
 
 
-async def test_a_publisher_that_keeps_nothing_is_heard_too(memory: World, tool: Tool) -> None:
+async def test_log_messages_of_volatile_best_effort_publisher_are_printed(memory: World, tool: Tool) -> None:
     publisher = memory.node("bare", enable_rosout=False).create_publisher(Log, "/rosout", QoSProfile().best_effort())
     process = await tool.start("log", "-n", "1", "--json", "-v")
     await asyncio.sleep(3)
     publisher.publish(Log(level=35, name="strange", msg="x", file="a.cpp", line=3, function="f"))
     done = await tool.end(process)
-    told = {"time_ns": 0, "level": "35", "name": "strange", "text": "x", "file": "a.cpp", "line": 3, "function": "f"}
-    assert json.loads(done.out) == told
+    expected = {
+        "time_ns": 0,
+        "level": "35",
+        "name": "strange",
+        "text": "x",
+        "file": "a.cpp",
+        "line": 3,
+        "function": "f",
+    }
+    assert json.loads(done.out) == expected
 
 
 def bag(path: Path) -> str:
@@ -95,7 +103,7 @@ def bag(path: Path) -> str:
     return str(path)
 
 
-def test_bags_need_no_network(tmp_path: Path, run_here: Any) -> None:
+def test_log_messages_of_bag_need_no_network(tmp_path: Path, run_here: Any) -> None:
     path = bag(tmp_path / "drive.mcap")
     code, out, err = run_here("log", "--bag", path, "--level", "ERROR", "-v")
     assert (code, err) == (0, "")
@@ -110,14 +118,14 @@ def test_bags_need_no_network(tmp_path: Path, run_here: Any) -> None:
     assert code == 1 and "has no topic of rcl_interfaces/msg/Log" in err
 
 
-def test_what_a_recording_cannot_answer_is_told(run_here: Any) -> None:
-    code, said, err = run_here("log", "--bag", "x.mcap", "--new")
-    assert (code, said) == (2, "") and "use either --bag or --new" in err
+def test_invalid_log_options_are_reported(run_here: Any) -> None:
+    code, printed, err = run_here("log", "--bag", "x.mcap", "--new")
+    assert (code, printed) == (2, "") and "use either --bag or --new" in err
     code, _, err = run_here("log", "--bag", "x", "--text", "(")
     assert code == 1 and err.startswith('error: --text: "(" is not a regular expression: ')
 
 
-def test_levels_have_their_colours_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_log_levels_are_coloured_on_terminal(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setattr(terminal_output, "is_terminal", lambda: True)
     lines = LogPrinter("debug", (), None, times=None, verbose=False, as_json=False)
     for level in (10, 20, 30, 40, 50):
@@ -127,7 +135,7 @@ def test_levels_have_their_colours_on_a_terminal(monkeypatch: pytest.MonkeyPatch
     assert "\x1b[33m" in shown[2] and "\x1b[31m" in shown[3] and "\x1b[1;31m" in shown[4]
 
 
-async def test_processes_on_dds_are_heard(dds: World, tool: Tool) -> None:
+async def test_log_command_process_receives_messages_on_dds(dds: World, tool: Tool) -> None:
     node = dds.node("talker")
     node.logger.warning("before")
     done = await tool("log", "-n", "1", "--node", "/talker")

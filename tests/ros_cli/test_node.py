@@ -1,4 +1,4 @@
-"""``rosidl-py node`` and ``rosidl-py lifecycle`` beside nodes of the test."""
+"""``rosidl-py node`` and ``rosidl-py lifecycle`` with nodes of the test."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from support.node_fixtures import World
 
 
-async def test_list_shows_names_and_leaves_hidden_ones_out(memory: World, tool: Tool) -> None:
+async def test_node_list_omits_hidden_nodes_and_warns_of_duplicates(memory: World, tool: Tool) -> None:
     memory.node("talker", "/left"), memory.node("_secret"), memory.node("twin"), memory.node("twin")
     plain, count, every = await asyncio.gather(
         *(tool("node", "list", *words, "--spin-time", "1.5") for words in ([], ["-c"], ["-a", "--json"]))
@@ -37,7 +37,7 @@ async def test_list_shows_names_and_leaves_hidden_ones_out(memory: World, tool: 
     assert "/_secret" in [one["name"] for one in json.loads(every.out)]
 
 
-async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
+async def test_node_info_lists_all_entities_of_node(network: World, tool: Tool) -> None:
     node = network.node("busy", start_services=False, enable_rosout=False, parameter_events=False)
     node.create_publisher(String, "out")
     node.create_subscription(String, "in")
@@ -62,7 +62,7 @@ async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
 
 
 @pytest.mark.needs("mcap")
-async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_invalid_names_of_peers_do_not_hide_valid_ones(memory: World, tool: Tool, tmp_path: Path) -> None:
     participant = (robot := memory.node("good"))._scope.participant
     robot.create_publisher(String, "chatter")
     kinds = "GetParameters", "SetParameters", "ListParameters", "DescribeParameters", "GetParameterTypes"
@@ -70,12 +70,12 @@ async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, 
         robot._scope.discovery.add_node(name, namespace)
         prefix = f"{namespace}/{name}"
         for kind in kinds:
-            told = ServiceSpec(f"{prefix}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", DEFAULT)
-            participant.create_server(told)
+            spec = ServiceSpec(f"{prefix}/{snake_case(kind)}", f"rcl_interfaces/srv/{kind}", "", "", "", DEFAULT)
+            participant.create_server(spec)
         participant.create_writer(EndpointSpec(TopicKey("topic", f"{prefix}/x"), String._TYPE.name, DEFAULT, "", 1))
     participant.create_writer(EndpointSpec(TopicKey("topic", "/typeless"), "no::ROS type", DEFAULT, "", 1))
     robot._scope.discovery.publish()
-    for words, wanted in (
+    for words, expected_text in (
         (["node", "list"], "/good"),
         (["service", "list"], "/good/get_parameters"),
         (["param", "list"], "/good"),
@@ -84,7 +84,7 @@ async def test_names_that_ros_refuses_hide_no_others(memory: World, tool: Tool, 
         (["bag", "record", "-a", "-o", str(tmp_path / "bag"), "--duration", "1"], "recording /chatter"),
     ):
         ended = await tool(*words)
-        assert ended.code == 0 and wanted in ended.out + ended.err, (words, ended)
+        assert ended.code == 0 and expected_text in ended.out + ended.err, (words, ended)
     assert ended.err.count("skipped a topic: ") == 4
 
 
@@ -95,7 +95,7 @@ class Camera(LifecycleNode):
         return TransitionCallbackReturn.FAILURE
 
 
-async def test_a_node_is_led_through_its_states(network: World, tool: Tool) -> None:
+async def test_lifecycle_commands_change_and_print_states(network: World, tool: Tool) -> None:
     async with Camera("camera", context=network.context()):
         assert (await tool("lifecycle", "get", "/camera")).out == "unconfigured [1]\n"
         assert (await tool("lifecycle", "set", "/camera", "configure")).out == "Transitioning successful\n"
@@ -109,7 +109,7 @@ async def test_a_node_is_led_through_its_states(network: World, tool: Tool) -> N
         assert (failed.code, failed.err) == (1, "error: Transitioning failed\n")
 
 
-async def test_what_cannot_be_done_says_why(memory: World, tool: Tool) -> None:
+async def test_lifecycle_errors_name_the_reason(memory: World, tool: Tool) -> None:
     memory.node("plain")
     async with Camera("camera", context=memory.context()):
         unknown, plain, missing, every = await asyncio.gather(
@@ -125,14 +125,14 @@ async def test_what_cannot_be_done_says_why(memory: World, tool: Tool) -> None:
     assert len(json.loads(every.out)) > 20
 
 
-async def test_services_that_come_after_the_name_of_their_node_are_waited_for(memory: World, tool: Tool) -> None:
+async def test_lifecycle_get_waits_for_services_created_after_node(memory: World, tool: Tool) -> None:
     late, answer = memory.node("late"), GetState.Response()
     answer.current_state.id, answer.current_state.label = 2, "inactive"
     asyncio.get_running_loop().call_later(2, late.create_service, GetState, "/late/get_state", lambda _: answer)
     assert (await tool("lifecycle", "get", "/late")).out == "inactive [2]\n"
 
 
-async def test_all_lifecycle_nodes_are_asked_at_once(memory: World, tool: Tool) -> None:
+async def test_lifecycle_get_prints_states_of_all_nodes_despite_silent_one(memory: World, tool: Tool) -> None:
     silent = memory.node("silent")
     servers = [silent.create_service(GetState, "/silent/get_state"), silent.create_client(GetState, "/gone/get_state")]
     async with Camera("camera", context=memory.context()), Camera("_hidden", context=memory.context()):

@@ -49,7 +49,7 @@ def run_tests(folder: Path, *arguments: str | Path) -> subprocess.CompletedProce
     return started(*COMMAND, *arguments, cwd=folder)
 
 
-def test_a_package_is_tested_with_its_workspace(folder: Path) -> None:
+def test_package_is_tested_with_workspace_and_skips_missing_linters(folder: Path) -> None:
     (folder / "src/tested/test/test_broken.py").unlink()
     done = run_tests(folder, "tested", "-v")
     assert "test/test_passes.py::test_it PASSED" in done.stdout and done.returncode == 0, done.stdout
@@ -59,7 +59,7 @@ def test_a_package_is_tested_with_its_workspace(folder: Path) -> None:
     assert not (folder / "src/tested/.pytest_cache").exists()
 
 
-def test_arguments_and_the_exit_code_are_those_of_pytest(folder: Path) -> None:
+def test_arguments_are_passed_to_pytest_and_its_exit_code_is_returned(folder: Path) -> None:
     done = run_tests(folder / "src/tested/test", "tested", "-q")
     assert "No module named 'missing_module'" in done.stdout and done.returncode == 2
     done = run_tests(folder, "tested", "test/test_passes.py::test_it", "-q", "-p", "no:cacheprovider")
@@ -67,7 +67,7 @@ def test_arguments_and_the_exit_code_are_those_of_pytest(folder: Path) -> None:
     assert run_tests(folder, "tested", "--no-such-option").returncode == 4
 
 
-def test_tests_of_cmake_are_those_that_it_declares(folder: Path) -> None:
+def test_tests_of_cmake_package_are_those_declared_in_cmakelists(folder: Path) -> None:
     declared = "ament_add_pytest_test(first tests/first.py)\nadd_launch_test(tests/second.py)\n"
     files = {"CMakeLists.txt": declared, "tests/first.py": PASSES, "tests/second.py": "import launch_testing\n"}
     write(folder / "src/tested", files)
@@ -79,14 +79,14 @@ def test_tests_of_cmake_are_those_that_it_declares(folder: Path) -> None:
     assert "No module named 'missing_module'" in run_tests(folder, "tested").stdout
 
 
-def test_packages_that_do_not_exist(folder: Path) -> None:
+def test_unknown_packages_are_an_error(folder: Path) -> None:
     done = run_tests(folder, "testet")
     assert done.stderr == f'error: no package "testet"; did you mean "tested"?; searched {folder / "src"}\n'
     assert run_tests(folder.parent, "--path", folder / "src", "py_plain").returncode == 5  # no tests
     assert run_tests(folder.parent, "--path", "nothing", "py_plain").returncode == 1
 
 
-def test_the_distribution_of_the_command_precedes_that_of_the_environment(folder: Path) -> None:
+def test_distro_option_overrides_ros_distro(folder: Path) -> None:
     text = "import os\n\ndef test_it(): assert os.environ['ROS_DISTRO'] == 'humble'\n"
     write(folder / "src/tested/test", {"test_distro.py": text})
     words = ["--distro", "humble", "tested", "test/test_distro.py"]

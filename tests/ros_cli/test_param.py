@@ -1,4 +1,4 @@
-"""``rosidl-py param`` beside nodes of the test, and values from the command line."""
+"""``rosidl-py param`` with nodes of the test, and values of the command line."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def drive(world: World) -> Node:
     return node
 
 
-async def test_values_are_printed_with_their_type_or_alone(memory: World, tool: Tool) -> None:
+async def test_param_get_prints_value_with_or_without_type(memory: World, tool: Tool) -> None:
     drive(memory)
     speed, names, alone, as_json = await asyncio.gather(
         tool("param", "get", "/drive", "speed"),
@@ -51,26 +51,30 @@ async def test_values_are_printed_with_their_type_or_alone(memory: World, tool: 
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected_text"),
     [
         (["/drive", "sped"], '/drive has no parameter sped; did you mean "speed"?'),
         (["/driv", "speed", "--timeout", "1"], 'did you mean "/drive"?'),
         (["/drive/", "speed"], "error: "),
     ],
 )
-async def test_what_cannot_be_read_says_why(memory: World, tool: Tool, words: list[str], said: str) -> None:
+async def test_param_get_errors_name_the_reason(
+    memory: World, tool: Tool, words: list[str], expected_text: str
+) -> None:
     drive(memory)
     ended = await tool("param", "get", *words)
-    assert (ended.code, ended.out, said in ended.err, "Traceback" in ended.err) == (1, "", True, False), ended.err
+    assert (ended.code, ended.out, expected_text in ended.err, "Traceback" in ended.err) == (1, "", True, False), (
+        ended.err
+    )
 
 
-async def test_a_node_without_parameter_services_says_so(memory: World, tool: Tool) -> None:
+async def test_missing_parameter_services_of_node_are_reported(memory: World, tool: Tool) -> None:
     memory.node("bare", start_services=False)
     ended = await tool("param", "get", "/bare", "speed", "--timeout", "1")
     assert ended.err == "error: node /bare exists, but offered no parameter services in 1 s\n"
 
 
-async def test_an_empty_list_has_the_type_that_was_declared(memory: World, tool: Tool) -> None:
+async def test_empty_list_keeps_declared_array_type(memory: World, tool: Tool) -> None:
     node = memory.node("empty")
     for name, value in {"Integer": [1], "String": ["a"], "Double": [1.5], "Boolean": [True], "Byte": [b"a"]}.items():
         node.declare_parameter(name, value)
@@ -78,7 +82,7 @@ async def test_an_empty_list_has_the_type_that_was_declared(memory: World, tool:
         assert (await tool("param", "get", "/empty", name)).out == f"{name} values are: []\n"
 
 
-async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(memory: World, tool: Tool) -> None:
+async def test_rejected_param_set_fails_with_reason_of_node(memory: World, tool: Tool) -> None:
     drive(memory)
     negative, text, yaml, as_json = await asyncio.gather(
         tool("param", "set", "/drive", "speed", "-1.5"),
@@ -94,15 +98,15 @@ async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(memory:
     assert json.loads(as_json.out)["successful"] is False
 
 
-async def test_delete_undeclares_what_may_go(memory: World, tool: Tool) -> None:
+async def test_param_delete_undeclares_only_dynamic_parameters(memory: World, tool: Tool) -> None:
     node = drive(memory)
     node.declare_parameter("label", "x", ParameterDescriptor(dynamic_typing=True))
-    gone, kept = await asyncio.gather(*(tool("param", "delete", "/drive", one) for one in ("label", "speed")))
+    gone, refused = await asyncio.gather(*(tool("param", "delete", "/drive", one) for one in ("label", "speed")))
     assert (gone.out, node.has_parameter("label")) == ("Deleted parameter successfully\n", False)
-    assert (kept.code, kept.err[:35]) == (1, "error: Deleting parameter failed: S")
+    assert (refused.code, refused.err[:35]) == (1, "error: Deleting parameter failed: S")
 
 
-async def test_describe_shows_limits(memory: World, tool: Tool) -> None:
+async def test_param_describe_prints_type_and_constraints(memory: World, tool: Tool) -> None:
     drive(memory)
     ended, as_json = await asyncio.gather(
         tool("param", "describe", "/drive", "speed", "on"), tool("param", "describe", "/drive", "speed", "--json")
@@ -114,7 +118,7 @@ async def test_describe_shows_limits(memory: World, tool: Tool) -> None:
     assert json.loads(as_json.out)[0]["floating_point_range"] == {"from_value": 0.0, "to_value": 3.0, "step": 0.5}
 
 
-async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path: Path) -> None:
+async def test_dumped_parameters_can_be_loaded(network: World, tool: Tool, tmp_path: Path) -> None:
     node, file = drive(network), tmp_path / "drive.yaml"
     printed, written, as_json = await asyncio.gather(
         tool("param", "dump", "/drive", "--timeout", "20"),
@@ -134,7 +138,7 @@ async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path
     assert "failed: it is read-only with True; the file has False" in differs.err
 
 
-async def test_a_dump_requests_many_values_at_once_within_one_deadline(memory: World, tool: Tool) -> None:
+async def test_param_dump_requests_values_in_batches_within_one_timeout(memory: World, tool: Tool) -> None:
     names, unset = [f"p{number}" for number in range(3000)], {"p7", "p8", "p2999"}
     requests: list[int] = []
     delay_s = 0.0
@@ -169,7 +173,9 @@ async def test_a_dump_requests_many_values_at_once_within_one_deadline(memory: W
     assert 3 <= asyncio.get_running_loop().time() - started_s < 3.5
 
 
-async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_param_load_reports_missing_node_invalid_text_and_rejected_value(
+    memory: World, tool: Tool, tmp_path: Path
+) -> None:
     drive(memory)
     other, wrong = tmp_path / "other.yaml", tmp_path / "wrong.yaml"
     other.write_text("/other:\n  ros__parameters: {speed: 1.0}\n")
@@ -183,7 +189,7 @@ async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool
     assert partly.err.startswith("error: Set parameter on failed: ")
 
 
-async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(memory: World, tool: Tool) -> None:
+async def test_param_list_queries_all_nodes_despite_one_without_response(memory: World, tool: Tool) -> None:
     drive(memory)
     silent = memory.node("silent", start_services=False)
     servers = [silent.create_service(srv.ListParameters, "/silent/list_parameters")]
@@ -259,7 +265,7 @@ REFUSED: list[tuple[str, str]] = [
 ]
 
 
-def test_numbers_are_taken_in_every_form_and_converted_by_the_type_of_their_field() -> None:
+def test_yaml_values_are_converted_to_type_of_field() -> None:
     for text, expected in TAKEN:
         found = to_dict(message_from(_CLASS, text))
         assert {name: found[name] for name in expected} == expected, text
@@ -270,14 +276,14 @@ def test_numbers_are_taken_in_every_form_and_converted_by_the_type_of_their_fiel
     assert math.isnan(message_from(_CLASS, "{d: .nan}").d)
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_yaml_values_of_wrong_type_are_refused() -> None:
     for text, reason in REFUSED:
         with pytest.raises(CommandError) as error:
             message_from(_CLASS, text)
         assert reason in str(error.value), text[:100]
 
 
-def test_what_echo_prints_as_yaml_is_taken_again() -> None:
+def test_yaml_printed_by_echo_parses_to_equal_message() -> None:
     strings = ["é\u202e\u200b\u2028", "a\r\nb\x1b", "\x85\x7f\ufeff", "x...", "...", "a\n...", " ", "~"]
     for text in strings:
         message = _CLASS(s=text, t=[text], d=-math.inf)
@@ -289,7 +295,7 @@ def test_what_echo_prints_as_yaml_is_taken_again() -> None:
     assert to_yaml("x") == "x\n"
 
 
-def test_what_echo_prints_as_json_is_taken_again() -> None:
+def test_json_printed_by_echo_parses_to_equal_message() -> None:
     message = _CLASS(d=math.nan, f=[1e-07, math.inf, -math.inf], i=-(2**63), s='\u202e"\n\x1b', t=["NaN", "1.0"])
     again = message_from(_CLASS, to_json(message))
     assert again.encode() == message.encode()
@@ -297,7 +303,7 @@ def test_what_echo_prints_as_json_is_taken_again() -> None:
     assert message_from(_CLASS, json.dumps(to_plain(big, truncate=None))).encode() == big.encode()
 
 
-async def test_a_parameter_gets_a_number_of_its_type(memory: World, tool: Tool) -> None:
+async def test_param_set_converts_value_to_declared_type(memory: World, tool: Tool) -> None:
     node = memory.node("drive")
     for name, value in {"d": 1.5, "i": 1, "s": "x", "ds": [1.5], "is": [1], "ss": ["x"], "b": False}.items():
         node.declare_parameter(name, value)

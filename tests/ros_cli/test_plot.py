@@ -1,4 +1,4 @@
-"""``rosidl-py bag plot`` and ``rosidl-py topic plot``: what is drawn is read back from pictures and text."""
+"""``rosidl-py bag plot`` and ``rosidl-py topic plot``, checked by reading back pictures and text."""
 
 from __future__ import annotations
 
@@ -124,14 +124,14 @@ def check_drawn(points: np.ndarray[Any, Any], expected: Any, start_s: float, end
     assert np.abs(slope * points[:, 1] + offset - values).max() < 0.02 * np.ptp(values)
 
 
-def test_a_bag_becomes_a_picture(run_here: Any, bag: str, tmp_path: Path) -> None:
+def test_bag_plot_draws_fields_into_png_and_svg(run_here: Any, bag: str, tmp_path: Path) -> None:
     picture, drawing = tmp_path / "drive.png", tmp_path / "drive.svg"
     words = ("/imu", "angular_velocity.x", "angular_velocity.z", "/odom", "twist.twist.linear.x")
     for out in (picture, drawing):
-        code, said, err = run_here("bag", "plot", bag, *words, "--out", str(out))
-        assert (code, said, err) == (0, f"880 messages of 2 topics in {out}\n", "")
-    shown = texts(drawing)
-    assert {"/imu", "/odom", "time [s]", *words[1:3], words[4]} <= {*shown}
+        code, printed, err = run_here("bag", "plot", bag, *words, "--out", str(out))
+        assert (code, printed, err) == (0, f"880 messages of 2 topics in {out}\n", "")
+    displayed = texts(drawing)
+    assert {"/imu", "/odom", "time [s]", *words[1:3], words[4]} <= {*displayed}
     lines = drawn_lines(drawing)
     assert [*lines] == ["/imu.angular_velocity.x", "/imu.angular_velocity.z", "/odom.twist.twist.linear.x"]
     check_drawn(lines["/imu.angular_velocity.x"][0], wave, 0, 7.99)
@@ -148,7 +148,7 @@ def test_a_bag_becomes_a_picture(run_here: Any, bag: str, tmp_path: Path) -> Non
     update_picture("bag_plot_command.png", picture.read_bytes())
 
 
-def test_fields_are_numbers_switches_times_and_elements(run_here: Any, bag: str, tmp_path: Path) -> None:
+def test_plot_draws_numbers_booleans_stamps_and_array_elements(run_here: Any, bag: str, tmp_path: Path) -> None:
     out = tmp_path / "a.svg"
     words = ("/on", "/scan", "ranges[0:3]", "ranges[-1]", "/imu", "header", "orientation_covariance[8]")
     code, _, err = run_here("bag", "plot", bag, *words, "-o", str(out))
@@ -165,7 +165,7 @@ def test_fields_are_numbers_switches_times_and_elements(run_here: Any, bag: str,
     assert len(drawn_lines(out)) == 20
 
 
-def test_the_time_is_that_of_a_part_a_header_or_the_day(
+def test_time_axis_is_bag_offset_header_stamp_or_wall_clock(
     run_here: Any, bag: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TZ", "UTC")
@@ -179,23 +179,23 @@ def test_the_time_is_that_of_a_part_a_header_or_the_day(
     assert "time of header.stamp [s]" in texts(out)
     assert run_here("bag", "plot", bag, *part, "--wall-clock")[0] == 0
     assert {"22:13:22", "22:13:24", "2023-Nov-14 22:13"} & {*texts(out)}, texts(out)
-    code, said, _ = run_here("bag", "plot", bag, *part[:6], "--wall-clock")
-    assert code == 0 and re.search(r"2023-11-14 22:13:22 +time +2023-11-14 22:13:24\n", said)
+    code, printed, _ = run_here("bag", "plot", bag, *part[:6], "--wall-clock")
+    assert code == 0 and re.search(r"2023-11-14 22:13:22 +time +2023-11-14 22:13:24\n", printed)
     code, _, err = run_here("bag", "plot", bag, "/odom", "twist.twist.linear.x", "/on", "data", "--stamp")
     assert (code, err) == (1, "error: messages of /on have no header with a stamp: std_msgs/msg/Bool\n")
 
 
-def test_several_bags_begin_at_zero_unless_the_axis_is_a_clock(run_here: Any, tmp_path: Path) -> None:
+def test_several_bags_are_drawn_with_their_names(run_here: Any, tmp_path: Path) -> None:
     first, second = drive(tmp_path / "a", 100), drive(tmp_path / "b", 200)
     out = tmp_path / "two.svg"
-    code, said, err = run_here("bag", "plot", first, second, "/imu", "angular_velocity.z", "--out", str(out))
-    assert (code, said, err) == (0, f"300 messages of 2 topics in {out}\n", "")
+    code, printed, err = run_here("bag", "plot", first, second, "/imu", "angular_velocity.z", "--out", str(out))
+    assert (code, printed, err) == (0, f"300 messages of 2 topics in {out}\n", "")
     assert {"a: /imu", "b: /imu"} <= {*texts(out)}
 
 
-def test_the_terminal_shows_the_lines(run_here: Any, bag: str) -> None:
-    code, said, err = run_here("bag", "plot", bag, "/odom", "twist.twist.linear")
-    rows = said.splitlines()
+def test_terminal_plot_shows_lines_axes_and_legend(run_here: Any, bag: str) -> None:
+    code, printed, err = run_here("bag", "plot", bag, "/odom", "twist.twist.linear")
+    rows = printed.splitlines()
     assert (code, err) == (0, "")
     assert rows[0] == "/odom" and max(map(len, rows)) <= 80
     assert rows[-1] == "  ━ twist.twist.linear.x  ━ twist.twist.linear.y  ━ twist.twist.linear.z"
@@ -208,7 +208,7 @@ def test_the_terminal_shows_the_lines(run_here: Any, bag: str) -> None:
         level = min(1.0, 7.9 * column / (width - 1) / 3)
         assert any(abs(row - (1 - level) * (height - 1)) <= 1.2 for row, at in dots if at == column)
     assert all(row > 0 for row, column in dots if column < 20)  # not yet at the top
-    assert "\x1b" not in said
+    assert "\x1b" not in printed
 
 
 def test_a_line_of_the_terminal_is_interrupted_and_has_steps() -> None:
@@ -223,7 +223,7 @@ def test_a_line_of_the_terminal_is_interrupted_and_has_steps() -> None:
     assert " " not in bottom and re.fullmatch(r"[^ ]{29,31} {13,16}[^ ]{29,31}", top)
 
 
-def test_texts_are_drawn_within_their_width() -> None:
+def test_terminal_plot_fits_width_with_long_names_and_extreme_values() -> None:
     panel = PlotPanel("/\x1b[31mevil" + "x" * 300)
     lines = TopicLines(panel, "/t", ["ranges"])
     for number in range(5):
@@ -273,15 +273,15 @@ def test_any_values_are_drawn(values: list[float], times: list[float], is_steps:
         (["/imu", "angular_velocity", "--out", "no/folder/a.png"], "no/folder/a.png: No such file or directory"),
     ],
 )
-def test_errors_name_what_there_is(
+def test_plot_errors_name_available_topics_and_fields(
     words: Any, reason: str, run_here: Any, bag: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, said, err = run_here("bag", "plot", bag, *words)
-    assert (code, said) == (1, "") and reason in err and os.listdir() == []
+    code, printed, err = run_here("bag", "plot", bag, *words)
+    assert (code, printed) == (1, "") and reason in err and os.listdir() == []
 
 
-def test_a_topic_without_messages_is_an_error(run_here: Any, tmp_path: Path) -> None:
+def test_plot_of_topic_without_messages_is_an_error(run_here: Any, tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as bag:
         bag.add_topic("/f", Float64)
         bag.write("/s", String(), 1)
@@ -289,7 +289,7 @@ def test_a_topic_without_messages_is_an_error(run_here: Any, tmp_path: Path) -> 
     assert code == 1 and err.endswith("a.mcap has no messages on /f in the selected time\n")
 
 
-def test_without_matplotlib_there_is_text(run_here: Any, bag: str, tmp_path: Path, monkeypatch: Any) -> None:
+def test_plot_without_matplotlib_is_drawn_as_text(run_here: Any, bag: str, tmp_path: Path, monkeypatch: Any) -> None:
     import importlib.util
 
     find = importlib.util.find_spec
@@ -298,8 +298,8 @@ def test_without_matplotlib_there_is_text(run_here: Any, bag: str, tmp_path: Pat
     assert code == 1 and re.search(r"needs matplotlib, which is not installed: pip install .*\[plot\]", err)
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("SSH_CONNECTION")
-    code, said, err = run_here("bag", "plot", bag, "/on", "data")
-    assert code == 0 and said.startswith("/on\n") and err.startswith("a window needs matplotlib: pip install ")
+    code, printed, err = run_here("bag", "plot", bag, "/on", "data")
+    assert code == 0 and printed.startswith("/on\n") and err.startswith("a window needs matplotlib: pip install ")
     assert run_here("bag", "plot", bag, "/on", "data", "--terminal")[2] == ""
 
 
@@ -309,30 +309,30 @@ def test_without_plotext_the_terminal_has_an_error(run_here: Any, bag: str, monk
 
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "plotext" else find(name))
-    code, said, err = run_here(command, "plot", *([bag] if command == "bag" else []), "/on", "data", "--terminal")
-    assert (code, said) == (1, "")
+    code, printed, err = run_here(command, "plot", *([bag] if command == "bag" else []), "/on", "data", "--terminal")
+    assert (code, printed) == (1, "")
     assert re.search(r"needs plotext, which is not installed: pip install .*\[plot\]", err)
 
 
-def test_a_window_shows_the_plot_until_it_is_closed(run_here: Any, bag: str, monkeypatch: Any) -> None:
+def test_plot_window_is_shown_until_closed(run_here: Any, bag: str, monkeypatch: Any) -> None:
     import matplotlib.pyplot as plt
 
     from rosidl_py_gen.ros_cli.plotting import figure
 
-    shown: list[Any] = []
+    displayed: list[Any] = []
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("SSH_CONNECTION")
-    code, said, err = run_here("bag", "plot", bag, "/on", "data")
-    assert code == 0 and said.startswith("/on\n")  # matplotlib finds no toolkit
+    code, printed, err = run_here("bag", "plot", bag, "/on", "data")
+    assert code == 0 and printed.startswith("/on\n")  # matplotlib finds no toolkit
     assert err == "matplotlib cannot open a window: no display, or no toolkit such as tkinter or PyQt6\n"
     monkeypatch.setattr(plt, "get_backend", lambda: "tkagg")
 
     def show(**settings: Any) -> None:
-        shown.append([one.get_title(loc="left") for one in plt.gcf().axes])
+        displayed.append([one.get_title(loc="left") for one in plt.gcf().axes])
 
     monkeypatch.setattr(plt, "show", show)
     assert run_here("bag", "plot", bag, "/on", "data", "/odom", "twist.twist.linear.x") == (0, "", "")
-    assert shown == [["/on", "/odom"]] and not plt.get_fignums()
+    assert displayed == [["/on", "/odom"]] and not plt.get_fignums()
     with figure.open_window(1) as window:
         assert window is not None and window.is_open
         window.update([PlotPanel("/t")], TimeAxis())
@@ -340,20 +340,23 @@ def test_a_window_shows_the_plot_until_it_is_closed(run_here: Any, bag: str, mon
         assert not window.is_open
 
 
-def test_extremes_stay_with_bounded_memory() -> None:
+def test_plot_line_retains_extremes_with_bounded_memory() -> None:
     line, times = PlotLine("x"), np.arange(200_000) * 0.001
     values = np.sin(times)
     values[[1234, 150_001]] = 7.0, -9.0
     values[5000:5100] = np.nan
     for second, value in zip(times.tolist(), values.tolist(), strict=True):
         line.add(second, value)
-    kept_times, kept = line.points()
-    assert len(kept) <= 8 * BUCKETS and (np.diff(kept_times) >= 0).all()
-    assert (np.nanmax(kept), np.nanmin(kept)) == (7.0, -9.0)
-    assert kept_times[np.nanargmax(kept)] == 1.234 and (kept_times[0], kept_times[-1]) == (times[0], times[-1])
-    known = np.isfinite(kept)
-    assert np.isin(kept[known], values).all()  # each is a point of the data
-    assert np.diff(kept_times).max() < 2 * 200 / BUCKETS  # spread over the whole time
+    retained_times, retained = line.points()
+    assert len(retained) <= 8 * BUCKETS and (np.diff(retained_times) >= 0).all()
+    assert (np.nanmax(retained), np.nanmin(retained)) == (7.0, -9.0)
+    assert retained_times[np.nanargmax(retained)] == 1.234 and (retained_times[0], retained_times[-1]) == (
+        times[0],
+        times[-1],
+    )
+    known = np.isfinite(retained)
+    assert np.isin(retained[known], values).all()  # each is a point of the data
+    assert np.diff(retained_times).max() < 2 * 200 / BUCKETS  # spread over the whole time
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -385,7 +388,7 @@ async def send_numbers(publisher: Any, count: int, interval_s: float, factor: fl
         await asyncio.sleep(interval_s)
 
 
-async def test_a_topic_is_plotted_while_it_is_received(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_topic_plot_writes_received_messages_to_file(node: Node, tool: Any, tmp_path: Path) -> None:
     publisher, switch = node.create_publisher(Imu, "/imu"), node.create_publisher(Bool, "/on")
     out = tmp_path / "live.svg"
     words = ("/imu", "angular_velocity.x", "/on", "data", "--stamp")
@@ -408,7 +411,7 @@ async def test_a_topic_is_plotted_while_it_is_received(node: Node, tool: Any, tm
     assert (np.diff(heights) < 0).all()
 
 
-async def test_a_live_plot_ends_after_messages_or_seconds(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_topic_plot_ends_after_message_count_or_duration(node: Node, tool: Any, tmp_path: Path) -> None:
     publisher = node.create_publisher(Float64, "/f")
     process = await tool.start("topic", "plot", "/f", "-n", "3")
     await send_numbers(publisher, 4, 0.1, factor=2.0)
@@ -427,7 +430,7 @@ async def test_a_live_plot_ends_after_messages_or_seconds(node: Node, tool: Any,
     assert (ended.code, ended.out) == (0, f"1 message of /f in {tmp_path / 'a.png'}\n")
 
 
-async def test_a_window_is_redrawn_until_it_is_closed(node: Node, tool: Any, monkeypatch: Any) -> None:
+async def test_topic_plot_redraws_window_until_closed(node: Node, tool: Any, monkeypatch: Any) -> None:
     from rosidl_py_gen.ros_cli.topic import plot
 
     drawn: list[int] = []
@@ -448,7 +451,7 @@ async def test_a_window_is_redrawn_until_it_is_closed(node: Node, tool: Any, mon
     assert (ended.code, ended.out, drawn) == (0, "4 messages of /f\n", [1, 2, 3, 4])
 
 
-async def test_a_terminal_is_redrawn(node: Node, tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_topic_plot_redraws_terminal(node: Node, tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[int] = []
     monkeypatch.setattr(output.terminal_output, "is_terminal", lambda: True)
     monkeypatch.setattr(
@@ -460,7 +463,7 @@ async def test_a_terminal_is_redrawn(node: Node, tool: Any, monkeypatch: pytest.
     assert drawn == sorted(drawn) and len({*drawn}) >= 4 and drawn[-1] == 6
 
 
-def test_a_browser_shows_the_terminal(tmp_path: Path, browser: Browser) -> None:
+def test_terminal_plot_is_rendered_in_browser(tmp_path: Path, browser: Browser) -> None:
     panels = [PlotPanel("/imu"), PlotPanel("/odom")]
     imus = TopicLines(panels[0], "/imu", ["angular_velocity"])
     speeds = TopicLines(panels[1], "/odom", ["twist.twist.linear.x"])

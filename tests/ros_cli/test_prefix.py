@@ -1,4 +1,4 @@
-"""``rosidl-py prefix``: what colcon makes of a workspace, without a build, and nothing outside of its folder."""
+"""``rosidl-py prefix``: creates the install prefix of colcon without a build, and writes only into its folder."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def tree(folder: Path) -> dict[str, str | bytes]:
 # --- a whole workspace ------------------------------------------------------------------------------------------------
 
 
-def test_a_prefix_is_that_of_colcon(made: build.Prefix) -> None:
+def test_prefix_has_same_files_as_colcon(made: build.Prefix) -> None:
     recorded = json.loads(RECORDED.read_text())
     del recorded["ament_index_python"]
     assert listing(made.folder) == recorded
     assert not made.problems and not made.skipped
 
 
-def test_ament_index_python_gives_the_same_answers(made: build.Prefix) -> None:
+def test_ament_index_python_returns_recorded_results_for_prefix(made: build.Prefix) -> None:
     recorded = json.loads(RECORDED.read_text())["ament_index_python"]
     assert answers(sys.executable, made.folder, {**os.environ, **variables(made.folder)}) == recorded
 
@@ -88,7 +88,7 @@ def test_ament_index_python_gives_the_same_answers(made: build.Prefix) -> None:
         ("lib/cmake_all/shell.sh", "shell"),
     ],
 )
-def test_executables_run(command: str, output: str, made: build.Prefix) -> None:
+def test_executables_of_prefix_run(command: str, output: str, made: build.Prefix) -> None:
     done = started(made.folder / command, "--ros-args", "-r", "a:=b", **variables(made.folder))
     assert (done.stdout.strip(), done.stderr, done.returncode) == (output, "", 0)
 
@@ -109,7 +109,7 @@ print(os.environ["PYTHONPATH"].count(".ros"), os.environ["PATH"].split(":")[0][-
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish", "sh"])
-def test_a_sourced_shell_finds_everything(shell: str, made: build.Prefix, tmp_path: Path) -> None:
+def test_sourced_shell_finds_packages_messages_and_entry_points(shell: str, made: build.Prefix, tmp_path: Path) -> None:
     if shutil.which(shell) is None:
         pytest.skip(f"{shell} is not installed")
     (tmp_path / "probe.py").write_text(PROBE)
@@ -120,7 +120,7 @@ def test_a_sourced_shell_finds_everything(shell: str, made: build.Prefix, tmp_pa
     assert "1 passed" in done.stdout and done.returncode == 0
 
 
-def test_a_second_call_changes_what_has_changed(tmp_path: Path) -> None:
+def test_rebuilding_prefix_updates_only_changed_files(tmp_path: Path) -> None:
     write_workspace(tmp_path / "src")
     out = tmp_path / "out"
     build_prefix([tmp_path / "src"], out)
@@ -141,7 +141,7 @@ def test_a_second_call_changes_what_has_changed(tmp_path: Path) -> None:
     assert not (out / "lib/cmake_all").exists()
 
 
-def test_the_command(tmp_path: Path) -> None:
+def test_prefix_command_reports_result_and_errors(tmp_path: Path) -> None:
     write_workspace(tmp_path / "ws/src")
     more = {
         "cpp/package.xml": MANIFEST.format("cpp"),
@@ -177,14 +177,14 @@ def test_the_command(tmp_path: Path) -> None:
     assert started(*COMMAND, cwd=tmp_path).returncode == 0  # ws is found: a workspace below the current folder
 
 
-def test_without_out_the_prefix_is_in_the_cache(workspace: Path, tmp_path: Path) -> None:
+def test_prefix_without_out_option_is_in_cache(workspace: Path, tmp_path: Path) -> None:
     made = build_prefix([workspace / "src"])
     assert made.folder.is_relative_to(tmp_path / "cache/prefix")
     assert build_prefix([workspace / "src"]).created == 0
     assert build_prefix([workspace / "src/py_plain"]).folder != made.folder
 
 
-def test_bundled_packages_complete_the_workspace(
+def test_prefix_adds_bundled_executables_missing_in_workspace(
     workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(executables.BUNDLED, "py_plain", {"talk": "json:loads", "more": "platform:main"})
@@ -196,7 +196,7 @@ def test_bundled_packages_complete_the_workspace(
         assert package == "py_plain" or all(map(find_spec, (one.partition(":")[0] for one in names.values())))
 
 
-def test_a_bundled_executable_of_a_package_with_code_is_not_missing(tmp_path: Path) -> None:
+def test_bundled_executable_replaces_unbuilt_executable_of_same_name(tmp_path: Path) -> None:
     rules = "add_executable(static_transform_publisher a.cpp)\nadd_executable(other a.cpp)\n"
     rules += "install(TARGETS static_transform_publisher other DESTINATION lib/tf2_ros)"
     write(tmp_path / "tf2_ros", {"package.xml": MANIFEST.format("tf2_ros"), "CMakeLists.txt": rules})
@@ -208,7 +208,7 @@ def test_a_bundled_executable_of_a_package_with_code_is_not_missing(tmp_path: Pa
 # --- Python -----------------------------------------------------------------------------------------------------------
 
 
-def test_another_sitecustomize_runs_and_nothing_is_imported_early(made: build.Prefix, tmp_path: Path) -> None:
+def test_prefix_runs_other_sitecustomize_and_imports_no_package_early(made: build.Prefix, tmp_path: Path) -> None:
     write(tmp_path, {"more/sitecustomize.py": "print('next')"})
     environment = variables(made.folder)
     environment["PYTHONPATH"] += f"{os.pathsep}{tmp_path / 'more'}"
@@ -216,7 +216,7 @@ def test_another_sitecustomize_runs_and_nothing_is_imported_early(made: build.Pr
     assert started(sys.executable, "-c", code, **environment).stdout == "next\n[]\n"
 
 
-def test_a_python_without_this_package_says_so(made: build.Prefix) -> None:
+def test_rclpy_import_error_explains_python_without_rosidl_py_gen(made: build.Prefix) -> None:
     code = "import sys\nsys.modules['rosidl_py_gen'] = None\nimport rclpy"
     done = started(sys.executable, "-c", code, **variables(made.folder))
     text = "has no rosidl-py-gen, which provides rclpy; use the Python that has it"
@@ -230,7 +230,7 @@ def test_run_uses_its_own_settings_in_a_sourced_shell(made: build.Prefix, tmp_pa
     assert (done.stdout, done.stderr) == ("some_msgs.msg.Plain(value=1)\n", "")
 
 
-def test_the_assumed_distribution_does_not_end_the_detection_of_humble(made: build.Prefix) -> None:
+def test_default_distribution_of_prefix_keeps_detection_of_humble(made: build.Prefix) -> None:
     code = "from rosidl_py_gen.base.distributions import command_distribution as c; print(repr(c()))"
     assert started(sys.executable, "-c", code, **variables(made.folder)).stdout == "''\n"
     chosen = {**variables(made.folder), "ROS_DISTRO": "humble"}
@@ -251,7 +251,7 @@ def test_the_assumed_distribution_does_not_end_the_detection_of_humble(made: bui
     ],
     ids=["function", "place", "variable", "subdirectory", "nothing"],
 )
-def test_all_files_are_linked_if_rules_cannot_be_read(rules: dict[str, str], tmp_path: Path) -> None:
+def test_all_files_are_linked_if_install_rules_are_unreadable(rules: dict[str, str], tmp_path: Path) -> None:
     files = {"package.xml": MANIFEST.format("odd"), "launch/a.launch.py": "", "src/a.cpp": "", "include/a.hpp": ""}
     write(tmp_path / "odd", {**files, **rules})
     made = build_prefix([tmp_path / "odd"], tmp_path / "out")
@@ -259,7 +259,7 @@ def test_all_files_are_linked_if_rules_cannot_be_read(rules: dict[str, str], tmp
     assert not (made.folder / "share/odd/src").exists() and not made.problems
 
 
-def test_a_flattened_file_is_not_linked_twice(tmp_path: Path) -> None:
+def test_flattened_data_file_is_linked_only_once(tmp_path: Path) -> None:
     rows = "[('share/odd', ['launch/a.launch.py']), (f(), [])]"
     files = {"setup.py": f"setup(data_files={rows})", "package.xml": MANIFEST.format("odd"), "launch/a.launch.py": ""}
     write(tmp_path / "odd", files)
@@ -276,7 +276,9 @@ def test_namespace_packages_are_linked(tmp_path: Path) -> None:
     assert sorted(links) == ["plain", "spaced"]
 
 
-def test_a_large_program_that_is_not_executable_is_not_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_program_without_executable_mode_is_reported_instead_of_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(package_plan, "MAX_COPY_BYTES", 20)
     rules = "install(PROGRAMS small large DESTINATION lib/odd)"
     files = {"CMakeLists.txt": rules, "small": "#!/bin/sh\necho 1\n", "large": "#!/bin/sh\n" + "#" * 20}
@@ -358,7 +360,7 @@ def test_damaged_packages_are_reported_and_others_are_complete(case: str, tmp_pa
     assert b"AMENT_PREFIX_PATH" in (made.folder / "setup.sh").read_bytes()
 
 
-def test_a_malformed_console_script_hides_nothing_else(tmp_path: Path) -> None:
+def test_malformed_console_scripts_do_not_hide_valid_ones(tmp_path: Path) -> None:
     scripts = ["bad = odd.bad", "a b", "good = odd.good:main"]
     setup = f"setup(packages=['odd'], entry_points={{'console_scripts': {scripts}}})"
     files = {"setup.py": setup, "setup.cfg": "[install]\ninstall_scripts=$base/lib/odd\n", "odd/__init__.py": ""}
@@ -371,7 +373,7 @@ def test_a_malformed_console_script_hides_nothing_else(tmp_path: Path) -> None:
     assert "good = odd.good:main" in found and "a b" not in found
 
 
-def test_loops_pipes_and_odd_names(tmp_path: Path) -> None:
+def test_prefix_tolerates_link_loops_pipes_and_odd_file_names(tmp_path: Path) -> None:
     package = tmp_path / "odd"
     write(package, {"package.xml": MANIFEST.format("odd"), "launch/a.launch.py": ""})
     (package / "CMakeLists.txt").write_text("install(DIRECTORY launch . DESTINATION share/odd)")
@@ -391,7 +393,7 @@ def test_loops_pipes_and_odd_names(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr and done.returncode == 1
 
 
-def test_a_prefix_with_an_odd_path(tmp_path: Path) -> None:
+def test_prefix_works_in_path_with_special_characters(tmp_path: Path) -> None:
     write_workspace(tmp_path / "src")
     out = tmp_path / 'it\'s $HOME `a` "b" \\ é'
     made = build_prefix([tmp_path / "src"], out)
@@ -403,7 +405,7 @@ def test_a_prefix_with_an_odd_path(tmp_path: Path) -> None:
     assert started(out / "lib/py_plain/talk", **variables(made.folder)).stdout == "talk\n"
 
 
-def test_large_packages_are_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_installed_files_of_a_package_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package_plan, "MAX_FILES", 50)
     write(tmp_path / "odd", {"package.xml": MANIFEST.format("odd"), **{f"data/{n}": "" for n in range(60)}})
     (tmp_path / "odd/CMakeLists.txt").write_text("install(DIRECTORY data DESTINATION share/odd)")
@@ -411,7 +413,7 @@ def test_large_packages_are_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert "it installs more than 50 files" in made.problems[0]
 
 
-def test_links_and_states_in_the_prefix_lead_nowhere(workspace: Path, tmp_path: Path) -> None:
+def test_manipulated_links_and_state_of_prefix_change_no_outside_files(workspace: Path, tmp_path: Path) -> None:
     outside, out = tmp_path / "outside", tmp_path / "out"
     write(outside, {"file": "stays"})
     build_prefix([workspace], out)
@@ -432,7 +434,7 @@ def test_links_and_states_in_the_prefix_lead_nowhere(workspace: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("mask", [0, 0o002, 0o022, 0o077, 0o777])
-def test_a_named_prefix_is_writable_for_its_user_only_and_readable_as_the_umask_permits(
+def test_prefix_folders_are_writable_by_owner_only_and_readable_by_umask(
     mask: int, workspace: Path, tmp_path: Path
 ) -> None:
     old = os.umask(mask)
@@ -449,7 +451,7 @@ def test_a_named_prefix_is_writable_for_its_user_only_and_readable_as_the_umask_
 @pytest.mark.parametrize(
     "place", [".", "out", "out/lib", f"out/{SITE_PACKAGES}", f"out/{SITE_PACKAGES}/sitecustomize.py"]
 )
-def test_a_named_prefix_that_other_users_can_change_is_a_warning(place: str, workspace: Path, tmp_path: Path) -> None:
+def test_prefix_writable_by_other_users_is_a_warning(place: str, workspace: Path, tmp_path: Path) -> None:
     out = tmp_path / "open/out"
     assert build_prefix([workspace], out).unsafe == ""
     changed = tmp_path / "open" / place
@@ -484,7 +486,7 @@ _TEXTS = st.lists(_PIECES, max_size=6).map("".join)
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(_TEXTS, min_size=6, max_size=6), st.booleans())
-def test_no_rule_writes_outside(hostile_home: Path, texts: list[str], is_cmake: bool) -> None:
+def test_install_rules_never_write_outside_prefix(hostile_home: Path, texts: list[str], is_cmake: bool) -> None:
     package = hostile_home / "src/odd"
     for name in ("setup.py", "setup.cfg", "CMakeLists.txt"):
         (package / name).unlink(missing_ok=True)
@@ -515,7 +517,7 @@ def test_no_rule_writes_outside(hostile_home: Path, texts: list[str], is_cmake: 
     assert (made.folder / "share/odd/package.xml").is_file()
 
 
-def test_processes_make_one_prefix_together(workspace: Path, tmp_path: Path) -> None:
+def test_concurrent_processes_build_one_prefix(workspace: Path, tmp_path: Path) -> None:
     command = [*COMMAND, str(workspace / "src"), "--out", str(tmp_path / "out")]
     processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(3)]
     assert [(process.communicate(timeout=60)[1], process.returncode) for process in processes] == [("", 0)] * 3

@@ -1,4 +1,4 @@
-"""``rosidl-py run``: a program ends and finds things as with python itself."""
+"""``rosidl-py run``: programs behave and find modules as with Python itself."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ PROGRAMS = {
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_a_file_runs_as_with_python(name: str, tmp_path: Path) -> None:
+def test_program_file_behaves_as_with_python(name: str, tmp_path: Path) -> None:
     files = {"folder/program.py": textwrap.dedent(PROGRAMS[name]), "folder/sibling.py": "def fail():\n    1 / 0\n"}
     write(tmp_path, files)
     program = Path("folder/program.py")
@@ -97,7 +97,7 @@ def test_a_file_runs_as_with_python(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["pack", "pack.tool", "pack.nothing", "pack.wrong", "pack.inner", "a-b", "json.nothing"]
 )
-def test_a_module_runs_as_with_python(name: str, tmp_path: Path) -> None:
+def test_module_behaves_as_with_python(name: str, tmp_path: Path) -> None:
     files = {
         "pack/__init__.py": "",
         "pack/__main__.py": "from pack.tool import main\nmain()\nprint(__name__, __spec__.name, __package__)",
@@ -129,7 +129,7 @@ def test_a_module_runs_as_with_python(name: str, tmp_path: Path) -> None:
 # --- what is there ----------------------------------------------------------------------------------------------------
 
 
-def test_ctrl_c_in_a_callback_whose_exceptions_python_ignores_ends_it(tmp_path: Path) -> None:
+def test_ctrl_c_in_weakref_callback_ends_program(tmp_path: Path) -> None:
     """The import system has such callbacks, while a program starts."""
     program = """
         import os, signal, time, weakref
@@ -146,13 +146,13 @@ def test_ctrl_c_in_a_callback_whose_exceptions_python_ignores_ends_it(tmp_path: 
     assert "    time.sleep(99)" in lines[-3:] and lines[-1] == "KeyboardInterrupt"  # carets may follow the line
 
 
-def test_definitions_of_path(tmp_path: Path) -> None:
+def test_path_option_provides_definitions(tmp_path: Path) -> None:
     write(tmp_path, {"more/own_msgs/msg/A.msg": "int32 a", "program.py": "from own_msgs.msg import A\nprint(A(a=3).a)"})
     assert run("--path", tmp_path / "more", tmp_path / "program.py").stdout == "3\n"
     assert run(f"--path={tmp_path / 'more'}", tmp_path / "program.py").stdout == "3\n"
 
 
-def test_path_may_name_packages_without_definitions(tmp_path: Path) -> None:
+def test_path_option_accepts_packages_without_definitions(tmp_path: Path) -> None:
     setup = "from setuptools import setup\nsetup(entry_points={'console_scripts': ['hello = greeter.hello:main']})"
     hello = "from std_msgs.msg import String\ndef main(): print(String(data='a').data)"
     files = {
@@ -174,7 +174,9 @@ def test_path_may_name_packages_without_definitions(tmp_path: Path) -> None:
     assert "empty: expected a package with definitions (in a folder msg, srv or action), found none" in found.stderr
 
 
-def test_what_is_around_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_program_has_workspace_packages_ros_variables_and_arguments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     program = """
         import os, sys
         from greeter.hello import NAME
@@ -271,7 +273,7 @@ def workspace(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("place", ["", "src", "src/talker", "src/talker/talker", "src/group"])
-def test_an_executable_of_a_workspace(workspace: Path, place: str) -> None:
+def test_executable_of_unbuilt_workspace_runs(workspace: Path, place: str) -> None:
     found = run("talker", "talk", "a", "--ros-args", "-p", "x:=1", cwd=workspace / place)
     if place == "src/group":  # src is above a package only
         assert found.returncode == 1 and 'no package "talker"' in found.stderr
@@ -283,7 +285,7 @@ def test_an_executable_of_a_workspace(workspace: Path, place: str) -> None:
 
 
 @pytest.mark.parametrize("place", ["", "src", "src/talker", "src/group"])
-def test_a_script_in_no_package_has_the_workspace_one_stands_in(workspace: Path, place: str) -> None:
+def test_script_outside_packages_uses_workspace_of_current_folder(workspace: Path, place: str) -> None:
     text = "from near_msgs.msg import A\nfrom near_msgs.tools import triple\nprint(triple(A(a=1).a))"
     script = write(workspace / "scripts", {"new.py": text}) / "new.py"
     checked, found = run("--check", script, cwd=workspace / place), run(script, cwd=workspace / place)
@@ -326,13 +328,13 @@ def repository(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_the_folder_one_stands_in_is_the_workspace_of_packages_in_no_src(repository: Path, way: str) -> None:
+def test_packages_without_src_folder_use_current_folder_as_workspace(repository: Path, way: str) -> None:
     found = run(*WAYS[way], cwd=repository)
     assert (found.stdout, found.stderr) == ("5 2\n", "")
     assert run(*WAYS["executable"], cwd=repository / "python").stdout == "5 None\n"  # far_msgs is not below
 
 
-def test_a_program_keeps_its_own_package_where_another_of_its_name_is_found_first(repository: Path) -> None:
+def test_program_uses_its_own_package_before_another_with_same_name(repository: Path) -> None:
     write(
         repository, {"a_copy/talker/package.xml": PACKAGE_XML.format("talker"), "a_copy/talker/msg/Own.msg": "int32 x"}
     )
@@ -349,12 +351,12 @@ def test_a_program_keeps_its_own_package_where_another_of_its_name_is_found_firs
         ("near_msgs", "short", "long\n"),
     ],
 )
-def test_executables_however_they_are_declared(workspace: Path, package: str, name: str, output: str) -> None:
+def test_executables_of_all_declaration_forms_run(workspace: Path, package: str, name: str, output: str) -> None:
     found = run(package, name, cwd=workspace)
     assert (found.stdout, found.stderr, found.returncode) == (output, "", 0)
 
 
-def test_a_console_script_that_fails_shows_its_own_frames(workspace: Path) -> None:
+def test_failing_console_script_shows_only_its_own_frames(workspace: Path) -> None:
     found = run("talker", "four", cwd=workspace)
     assert found.returncode == 1 and found.stderr.count('File "') == 1
     assert found.stderr.endswith("ValueError: failed\n")
@@ -363,12 +365,12 @@ def test_a_console_script_that_fails_shows_its_own_frames(workspace: Path) -> No
 @pytest.mark.parametrize(
     "way", [["src/talker/talker/talk.py"], ["-m", "talker.talk"], ["--path", "src", "-m", "talker.talk"]]
 )
-def test_files_and_modules_of_packages(workspace: Path, way: list[str]) -> None:
+def test_files_and_modules_of_packages_run(workspace: Path, way: list[str]) -> None:
     found = run(*way, "b", cwd=workspace)
     assert (found.stdout, found.stderr) == ("talker 15 ['b'] __main__ __main__\na: 1\n", "")
 
 
-def test_the_executables_are_listed(workspace: Path) -> None:
+def test_list_option_prints_executables(workspace: Path) -> None:
     listed = run("--list", cwd=workspace).stdout.splitlines()
     names = ["binary", "one.py", "short", "two"]
     assert listed == [
@@ -397,13 +399,13 @@ def test_the_executables_are_listed(workspace: Path) -> None:
         (["--path", "nowhere", "src/talker/talker/talk.py"], "nowhere: expected a folder"),
     ],
 )
-def test_what_cannot_be_run_is_told(workspace: Path, words: list[str], text: str) -> None:
+def test_invalid_programs_are_reported(workspace: Path, words: list[str], text: str) -> None:
     found = run(*words, cwd=workspace)
     assert text in (found.stderr if words else found.stdout + found.stderr) and "Traceback" not in found.stderr
     assert found.returncode in (1, 2) or not words
 
 
-def test_executables_of_a_prefix(tmp_path: Path) -> None:
+def test_executables_of_ament_prefix_run_and_are_listed(tmp_path: Path) -> None:
     write(
         tmp_path,
         {"lib/installed/node": "#!/usr/bin/python3\nimport sys\nprint(sys.argv[1:])", "lib/installed/data": ""},
@@ -414,12 +416,12 @@ def test_executables_of_a_prefix(tmp_path: Path) -> None:
     assert run("--list", "installed", **settings).stdout == "installed node\n"  # type: ignore[arg-type]
 
 
-def test_console_scripts_that_pip_installed(tmp_path: Path) -> None:
+def test_console_script_of_installed_distribution_runs(tmp_path: Path) -> None:
     found = run("pytest", "py.test", "--version", cwd=tmp_path)
     assert found.returncode == 0 and "pytest" in found.stdout
 
 
-def test_a_real_rclpy_is_named_in_one_line(tmp_path: Path) -> None:
+def test_real_rclpy_on_path_causes_one_line_warning(tmp_path: Path) -> None:
     files = {
         "real/rclpy/__init__.py": "WHICH = 'real'",
         "real/std_msgs/__init__.py": "",

@@ -1,4 +1,4 @@
-"""``rosidl-py run --check``: what a program lacks, without running it."""
+"""``rosidl-py run --check``: reports missing modules and names of a program without running it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.real_time("programs are processes")
 
 
 def checked(folder: Path, **files: str) -> list[str]:
-    """The lines that are printed of ``program.py``."""
+    """Return the findings that are printed for ``program.py``."""
     write(folder, {f"{name}.py": textwrap.dedent(text) for name, text in files.items()})
     found = run("--check", "program.py", cwd=folder)
     assert found.stderr == ""
@@ -24,7 +24,7 @@ def checked(folder: Path, **files: str) -> list[str]:
     return lines
 
 
-def test_a_program_that_has_all_it_needs(tmp_path: Path) -> None:
+def test_complete_program_has_no_findings(tmp_path: Path) -> None:
     text = """
         import os.path
         import sys, numpy as np
@@ -71,7 +71,7 @@ def test_a_program_that_has_all_it_needs(tmp_path: Path) -> None:
     assert checked(tmp_path, program=text, helper="print('run')") == []
 
 
-def test_what_is_missing_is_told_by_its_place(tmp_path: Path) -> None:
+def test_missing_names_are_reported_with_file_and_line(tmp_path: Path) -> None:
     text = """\
         import surely_not_there.inside
         import rclpy.nothing
@@ -100,7 +100,7 @@ def test_what_is_missing_is_told_by_its_place(tmp_path: Path) -> None:
     ]
 
 
-def test_what_is_imported_instead_of_something_missing_must_be_there(tmp_path: Path) -> None:
+def test_missing_fallback_imports_are_reported(tmp_path: Path) -> None:
     text = """\
         try:
             from surely_not_there import Bus
@@ -120,7 +120,7 @@ def test_what_is_imported_instead_of_something_missing_must_be_there(tmp_path: P
     ]
 
 
-def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
+def test_modules_imported_by_package_are_checked(tmp_path: Path) -> None:
     files = {
         "src/talker/package.xml": PACKAGE_XML.format("talker"),
         "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
@@ -172,7 +172,7 @@ def test_folder_without_init_is_read_as_a_namespace_package(tmp_path: Path, line
         assert (name in found.stdout) or not line.startswith(start)
 
 
-def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
+def test_missing_module_of_console_script_is_an_error(tmp_path: Path) -> None:
     files = {
         "src/talker/package.xml": PACKAGE_XML.format("talker"),
         "src/talker/setup.py": """
@@ -182,13 +182,16 @@ def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
         "src/talker/talker/cilent.py": "def main(): pass",
     }
     write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
-    said = 'error: no source of the module "talker.client" was found; did you mean "cilent"?\n'
-    assert run("--check", "talker", "talk", cwd=tmp_path).stderr == said
-    assert run("--check", "talker", "x", cwd=tmp_path).stderr == said.partition(";")[0].replace("client", "x.y") + "\n"
+    expected_text = 'error: no source of the module "talker.client" was found; did you mean "cilent"?\n'
+    assert run("--check", "talker", "talk", cwd=tmp_path).stderr == expected_text
+    assert (
+        run("--check", "talker", "x", cwd=tmp_path).stderr
+        == expected_text.partition(";")[0].replace("client", "x.y") + "\n"
+    )
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected_text"),
     [
         ("", "talker.talk has no main; the executable calls it"),
         ("def mian(): pass", 'talker.talk has no main; did you mean "mian"?; the executable calls it'),
@@ -200,7 +203,7 @@ def test_a_console_script_whose_module_is_not_there(tmp_path: Path) -> None:
         ("globals()['main'] = print", None),
     ],
 )
-def test_the_function_that_a_console_script_calls(tmp_path: Path, text: str, said: str | None) -> None:
+def test_missing_function_of_console_script_is_reported(tmp_path: Path, text: str, expected_text: str | None) -> None:
     files = {
         "src/talker/package.xml": PACKAGE_XML.format("talker"),
         "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
@@ -210,24 +213,24 @@ def test_the_function_that_a_console_script_calls(tmp_path: Path, text: str, sai
     }
     write(tmp_path, files)
     *lines, last = run("--check", "talker", "talk", cwd=tmp_path).stdout.splitlines()
-    assert lines == ([f"src/talker/talker/talk.py:1: {said}"] if said else []) and "missing" in last
+    assert lines == ([f"src/talker/talker/talk.py:1: {expected_text}"] if expected_text else []) and "missing" in last
 
 
-def test_a_module_may_be_called_as_the_package_it_is_of(tmp_path: Path) -> None:
+def test_module_imported_under_package_name_is_checked(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": "import std_msgs.msg as std_msgs\nprint(std_msgs.String(), std_msgs.Strin())"})
     found = run("--check", "program.py", cwd=tmp_path)
     assert found.stdout.splitlines()[:-1] == ['program.py:2: std_msgs.msg has no Strin; did you mean "String"?'], found
 
 
 @pytest.mark.parametrize("text", ["x = = 3", "x = '\0'", "(" * 100_000])
-def test_what_is_no_python_is_told(tmp_path: Path, text: str) -> None:
+def test_invalid_python_file_is_reported(tmp_path: Path, text: str) -> None:
     write(tmp_path, {"program.py": text})
     found = run("--check", "program.py", cwd=tmp_path)
     assert found.returncode == 1 and "Traceback" not in found.stderr
     assert "program.py" in found.stdout + found.stderr
 
 
-def test_a_module_that_needs_an_extra_names_it(tmp_path: Path) -> None:
+def test_module_requiring_missing_extra_names_it(tmp_path: Path) -> None:
     blocker = "import sys\nsys.modules['transforms3d'] = None\n"
     write(tmp_path, {"sitecustomize.py": blocker, "program.py": "import rclpy\nimport tf_transformations\n"})
     found = run("--check", "program.py", cwd=tmp_path, PYTHONPATH=str(tmp_path))

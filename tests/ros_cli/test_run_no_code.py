@@ -142,7 +142,7 @@ def test_the_generator_runs_no_code_of_a_workspace(workspace: MarkedWorkspace, l
 
 
 @pytest.mark.parametrize("line", NO_CODE.values(), ids=NO_CODE)
-def test_other_commands_run_no_code_of_a_workspace(workspace: MarkedWorkspace, line: str) -> None:
+def test_ros_commands_run_no_code_of_a_workspace(workspace: MarkedWorkspace, line: str) -> None:
     assert workspace.ran("rosidl_py_gen.ros_cli", line)[0] == set()
 
 
@@ -172,7 +172,7 @@ def test_commands_that_start_a_workspace_run_its_code(workspace: MarkedWorkspace
 
 
 @pytest.mark.parametrize("page", ["SECURITY.md", "docs/reference/settings.md"])
-def test_the_tables_of_pages_name_these_commands(page: str) -> None:
+def test_documentation_tables_name_commands_that_run_code_or_not(page: str) -> None:
     table = {row[0]: row[1] for row in rows(ROOT / page) if len(row) == 2}
     (runs,) = [words for words in table if "launch" in words and "test" in words and "run" in words]
     assert "--show-args" in runs + table[runs] and "--print" in runs + table[runs]

@@ -1,4 +1,4 @@
-"""The prefix of ``rosidl-py run``: what programs find that a program starts, and when it is built again."""
+"""Prefix of ``rosidl-py run``: packages that child programs find, and reasons to rebuild it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "ws"
 
 
-def test_programs_that_a_program_starts_find_all_packages(workspace: Path) -> None:
+def test_child_programs_find_all_packages_of_workspace(workspace: Path) -> None:
     """Children are plain Python and a script of the package; the second run uses the cached prefix."""
     found = run("parent.py", cwd=workspace)
     assert found.returncode == 0, found.stderr
@@ -79,14 +79,14 @@ def test_programs_that_a_program_starts_find_all_packages(workspace: Path) -> No
     assert "['rosidl_py_gen.ros_cli.prefix.build']" in found.stdout
 
 
-def test_a_script_without_a_workspace_starts_programs_with_rclpy(tmp_path: Path) -> None:
+def test_child_of_script_without_workspace_imports_rclpy(tmp_path: Path) -> None:
     code = "import subprocess, sys\nsubprocess.run([sys.executable, '-c', 'import rclpy; print(rclpy.ok())'])"
     write(tmp_path, {"program.py": code})
     assert run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE=str(tmp_path / "cache")).stdout == "False\n"
     assert run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE="off").stdout == "False\n"
 
 
-def test_a_cache_that_cannot_be_written_is_replaced_by_a_temporary_folder(tmp_path: Path) -> None:
+def test_unwritable_cache_is_replaced_by_temporary_folder(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": "import rclpy\nprint(rclpy.ok())", "cache": "a file"})
     found = run("program.py", cwd=tmp_path, ROSIDL_PY_GEN_CACHE=str(tmp_path / "cache"))
     assert found.stdout == "False\n" and "a temporary folder is used instead of the cache" in found.stderr
@@ -97,7 +97,7 @@ CHILD = "import json, subprocess, sys; subprocess.run([sys.executable, '-c', 'im
 
 @pytest.mark.parametrize("place", ["cache", "cache/prefix", "cache/prefix/*", "cache/prefix/*/lib/python*/*"])
 @pytest.mark.parametrize("mode", [0o777, 0o775])
-def test_planted_modules_of_a_prefix_are_not_imported(workspace: Path, place: str, mode: int) -> None:
+def test_modules_in_prefix_writable_by_other_users_are_not_imported(workspace: Path, place: str, mode: int) -> None:
     """Other users can write into the cache, or could when the prefix was built with another umask."""
     write(workspace, {"child.py": CHILD})
     first = run("child.py", cwd=workspace)
@@ -112,7 +112,7 @@ def test_planted_modules_of_a_prefix_are_not_imported(workspace: Path, place: st
     assert "can write into" in second.stderr and second.stderr.count("\n") == 1
 
 
-def test_a_cached_prefix_of_a_removed_temporary_folder_is_not_used(workspace: Path) -> None:
+def test_prefix_in_removed_temporary_folder_is_not_reused(workspace: Path) -> None:
     """The search of packages is cached although the prefix is not, and must not lead to a folder in /tmp."""
     write(workspace, {"child.py": "import os; print(os.environ['AMENT_PREFIX_PATH'])"})
     write(workspace.parent, {"cache/prefix": "a file"})
@@ -122,7 +122,7 @@ def test_a_cached_prefix_of_a_removed_temporary_folder_is_not_used(workspace: Pa
     assert len(set(folders)) == 3 and not any(map(os.path.exists, folders))
 
 
-def test_a_python_with_another_rclpy_uses_that_one(tmp_path: Path) -> None:
+def test_python_with_another_rclpy_imports_its_own(tmp_path: Path) -> None:
     """A program may start those of an installed ROS, whose Python does not have this package."""
     venv.create(tmp_path / "other")
     python = tmp_path / "other/bin/python"

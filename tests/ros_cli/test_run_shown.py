@@ -87,21 +87,25 @@ def frames(text: str) -> list[tuple[str, str]]:
         ("own", [("program.py", "<module>")]),
     ],
 )
-def test_ctrl_c_shows_the_program_and_what_it_called(case: str, calls: list[tuple[str, str]], tmp_path: Path) -> None:
+def test_ctrl_c_traceback_shows_only_program_and_called_functions(
+    case: str, calls: list[tuple[str, str]], tmp_path: Path
+) -> None:
     write(tmp_path, {"program.py": INTERRUPTED})
     found = run("program.py", case, cwd=tmp_path)
-    shown = frames(found.stderr)
+    traceback_frames = frames(found.stderr)
     if case == "own":  # raised by a function of C, which the signal module wraps
-        shown = [one for one in shown if one[0] != "signal.py"]
-    assert shown == calls
+        traceback_frames = [one for one in traceback_frames if one[0] != "signal.py"]
+    assert traceback_frames == calls
     assert found.stderr.splitlines()[-1] == "KeyboardInterrupt" and found.returncode == -signal.SIGINT
 
 
-def test_of_other_exceptions_nothing_is_hidden(tmp_path: Path) -> None:
+def test_traceback_of_other_exceptions_is_complete(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": INTERRUPTED})
     found = run("program.py", "error", cwd=tmp_path)
-    shown = frames(found.stderr)
-    assert shown[:2] == [("program.py", "<module>"), ("program.py", "fail")] and len(shown) > 3, found.stderr
+    traceback_frames = frames(found.stderr)
+    assert traceback_frames[:2] == [("program.py", "<module>"), ("program.py", "fail")] and len(traceback_frames) > 3, (
+        found.stderr
+    )
 
 
 @pytest.mark.parametrize(
@@ -119,7 +123,7 @@ def test_of_other_exceptions_nothing_is_hidden(tmp_path: Path) -> None:
         ("import robot", None),
     ],
 )
-def test_messages_that_are_not_there_are_named(line: str, hint: str | None, tmp_path: Path) -> None:
+def test_import_error_names_missing_message_package(line: str, hint: str | None, tmp_path: Path) -> None:
     write(tmp_path, {"program.py": line})
     found = run("program.py", cwd=tmp_path)
     last = [one for one in found.stderr.splitlines() if one.startswith("ModuleNotFoundError: No module named ")]
@@ -132,7 +136,7 @@ def test_messages_that_are_not_there_are_named(line: str, hint: str | None, tmp_
         assert "--path FOLDER" in below or "std_msgs" in line
 
 
-def test_wrong_ros_arguments_are_said_in_one_line_whatever_fails_after_them() -> None:
+def test_invalid_ros_arguments_are_reported_despite_later_errors() -> None:
     def fail(cleanup: Exception | None, initial: bool = False) -> str:
         try:
             try:

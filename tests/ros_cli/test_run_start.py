@@ -1,4 +1,4 @@
-"""The start of ``rosidl-py run``: modules that a program does not need are not loaded, arrays are numpy's at once."""
+"""Start of ``rosidl-py run``: modules are loaded only if needed, and arrays are numpy arrays from the start."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
 
 
-def test_a_talker_of_text_loads_neither_numpy_nor_the_compiler(tmp_path: Path) -> None:
+def test_string_talker_loads_neither_numpy_nor_compiler(tmp_path: Path) -> None:
     program = TALKER.replace("HEAVY", repr(HEAVY))
     for number in range(3):
         if number == 1:
@@ -62,7 +62,7 @@ def test_a_talker_of_text_loads_neither_numpy_nor_the_compiler(tmp_path: Path) -
             assert found == []
 
 
-def test_fixed_arrays_are_those_of_numpy_from_the_first_use_on(tmp_path: Path) -> None:
+def test_fixed_arrays_are_numpy_arrays_from_first_use_on(tmp_path: Path) -> None:
     program = """
         import array, sys
         from rclpy.serialization import deserialize_message, serialize_message
@@ -97,7 +97,7 @@ def test_fixed_arrays_are_those_of_numpy_from_the_first_use_on(tmp_path: Path) -
     ]
 
 
-def test_an_array_decoded_first_and_numpy_imported_first_are_alike(tmp_path: Path) -> None:
+def test_decoding_arrays_is_independent_of_earlier_numpy_import(tmp_path: Path) -> None:
     program = """
         import sys
         if len(sys.argv) > 1: import numpy
@@ -134,7 +134,7 @@ def test_garbage_is_collected_while_a_program_runs(tmp_path: Path) -> None:
 CLONE = "git clone --depth 1 --branch humble https://github.com/ros-controls/control_msgs; then use --path control_msgs"
 
 
-def test_a_well_known_package_is_named_with_its_repository_and_what_to_do(tmp_path: Path) -> None:
+def test_missing_well_known_package_error_names_its_repository(tmp_path: Path) -> None:
     write(tmp_path, {"program.py": "import os\nfrom control_msgs.msg import JointJog\nprint(JointJog().duration)"})
     found = run("--distro", "humble", "program.py", cwd=tmp_path)
     *frames, last = found.stderr.splitlines()
@@ -145,7 +145,7 @@ def test_a_well_known_package_is_named_with_its_repository_and_what_to_do(tmp_pa
     assert CLONE in checked.stdout
 
 
-def test_a_program_may_do_without_it(tmp_path: Path) -> None:
+def test_program_can_catch_import_error_of_missing_message_package(tmp_path: Path) -> None:
     program = """
         from importlib.util import find_spec
         print(find_spec("px4_msgs"))

@@ -1,4 +1,4 @@
-"""``rosidl-py service`` and ``rosidl-py action`` beside servers of the test."""
+"""``rosidl-py service`` and ``rosidl-py action`` with servers of the test."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def serve(world: World) -> tuple[Node, ServiceServer[Any, Any]]:
     return node, node.create_service(AddTwoInts, "/add", add)
 
 
-async def test_a_call_prints_request_and_response(network: World, tool: Tool) -> None:
+async def test_service_call_prints_request_and_response(network: World, tool: Tool) -> None:
     serve(network)
     ended = await tool("service", "call", "/add", "{a: 1, b: 2}")
     assert ended.out == (
@@ -52,7 +52,7 @@ async def test_a_call_prints_request_and_response(network: World, tool: Tool) ->
     assert (ended.code, json.loads(ended.out)) == (0, {"sum": 42})
 
 
-async def test_a_call_goes_by_the_definition_of_the_server(network: World, tool: Tool, tmp_path: Path) -> None:
+async def test_service_call_uses_definition_of_server(network: World, tool: Tool, tmp_path: Path) -> None:
     package = tmp_path / "example_interfaces"
     (package / "srv").mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>example_interfaces</name></package>")
@@ -62,7 +62,7 @@ async def test_a_call_goes_by_the_definition_of_the_server(network: World, tool:
     assert (ended.code, ended.out, ended.err) == (0, '{"sum": 3}\n', "")
 
 
-async def test_calls_go_on_at_a_rate_until_they_are_interrupted(memory: World, tool: Tool) -> None:
+async def test_service_call_repeats_at_rate_until_interrupted(memory: World, tool: Tool) -> None:
     serve(memory)
     process = await tool.start("service", "call", "/add", "{a: 1}", "--rate", "50", "--json")
     assert process.stdout is not None
@@ -70,7 +70,7 @@ async def test_calls_go_on_at_a_rate_until_they_are_interrupted(memory: World, t
     assert (await tool.interrupt(process)).code == 0
 
 
-async def test_a_server_that_never_answers_is_an_error(memory: World, tool: Tool) -> None:
+async def test_service_call_without_reply_times_out(memory: World, tool: Tool) -> None:
     node = memory.node("silent")
     server = node.create_service(AddTwoInts, "/never")
     ended = await tool("service", "call", "/never", "--timeout", "1")
@@ -79,7 +79,7 @@ async def test_a_server_that_never_answers_is_an_error(memory: World, tool: Tool
     assert server is not None
 
 
-async def test_ctrl_c_ends_a_call_that_waits(memory: World, tool: Tool) -> None:
+async def test_ctrl_c_ends_pending_service_call(memory: World, tool: Tool) -> None:
     server = memory.node("silent").create_service(AddTwoInts, "/never")
     process = await tool.start("service", "call", "/never")
     await asyncio.wait_for(server.__anext__(), 10)
@@ -88,7 +88,7 @@ async def test_ctrl_c_ends_a_call_that_waits(memory: World, tool: Tool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected_text"),
     [
         (["/add", "{a: 1"], "error: not YAML: 2:1: "),
         (["/add", "{c: 1}"], 'unknown field "c"'),
@@ -97,13 +97,17 @@ async def test_ctrl_c_ends_a_call_that_waits(memory: World, tool: Tool) -> None:
         (["/ad", "--timeout", "1"], 'did you mean "/add"?'),
     ],
 )
-async def test_a_wrong_call_says_why(memory: World, tool: Tool, words: list[str], said: str) -> None:
+async def test_invalid_service_calls_are_reported(
+    memory: World, tool: Tool, words: list[str], expected_text: str
+) -> None:
     serve(memory)
     ended = await tool("service", "call", *words)
-    assert (ended.code, ended.out, said in ended.err, "Traceback" in ended.err) == (1, "", True, False), ended.err
+    assert (ended.code, ended.out, expected_text in ended.err, "Traceback" in ended.err) == (1, "", True, False), (
+        ended.err
+    )
 
 
-async def test_list_shows_services_and_hides_those_of_actions(memory: World, tool: Tool) -> None:
+async def test_service_list_hides_services_of_actions(memory: World, tool: Tool) -> None:
     node, _ = serve(memory)
     node.create_action_server("example_interfaces/action/Fibonacci", "/count", lambda goal: {})
     ended = await tool("service", "list", "-t")
@@ -114,7 +118,7 @@ async def test_list_shows_services_and_hides_those_of_actions(memory: World, too
     assert "/count/_action/send_goal" in found
 
 
-async def test_type_find_and_info_know_services(memory: World, tool: Tool) -> None:
+async def test_service_type_find_and_info_print_services(memory: World, tool: Tool) -> None:
     node, _ = serve(memory)
     assert (await tool("service", "type", "/add")).out == f"{ADD}\n"
     assert (await tool("service", "find", "example_interfaces/AddTwoInts")).out == "/add\n"
@@ -126,7 +130,7 @@ async def test_type_find_and_info_know_services(memory: World, tool: Tool) -> No
     assert found["endpoints"][0]["reliability"] == "RELIABLE"
 
 
-async def test_echo_shows_what_passes(network: World, tool: Tool) -> None:
+async def test_service_echo_prints_requests_and_responses(network: World, tool: Tool) -> None:
     node, server = serve(network)
     server.configure_introspection(node.clock, SERVICES_DEFAULT, IntrospectionState.CONTENTS)
     process = await tool.start("service", "echo", "/add", "--json")
@@ -143,7 +147,7 @@ async def test_echo_shows_what_passes(network: World, tool: Tool) -> None:
     assert (events[0]["request"], events[1]["response"]) == ([{"a": 2, "b": 3}], [{"sum": 5}])
 
 
-async def test_echo_says_when_introspection_is_off(memory: World, tool: Tool) -> None:
+async def test_service_echo_reports_disabled_introspection(memory: World, tool: Tool) -> None:
     serve(memory)
     process = await tool.start("service", "echo", "/add")
     assert process.stderr is not None
@@ -151,7 +155,7 @@ async def test_echo_says_when_introspection_is_off(memory: World, tool: Tool) ->
     assert (await tool.interrupt(process)).code == 0
 
 
-def test_messages_are_shown_as_rclpy_shows_them() -> None:
+def test_messages_are_formatted_like_rclpy_repr() -> None:
     assert rclpy_repr(UInt8MultiArray(data=np.arange(3, dtype=np.uint8)), None) == (
         "std_msgs.msg.UInt8MultiArray(layout=std_msgs.msg.MultiArrayLayout(dim=[], data_offset=0), data=[0, 1, 2])"
     )
@@ -187,7 +191,7 @@ class Counter:
         return None
 
 
-async def test_a_goal_is_followed_to_its_result(network: World, tool: Tool) -> None:
+async def test_send_goal_prints_feedback_and_result(network: World, tool: Tool) -> None:
     counter = Counter(network)
     ended = await tool("action", "send_goal", "/count", "{order: 2}", "--feedback")
     (goal,) = counter.goals
@@ -200,7 +204,7 @@ async def test_a_goal_is_followed_to_its_result(network: World, tool: Tool) -> N
     assert (ended.code, ended.err) == (0, "")
 
 
-async def test_a_goal_is_followed_as_lines_of_json(memory: World, tool: Tool) -> None:
+async def test_send_goal_prints_feedback_and_result_as_json_lines(memory: World, tool: Tool) -> None:
     Counter(memory)
     ended = await tool("action", "send_goal", "count", FIBONACCI, "{order: 1}", "--feedback", "--json")
     feedback, end = map(json.loads, ended.out.splitlines())
@@ -208,7 +212,7 @@ async def test_a_goal_is_followed_as_lines_of_json(memory: World, tool: Tool) ->
     assert (end["status"], end["result"], len(end["goal_id"])) == ("SUCCEEDED", {"sequence": [0, 1]}, 32)
 
 
-async def test_a_result_with_an_unknown_status_is_an_error_without_traceback(memory: World, tool: Tool) -> None:
+async def test_goal_result_with_unknown_status_is_an_error(memory: World, tool: Tool) -> None:
     node = memory.node("broken")
     node.create_publisher(Fibonacci.FeedbackMessage, "/count/_action/feedback")
     node.create_publisher(get_message("action_msgs/msg/GoalStatusArray"), "/count/_action/status", ACTION_STATUS)
@@ -223,7 +227,7 @@ async def test_a_result_with_an_unknown_status_is_an_error_without_traceback(mem
     assert ended.err.startswith("error: action server /count sent a result of goal ") and ended.err.count("\n") == 1
 
 
-async def test_ctrl_c_cancels_the_goal_and_waits_for_its_end(memory: World, tool: Tool) -> None:
+async def test_ctrl_c_cancels_goal_and_waits_for_result(memory: World, tool: Tool) -> None:
     counter = Counter(memory)
     process = await tool.start("action", "send_goal", "/count", "{order: 99}")
     await until(lambda: bool(counter.goals), 15)
@@ -233,22 +237,22 @@ async def test_ctrl_c_cancels_the_goal_and_waits_for_its_end(memory: World, tool
 
 
 async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(memory: World, tool: Tool) -> None:
-    asked = asyncio.Event()
+    requested = asyncio.Event()
 
     async def accept(goal: Fibonacci.Goal) -> bool:
-        asked.set()
+        requested.set()
         await asyncio.sleep(0.5)
         return True
 
     counter = Counter(memory, accept=accept)
     process = await tool.start("action", "send_goal", "/count", "{order: 99}")
-    await asyncio.wait_for(asked.wait(), 15)
+    await asyncio.wait_for(requested.wait(), 15)
     ended = await tool.interrupt(process)
     assert (ended.code, ended.out.splitlines()[-1]) == (130, "Goal finished with status: CANCELED")
     assert counter.goals
 
 
-async def test_a_goal_that_cannot_be_canceled_may_still_be_running(memory: World, tool: Tool) -> None:
+async def test_refused_cancellation_reports_that_goal_may_still_run(memory: World, tool: Tool) -> None:
     counter = Counter(memory, cancel_callback=False)
     process = await tool.start("action", "send_goal", "/count", "{order: 99}", "--timeout", "1.5")
     await until(lambda: bool(counter.goals), 15)
@@ -259,7 +263,7 @@ async def test_a_goal_that_cannot_be_canceled_may_still_be_running(memory: World
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected_text"),
     [
         (["/count", "{order: 98}"], ""),
         (["/count", "{order: 100}"], "error: Goal was rejected.\n"),
@@ -269,14 +273,14 @@ async def test_a_goal_that_cannot_be_canceled_may_still_be_running(memory: World
         (["/cont", "--timeout", "1"], 'did you mean "/count"?'),
     ],
 )
-async def test_a_goal_without_success_is_a_failure(memory: World, tool: Tool, words: list[str], said: str) -> None:
+async def test_unsuccessful_goals_are_an_error(memory: World, tool: Tool, words: list[str], expected_text: str) -> None:
     Counter(memory)
     ended = await tool("action", "send_goal", *words)
-    assert (ended.code, said in ended.err, "Traceback" in ended.err) == (1, True, False), ended.err
-    assert said or ended.out.endswith("Goal finished with status: ABORTED\n")
+    assert (ended.code, expected_text in ended.err, "Traceback" in ended.err) == (1, True, False), ended.err
+    assert expected_text or ended.out.endswith("Goal finished with status: ABORTED\n")
 
 
-async def test_a_server_that_answers_no_goal_is_an_error(memory: World, tool: Tool) -> None:
+async def test_goal_request_without_reply_times_out(memory: World, tool: Tool) -> None:
     async def accept(goal: Fibonacci.Goal) -> bool:
         await asyncio.sleep(60)
         return True
@@ -286,7 +290,7 @@ async def test_a_server_that_answers_no_goal_is_an_error(memory: World, tool: To
     assert (ended.code, ended.err) == (1, "error: action /count: no reply to the goal in 1.5 s\n")
 
 
-async def test_list_type_find_and_info_know_actions(memory: World, tool: Tool) -> None:
+async def test_action_list_type_find_and_info_print_actions(memory: World, tool: Tool) -> None:
     counter = Counter(memory)
     memory.node("asker").create_action_client(Fibonacci, "/count")
     listed, found, typed, info, as_json = await asyncio.gather(

@@ -1,4 +1,4 @@
-"""A setup.py that cannot be read completely: commands that run it, and commands that run nothing."""
+"""A setup.py that cannot be analyzed completely, with commands that execute it and commands that do not."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def times_run(package: Path) -> int:
     return len(file.read_text()) if file.exists() else 0
 
 
-def test_run_runs_an_unclear_setup_py_once_and_says_why(tmp_path: Path) -> None:
+def test_run_command_executes_ambiguous_setup_py_once_with_note(tmp_path: Path) -> None:
     package = write_package(tmp_path)
     found = run("foo", "n2", cwd=package)
     assert (found.stdout, found.returncode) == ("True\n", 0)
@@ -97,7 +97,7 @@ def test_run_runs_an_unclear_setup_py_once_and_says_why(tmp_path: Path) -> None:
     assert "note: running setup.py" in run("foo", "n1", cwd=package).stderr
 
 
-def test_commands_that_run_nothing_link_all_files_and_say_why(tmp_path: Path) -> None:
+def test_read_only_commands_link_all_files_of_ambiguous_setup_py(tmp_path: Path) -> None:
     package = write_package(tmp_path, top__txt="a")
     found = started(*COMMAND, "prefix", "src", "--out", "out", cwd=tmp_path / "ws")
     share = tmp_path / "ws/out/share/foo"
@@ -116,7 +116,7 @@ def test_commands_that_run_nothing_link_all_files_and_say_why(tmp_path: Path) ->
     assert times_run(package) == 0
 
 
-def test_test_runs_an_unclear_setup_py(tmp_path: Path) -> None:
+def test_test_command_executes_ambiguous_setup_py(tmp_path: Path) -> None:
     test = (
         "from foo.n1 import main\ndef test_share(capsys):\n    main()\n    assert capsys.readouterr().out == 'True\\n'"
     )
@@ -126,7 +126,7 @@ def test_test_runs_an_unclear_setup_py(tmp_path: Path) -> None:
     assert "1 passed" in found.stdout and "note: running src/foo/setup.py" in found.stderr
 
 
-def test_a_setup_py_with_much_work_keeps_its_literals_or_is_run(tmp_path: Path) -> None:
+def test_expensive_setup_py_yields_literals_unless_executed(tmp_path: Path) -> None:
     setup = """
     from setuptools import setup
     rows = []
@@ -148,7 +148,7 @@ def test_a_setup_py_with_much_work_keeps_its_literals_or_is_run(tmp_path: Path) 
     assert (made.folder / "share/foo/a.yaml").is_file() and not (made.folder / "share/foo/params").exists()
 
 
-def test_commands_of_a_variable_may_install_more(tmp_path: Path) -> None:
+def test_computed_cmdclass_makes_data_files_uncertain(tmp_path: Path) -> None:
     setup = """
     import os
     from setuptools import setup
@@ -161,7 +161,9 @@ def test_commands_of_a_variable_may_install_more(tmp_path: Path) -> None:
     assert "data_files of" in made.notes[0] and "cmdclass" in made.notes[0]
 
 
-def test_the_result_of_setup_py_depends_on_each_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cached_setup_py_result_depends_on_environment_variables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     package = write_package(
         tmp_path,
         """
@@ -185,7 +187,7 @@ print(run_setup_py(Path({str(package)!r}), "it must").values["data_files"])
         assert started(sys.executable, "-c", code, ANY_NAME=value).stdout == f"[['share/foo', ['{value}']]]\n"
 
 
-def test_code_after_setup_that_fails_does_not_lose_the_call(tmp_path: Path) -> None:
+def test_exception_after_setup_call_keeps_its_arguments(tmp_path: Path) -> None:
     package = write_package(tmp_path, SETUP + "\nraise ValueError('after the call')\n")
     found = run("foo", "n2", cwd=package)
     assert (found.stdout, found.returncode) == ("True\n", 0)
@@ -201,7 +203,7 @@ def test_code_after_setup_that_fails_does_not_lose_the_call(tmp_path: Path) -> N
         ("print('\\x1b[31m'); raise ValueError('\\x1b[31m')", "ValueError: \ufffd[31m"),
     ],
 )
-def test_a_setup_py_that_fails_is_a_warning_and_all_files_are_linked(code: str, reason: str, tmp_path: Path) -> None:
+def test_failing_setup_py_is_a_warning_and_all_files_are_linked(code: str, reason: str, tmp_path: Path) -> None:
     package = write_package(tmp_path, SETUP.replace("rows = [", f"if os.environ.get('PATH'):\n    {code}\nrows = ["))
     found = run("foo", "n1", cwd=package)
     assert found.stdout == "False\n"
@@ -211,9 +213,7 @@ def test_a_setup_py_that_fails_is_a_warning_and_all_files_are_linked(code: str, 
     assert (prefix / "share/foo/params/a.yaml").is_file()
 
 
-def test_a_setup_py_that_does_not_end_is_stopped_with_its_processes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_endless_setup_py_is_killed_with_its_child_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(setup_process, "TIMEOUT_S", 3.0)
     code = """
     import os, subprocess, sys, time
@@ -229,8 +229,8 @@ def test_a_setup_py_that_does_not_end_is_stopped_with_its_processes(
     assert not Path(f"/proc/{child}").exists() or "Z" in Path(f"/proc/{child}/stat").read_text()
 
 
-def test_a_setup_py_has_a_quiet_place(tmp_path: Path) -> None:
-    """It reads no input, its output is not the result, and a process that it leaves behind delays nothing."""
+def test_setup_py_output_stdin_and_children_do_not_disturb_its_result(tmp_path: Path) -> None:
+    """setup.py reads no input, its output is ignored, and child processes that keep running cause no delay."""
     code = """
     import atexit, os, subprocess, sys
     from setuptools import Extension, find_packages, setup
@@ -281,7 +281,7 @@ def test_setup_py_runs_without_setuptools(has_distutils: bool, tmp_path: Path, m
         assert found.uncertain == {}
 
 
-def test_modules_among_data_files_are_importable(tmp_path: Path) -> None:
+def test_python_modules_installed_as_data_files_are_importable(tmp_path: Path) -> None:
     setup = """
     import sys
     from setuptools import setup
@@ -308,7 +308,7 @@ def test_modules_among_data_files_are_importable(tmp_path: Path) -> None:
     shutil.rmtree(made.folder)
 
 
-def test_scripts_are_executables(tmp_path: Path) -> None:
+def test_scripts_and_data_files_in_lib_are_executables(tmp_path: Path) -> None:
     setup = "from setuptools import setup\nsetup(packages=['foo'], data_files=[('lib/foo', ['extra/data.py'])], {})"
     more = {"scripts/bar.py": "#!/usr/bin/env python3\nprint('bar')", "extra/data.py": "#!/usr/bin/python3\nprint(1)"}
     for arguments, options in (("scripts=['scripts/bar.py']", ""), ("", "[options]\nscripts = scripts/bar.py\n")):
@@ -321,7 +321,7 @@ def test_scripts_are_executables(tmp_path: Path) -> None:
         assert started(made.folder / "lib/foo/bar.py").stdout == "bar\n"
 
 
-def test_run_and_launch_find_executables_of_bin_and_warn(tmp_path: Path) -> None:
+def test_executables_installed_into_bin_run_with_warning(tmp_path: Path) -> None:
     setup = (
         "from setuptools import setup\nsetup(packages=['foo'], entry_points={'console_scripts': ['n1 = foo.n1:main']})"
     )
@@ -339,7 +339,7 @@ def test_run_and_launch_find_executables_of_bin_and_warn(tmp_path: Path) -> None
     assert (found.stdout, found.stderr) == ("False\n", "")
 
 
-def test_setup_cfg_and_pyproject_complete_setup_py(tmp_path: Path) -> None:
+def test_setup_cfg_and_pyproject_supplement_setup_py(tmp_path: Path) -> None:
     options = """
     [options]
     packages = find:

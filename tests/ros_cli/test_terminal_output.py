@@ -45,7 +45,7 @@ def printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
     return [line.rstrip() for line in CONTROL.sub("", capsys.readouterr().out).splitlines()]
 
 
-def test_a_table_that_fits_stays_a_table_and_wraps_at_spaces_only(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fitting_table_wraps_at_spaces_only(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [["/imu", "sensor_msgs/msg/Imu", "reliable, volatile"]]
     assert printed(capsys, monkeypatch, 80, rows, "topic", "type", "QoS")[::2] == [
         "topic   type                  QoS",
@@ -57,7 +57,7 @@ def test_a_table_that_fits_stays_a_table_and_wraps_at_spaces_only(capsys: Any, m
     assert all(len(line) <= 80 for line in lines)
 
 
-def test_names_that_do_not_fit_next_to_each_other_get_lines(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_too_long_for_table_are_printed_on_separate_lines(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [[LONG_TOPIC, LONG_TYPE, "7"], ["/imu", "sensor_msgs/msg/Imu", "9"]]
     assert printed(capsys, monkeypatch, 80, rows, "topic", "type", "count") == [
         *(LONG_TOPIC, f"  type   {LONG_TYPE}", "  count  7"),
@@ -67,7 +67,7 @@ def test_names_that_do_not_fit_next_to_each_other_get_lines(capsys: Any, monkeyp
     assert printed(capsys, monkeypatch, 80, [], "topic", "type")[0].split() == ["topic", "type"]
 
 
-async def test_a_bag_is_listed_at_80_columns_without_broken_names(tmp_path: Path) -> None:
+async def test_bag_is_listed_at_80_columns_without_broken_names(tmp_path: Path) -> None:
     long_class: Any = compile_definition(LONG_TYPE, "float64 x")
     diagnostics: Any = get_message(DIAGNOSTICS)
     with BagWriter(tmp_path / "bag.mcap") as bag:
@@ -171,7 +171,7 @@ async def test_frames_loggers_and_csv_take_one_line_each(memory: World, tool: To
     assert list(csv.reader(echoed.out.splitlines())) == [[f'a,"b"{SHOWN}']]
 
 
-def test_an_error_takes_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_with_line_breaks_takes_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for text in (EVIL, "a\n    b", "a\n    b\n    c"):
         try:
             with exit_on_error():
@@ -221,7 +221,7 @@ def test_progress_has_rate_and_remaining_time(state: Any, text: str) -> None:
     assert progress_text(*state) == text
 
 
-def test_a_bar_appears_after_a_delay_and_goes_away(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_bar_appears_after_delay_and_is_cleared(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stderr", screen := Terminal())
     monkeypatch.setenv("TERM", "xterm")
     now_s = 0.0
@@ -238,7 +238,9 @@ def test_a_bar_appears_after_a_delay_and_goes_away(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize(("terminal", "term"), [(io.StringIO, "xterm"), (Terminal, "dumb")])
-def test_other_streams_get_no_progress(terminal: Any, term: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_not_written_to_pipes_and_dumb_terminals(
+    terminal: Any, term: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sys.stderr", screen := terminal())
     monkeypatch.setenv("TERM", term)
     monkeypatch.setattr(display, "PROGRESS_DELAY_S", 0)
@@ -247,7 +249,7 @@ def test_other_streams_get_no_progress(terminal: Any, term: str, monkeypatch: py
     assert screen.getvalue() == ""
 
 
-def test_lines_appear_above_a_status_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_lines_are_printed_above_status_line(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setattr("sys.stdout", screen)
@@ -288,7 +290,7 @@ def test_commands_that_read_whole_bags_show_progress(
         assert out and not pattern.search(out + err.rpartition("\r\x1b[2K")[2]), (command, out, err)
 
 
-def test_an_index_is_not_reported_as_reading(bag: Path) -> None:
+def test_progress_is_reported_for_scanned_bytes_but_not_for_index(bag: Path) -> None:
     states: list[tuple[int, int]] = []
     with BagReader(bag, on_progress=lambda *state: states.append(state)):
         pass

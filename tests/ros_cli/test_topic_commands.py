@@ -1,4 +1,4 @@
-"""``rosidl-py topic`` beside a node of the test, its notes if no messages arrive, and its standard input."""
+"""``rosidl-py topic`` with a node of the test, its notes if no messages arrive, and its standard input."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def node(dds: World) -> Node:
     return dds.node("talker", "/demo", enable_rosout=False, parameter_events=False)
 
 
-def test_list_and_find_show_topics_as_ros2_does(topic_peer: tuple[str, str], run_here: Any) -> None:
+def test_topic_list_and_find_print_topics_like_ros2(topic_peer: tuple[str, str], run_here: Any) -> None:
     def listed(*words: str) -> str:
         return str(run_here("topic", *words, *topic_peer)[1])
 
@@ -60,13 +60,13 @@ def test_list_and_find_show_topics_as_ros2_does(topic_peer: tuple[str, str], run
     assert json.loads(listed("list", "--json"))[3] == expected
 
 
-def test_info_describes_each_end_as_rclpy_does(topic_peer: tuple[str, str], run_here: Any) -> None:
-    def said(*words: str) -> str:
+def test_topic_info_describes_each_endpoint_like_ros2(topic_peer: tuple[str, str], run_here: Any) -> None:
+    def printed(*words: str) -> str:
         return str(run_here("topic", *words, *topic_peer)[1])
 
-    assert said("type", "/demo/words") == "std_msgs/msg/String\n"
-    assert said("info", "/demo/words") == "Type: std_msgs/msg/String\nPublisher count: 1\nSubscription count: 1\n"
-    verbose = re.sub(r"GID: ([0-9a-f]{2}\.){15}[0-9a-f]{2}\n", "GID: ...\n", said("info", "-v", "demo/words"))
+    assert printed("type", "/demo/words") == "std_msgs/msg/String\n"
+    assert printed("info", "/demo/words") == "Type: std_msgs/msg/String\nPublisher count: 1\nSubscription count: 1\n"
+    verbose = re.sub(r"GID: ([0-9a-f]{2}\.){15}[0-9a-f]{2}\n", "GID: ...\n", printed("info", "-v", "demo/words"))
     assert verbose.startswith(
         "Type: std_msgs/msg/String\n\nPublisher count: 1\n\nNode name: talker\nNode namespace: /demo\n"
         f"Topic type: std_msgs/msg/String\nTopic type hash: {get_message(STRING)._TYPE.hash}\n"
@@ -74,17 +74,17 @@ def test_info_describes_each_end_as_rclpy_does(topic_peer: tuple[str, str], run_
         "  Durability: VOLATILE\n  Lifespan: Infinite\n  Deadline: Infinite\n  Liveliness: AUTOMATIC\n"
         "  Liveliness lease duration: Infinite\n\nSubscription count: 1\n\nNode name: talker\n"
     )
-    assert json.loads(said("info", "--json", "/demo/words"))["publishers"][0]["qos"]["depth"] == 7
+    assert json.loads(printed("info", "--json", "/demo/words"))["publishers"][0]["qos"]["depth"] == 7
 
 
-def test_an_unknown_topic_is_named_with_the_one_that_was_meant(topic_peer: tuple[str, str], run_here: Any) -> None:
+def test_unknown_topic_error_suggests_similar_topic(topic_peer: tuple[str, str], run_here: Any) -> None:
     code, _, error = run_here("topic", "type", "/demo/wrods", "--timeout", "3", *topic_peer)
     assert code == 1
     expected = f'error: no topic /demo/wrods was found in domain {topic_peer[1]}; did you mean "/demo/words"?\n'
     assert error.splitlines(keepends=True)[-1] == expected
 
 
-async def test_pub_sends_what_the_command_line_says_to_whoever_listens(network: World, tool: Any) -> None:
+async def test_topic_pub_sends_given_messages_to_subscribers(network: World, tool: Any) -> None:
     node = network.node("robot", enable_rosout=False, parameter_events=False)
     words, poses = node.create_subscription(STRING, "/words"), node.create_subscription(POSE, "/poses")
     once, timed, stamped = await asyncio.gather(
@@ -101,7 +101,7 @@ async def test_pub_sends_what_the_command_line_says_to_whoever_listens(network: 
     assert abs(pose["header"]["stamp"]["sec"] - time.time()) < 30
 
 
-async def test_pub_takes_documents_from_standard_input_as_echo_prints_them(node: Node, tool: Any) -> None:
+async def test_topic_pub_reads_documents_from_standard_input(node: Node, tool: Any) -> None:
     words = node.create_subscription(STRING, "/words")
     text = 'data: one\n---\n\n{"data": "two"}\n{"data": "three"}\ndata: |\n  four\n  lines\n---\n'
     done = await tool("topic", "pub", "/words", "-", stdin=text)
@@ -109,7 +109,7 @@ async def test_pub_takes_documents_from_standard_input_as_echo_prints_them(node:
     assert [(await take(words))["data"] for _ in range(4)] == ["one", "two", "three", "four\nlines\n"]
 
 
-async def test_pub_goes_on_until_it_is_interrupted(node: Node, tool: Any) -> None:
+async def test_topic_pub_runs_until_interrupted(node: Node, tool: Any) -> None:
     words = node.create_subscription(STRING, "/words")
     endless = await tool.start("topic", "pub", "/words", "data: again", "-r", "100", "-p", "0")
     waiting = await tool.start("topic", "pub", "/other", STRING, "--once")
@@ -140,12 +140,14 @@ async def test_pub_goes_on_until_it_is_interrupted(node: Node, tool: Any) -> Non
         (["/words", STRING, "--qos-durability", "transient_local", "--qos-depth", "9999999999"], "", "depth must be"),
     ],
 )
-def test_pub_says_what_is_wrong(words: list[str], stdin: str, reason: str, run_here: Any) -> None:
+def test_invalid_topic_pub_arguments_are_reported(words: list[str], stdin: str, reason: str, run_here: Any) -> None:
     code, _, err = run_here("topic", "pub", *words, stdin=stdin)
     assert code == 1 and reason in err
 
 
-def test_hz_and_bw_need_no_definition(topic_peer: tuple[str, str], run_here: Any, monkeypatch: Any) -> None:
+def test_topic_hz_bw_and_delay_measure_without_definition(
+    topic_peer: tuple[str, str], run_here: Any, monkeypatch: Any
+) -> None:
     def report(*words: str) -> str:
         return str(run_here("topic", *words, "-n", "1", *topic_peer)[1])
 
@@ -174,7 +176,7 @@ def test_hz_and_bw_need_no_definition(topic_peer: tuple[str, str], run_here: Any
     assert (code, WAITS.sub("", error)) == (1, expected)
 
 
-def test_messages_received_together_have_no_rate_of_0() -> None:
+def test_messages_received_at_same_time_have_infinite_rate() -> None:
     rate = TopicStatistics("hz", 10)
     for received_ns in (5, 5, 5):
         rate.add(received_ns, 0)
@@ -184,7 +186,7 @@ def test_messages_received_together_have_no_rate_of_0() -> None:
     assert json.loads(json_text(report))["rate"] == "Infinity"
 
 
-async def test_measuring_ends_with_ctrl_c_and_says_when_nothing_comes(node: Node, tool: Any) -> None:
+async def test_topic_hz_reports_missing_messages_and_ends_with_ctrl_c(node: Node, tool: Any) -> None:
     node.create_publisher(STRING, "/silent")
     process = await tool.start("topic", "hz", "/silent")
     while (line := await asyncio.wait_for(process.stderr.readline(), 25)) != b"no new messages\n":
@@ -195,7 +197,7 @@ async def test_measuring_ends_with_ctrl_c_and_says_when_nothing_comes(node: Node
 LATCHED = QoSProfile().transient_local()
 
 
-def test_messages_look_as_ros2_shows_them(topic_peer: tuple[str, str], run_here: Any) -> None:
+def test_topic_echo_formats_messages_like_ros2(topic_peer: tuple[str, str], run_here: Any) -> None:
 
     def once(*words: str) -> str:
         return str(run_here("topic", "echo", "--once", *words, *topic_peer)[1])
@@ -222,13 +224,13 @@ def test_messages_look_as_ros2_shows_them(topic_peer: tuple[str, str], run_here:
     assert "frame_id: '<string length: 0>'\n" in bare
 
 
-def test_messages_the_filter_has_no_value_for_are_noted_once(topic_peer: tuple[str, str], run_here: Any) -> None:
+def test_messages_on_which_filter_fails_are_noted_once(topic_peer: tuple[str, str], run_here: Any) -> None:
     words = ("--once", "--filter", "m.ranges[0] > 1", "--field", "ranges")
     code, out, err = run_here("topic", "echo", "/demo/_scans", *words, *topic_peer)
     assert (code, out, WAITS.sub("", err)) == (0, "- 4.0\n---\n", "skipped a message: there is no element 0 among 0\n")
 
 
-async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: Any) -> None:
+async def test_topic_echo_prints_only_messages_that_pass_filter(network: World, tool: Any) -> None:
     node = network.node("robot", enable_rosout=False, parameter_events=False)
     publisher = node.create_publisher(STRING, "/words")
     process = await tool.start("topic", "echo", "/words", "--field", "data", "--filter", "'needle' in m.data")
@@ -253,13 +255,15 @@ async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: 
         (["/words", STRING, "--once", "--timeout", "0.2"], "/words in 0.2 s: no other participant was found"),
     ],
 )
-def test_echo_says_what_is_wrong(words: Any, reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_invalid_topic_echo_arguments_are_reported(
+    words: Any, reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any
+) -> None:
     monkeypatch.chdir(tmp_path)
     code, _, err = run_here("topic", "echo", *words)
     assert (code, os.listdir(), reason in err) == (1, [], True), err
 
 
-async def test_fields_are_cut_as_messages_are_and_several_may_be_asked_for(memory: World, tool: Any) -> None:
+async def test_topic_echo_prints_several_selected_fields_with_truncation(memory: World, tool: Any) -> None:
     node = memory.node("camera", enable_rosout=False, parameter_events=False)
     scan: Any = get_message("sensor_msgs/msg/LaserScan")(ranges=[1.5, float("nan"), 2.5], range_max=float("inf"))
     scan.header.frame_id = "front, left"
@@ -293,7 +297,7 @@ async def test_fields_are_cut_as_messages_are_and_several_may_be_asked_for(memor
     assert (wrong.code, wrong.out) == (1, "")
 
 
-async def test_publishers_that_offer_less_are_heard_too_when_they_come_later(node: Node, tool: Any) -> None:
+async def test_topic_echo_receives_later_publisher_with_weaker_qos(node: Node, tool: Any) -> None:
     durable = node.create_publisher(STRING, "/words", LATCHED)
     durable.publish({"data": "latched"})
     process = await tool.start("topic", "echo", "/words", "--field", "data")
@@ -309,7 +313,7 @@ async def test_publishers_that_offer_less_are_heard_too_when_they_come_later(nod
     assert "some, but not all, publishers are transient local" in ended.err
 
 
-async def test_quality_of_service_can_be_given(node: Node, tool: Any) -> None:
+async def test_topic_echo_qos_options_apply_to_subscription(node: Node, tool: Any) -> None:
     process = await tool.start(
         *("topic", "echo", "/words", STRING, "--qos-profile", "parameters", "--qos-reliability", "best_effort"),
         *("--qos-depth", "3", "--qos-liveliness-lease-duration-seconds", "2.5"),
@@ -321,7 +325,7 @@ async def test_quality_of_service_can_be_given(node: Node, tool: Any) -> None:
     assert (await tool.interrupt(process, signal.SIGTERM)).code == 0
 
 
-async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) -> None:
+async def test_topic_echo_drops_messages_above_max_rate(memory: World, tool: Any) -> None:
     publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
     words = ("--field", "data", "--csv", "--filter", "m.data % 2 == 0", "--max-rate", "2.5", "--timeout", "0.3")
     process = await tool.start("topic", "echo", "/count", *words)
@@ -331,11 +335,11 @@ async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) 
         await asyncio.sleep(0.1)
     ended = await tool.end(process)
     assert (ended.code, ended.out) == (1, "0\n4\n8\n12\n16\n")
-    said = "dropped 5 messages, as --max-rate is 2.5\n"
-    assert ended.err.startswith(said + "error: no message that passes the filter on /count")
+    printed = "dropped 5 messages, as --max-rate is 2.5\n"
+    assert ended.err.startswith(printed + "error: no message that passes the filter on /count")
 
 
-async def test_a_topic_as_fast_as_the_rate_is_shown_in_full(memory: World, tool: Any) -> None:
+async def test_topic_echo_prints_all_messages_at_max_rate(memory: World, tool: Any) -> None:
     publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
     process = await tool.start("topic", "echo", "/count", "--field", "data", "--csv", "--max-rate", "10")
     assert await publisher.wait_for_subscribers(25)
@@ -346,7 +350,7 @@ async def test_a_topic_as_fast_as_the_rate_is_shown_in_full(memory: World, tool:
     assert (ended.out, ended.err) == ("".join(f"{number}\n" for number in range(20)), "")
 
 
-async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> None:
+async def test_topic_echo_waits_for_topic_published_later(node: Node, tool: Any) -> None:
     process = await tool.start("topic", "echo", "/late", "--once", "--timeout", "20")
     line = await asyncio.wait_for(process.stderr.readline(), 25)
     assert line == b"topic /late does not appear to be published yet; waiting for it\n"
@@ -354,14 +358,14 @@ async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> 
     assert (await tool.end(process)).out == "data: here\n---\n"
 
 
-async def test_a_type_that_only_the_publisher_has_is_shown(node: Node, tool: Any, tmp_path: Path) -> None:
+async def test_topic_echo_prints_type_known_to_publisher_only(node: Node, tool: Any, tmp_path: Path) -> None:
     cls = compile_definition("far_msgs/msg/Secret", "int32 number 42\nstring[] names")
     node.create_publisher(cls, "/secret", LATCHED).publish(cls(names=["x"]))
-    shown = await tool("topic", "echo", "/secret", "--once", HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
-    assert (shown.out, shown.err) == ("number: 42\nnames:\n- x\n---\n", "")
+    displayed = await tool("topic", "echo", "/secret", "--once", HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
+    assert (displayed.out, displayed.err) == ("number: 42\nnames:\n- x\n---\n", "")
 
 
-async def test_whoever_has_enough_of_the_output_may_go(node: Node) -> None:
+async def test_topic_echo_ends_silently_if_its_output_pipe_is_closed(node: Node) -> None:
     publisher = node.create_publisher(STRING, "/words")
     reading, writing = os.pipe()
     process = await start_process(
@@ -384,38 +388,42 @@ async def test_whoever_has_enough_of_the_output_may_go(node: Node) -> None:
         (["--qos-durability", "transient_local"], "their quality of service is incompatible"),
     ],
 )
-async def test_echo_says_why_nothing_comes(dds: World, tool: Any, arguments: list[str], reason: str) -> None:
+async def test_topic_echo_reports_incompatible_publisher(
+    dds: World, tool: Any, arguments: list[str], reason: str
+) -> None:
     publisher = dds.node("talker").create_publisher(STRING, "/words")
     done = await tool("topic", "echo", "/words", *arguments, "--timeout", "8")
     assert f"warning: no messages on /words from node /talker to this command: {reason}" in done.err
     assert done.code == 1 and publisher.subscription_count == 0
 
 
-async def test_pub_says_why_nobody_listens(dds: World, tool: Any) -> None:
+async def test_topic_pub_reports_incompatible_subscription(dds: World, tool: Any) -> None:
     dds.node("listener").create_subscription(STRING, "/words")
     done = await tool("topic", "pub", "/words", "std_msgs/msg/Bool", "data: true", "-w", "1", "--timeout", "8")
     reason = "types differ, std_msgs/msg/Bool and std_msgs/msg/String"
     assert f"warning: no messages on /words from this command to node /listener: {reason}" in done.err
 
 
-async def test_info_shows_what_does_not_fit_together(dds: World, tool: Any) -> None:
+async def test_topic_info_reports_incompatible_endpoints(dds: World, tool: Any) -> None:
     old, new = (compile_definition("silent_msgs/msg/Changed", text) for text in ("int32 x", "int64 x"))
     alice, bob = dds.pair()
     alice.create_publisher(old, "/changed", QoSProfile())
     bob.create_subscription(new, "/changed")
     bob.create_subscription(BOOL, "/changed")
     await until(lambda: alice.count_subscribers("/changed") == 2)
-    shown, plain = await asyncio.gather(*(tool("topic", "info", "/changed", option) for option in ("-v", "--json")))
-    said = (
+    displayed, plain = await asyncio.gather(*(tool("topic", "info", "/changed", option) for option in ("-v", "--json")))
+    printed = (
         "no messages from /alice to /bob: their definitions of silent_msgs/msg/Changed differ: "
         f"{type_hash(old)} and {type_hash(new)}"
     )
-    assert f"warning: {said}" in shown.out
-    assert "warning: no messages from /alice to /bob: types differ, silent_msgs/msg/Changed and std_msgs" in shown.out
-    assert said in json.loads(plain.out)["mismatches"]
+    assert f"warning: {printed}" in displayed.out
+    assert (
+        "warning: no messages from /alice to /bob: types differ, silent_msgs/msg/Changed and std_msgs" in displayed.out
+    )
+    assert printed in json.loads(plain.out)["mismatches"]
 
 
-async def test_lists_of_an_empty_domain_come_with_a_note(memory: World, tool: Any) -> None:
+async def test_lists_of_empty_domain_print_a_note(memory: World, tool: Any) -> None:
     commands = [(group, "list") for group in ("topic", "node", "service", "action", "param")] + [("lifecycle", "nodes")]
     note = "no nodes were found in domain"
     for words in commands:
@@ -427,7 +435,9 @@ async def test_lists_of_an_empty_domain_come_with_a_note(memory: World, tool: An
         assert (await tool(*words)).err == "", words
 
 
-def test_a_thread_that_reads_on_reads_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_thread_that_reads_on_after_cancellation_reads_no_other_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "first").write_text('{"data": "a"}\n')
     (tmp_path / "second").write_bytes(b"of somebody else")
     read, go_on = os.read, threading.Event()

@@ -1,4 +1,4 @@
-"""Expressions over messages: what they can say, what they refuse, and that nothing they say can do harm."""
+"""Filter expressions over messages: supported syntax, refused syntax, and limits that keep them harmless."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ SCAN = Scan(
         "(m.name or 'x') == 'front left' and not (m.ok and 0)",
     ],
 )
-def test_conditions_that_hold(text: str) -> None:
+def test_true_conditions_evaluate_to_true_and_negations_to_false(text: str) -> None:
     assert compile_filter(text, Scan)(SCAN)
     assert not compile_filter(f"not ({text})", Scan)(SCAN)
 
@@ -137,7 +137,7 @@ def test_conditions_that_hold(text: str) -> None:
         ("", "is not an expression"),
     ],
 )
-def test_what_is_wrong_is_said_before_the_first_message(text: str, reason: str) -> None:
+def test_invalid_filters_are_refused_at_compilation(text: str, reason: str) -> None:
     with pytest.raises(FilterError, match=reason):
         compile_filter(text, Scan)
 
@@ -178,7 +178,7 @@ def test_what_is_wrong_is_said_before_the_first_message(text: str, reason: str) 
         ("int(m.at.x * 1e999 * 0)", "NaN"),
     ],
 )
-def test_what_has_no_value_for_a_message_is_an_error_of_ours(text: str, reason: str) -> None:
+def test_failing_evaluation_raises_filter_error(text: str, reason: str) -> None:
     condition = compile_filter(text, Scan)
     with pytest.raises(FilterError, match=reason):
         condition(SCAN)
@@ -193,7 +193,7 @@ def test_what_has_no_value_for_a_message_is_an_error_of_ours(text: str, reason: 
         "any(m.name in m.name and x for x in (y for y in m.data))",
     ],
 )
-def test_the_time_for_one_message_is_limited(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evaluation_time_for_one_message_is_limited(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scan = Scan(data=np.zeros(1_000_000, "u1"), ranges=np.zeros(100_000, "f4"), name="a" * 1_000_000)
     condition = compile_filter(text, Scan)
     monkeypatch.setattr(message_expressions, "MAX_CPU_S", 0.05)
@@ -201,7 +201,7 @@ def test_the_time_for_one_message_is_limited(text: str, monkeypatch: pytest.Monk
         condition(scan)
 
 
-def test_time_of_other_threads_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evaluation_time_limit_ignores_time_without_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(message_expressions, "MAX_CPU_S", 0.05)
 
     def interrupted(value: float) -> bool:
@@ -212,7 +212,7 @@ def test_time_of_other_threads_does_not_count(monkeypatch: pytest.MonkeyPatch) -
     assert compile_filter("all(bool(x) for x in m.ranges)", Scan)(Scan(ranges=[1.0] * 40))
 
 
-def test_a_long_message_is_no_reason_to_leave_it_out() -> None:
+def test_filters_accept_messages_with_a_million_elements() -> None:
     scan = Scan(data=np.arange(1_000_000).astype("u1"))
     whole = "max(m.data) == 255", "len(m.data) == 10 ** 6", "255 in m.data"
     for text in (*whole, "len(x for x in m.data if x > 9) > 9"):
@@ -220,7 +220,7 @@ def test_a_long_message_is_no_reason_to_leave_it_out() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_values_of_strangers_make_no_noise() -> None:
+def test_filters_on_extreme_values_cause_no_warnings() -> None:
     scan = Scan(ranges=np.array([np.inf, -np.inf, np.nan, 3.4e38], "f4"), level=-(2**31))
     for text in ("isnan(sum(m.ranges))", "not max(m.ranges) > 1", "m.level * m.level > 0", "m.level is not 3"):
         assert compile_filter(text, Scan)(scan), text
@@ -233,12 +233,12 @@ _PIECES = st.sampled_from([*FUNCTIONS, *(text.replace("|", " ") for text in _TEX
 
 
 @given(st.lists(_PIECES, max_size=12).map("".join))
-def test_any_text_is_a_condition_or_a_filter_error(text: str) -> None:
+def test_arbitrary_text_compiles_or_raises_filter_error(text: str) -> None:
     with suppress(FilterError):
         assert compile_filter(text, Scan)(SCAN) in (True, False)
 
 
-def test_paths_lead_to_fields_and_elements() -> None:
+def test_paths_select_fields_and_elements() -> None:
     assert compile_path("at.x", Scan)[0](SCAN) == 1.5
     assert compile_path("points[1]", Scan)[0](SCAN) == Point(x=9.0)
     assert compile_path(".points[0].x", Scan)[0](SCAN) == 1.0
@@ -247,6 +247,6 @@ def test_paths_lead_to_fields_and_elements() -> None:
 
 
 @pytest.mark.parametrize("text", ["at.z", "at..x", "", "level + 1", "len(m)", "points[0", "points['x']", "ranges[m]"])
-def test_what_is_no_path_is_refused(text: str) -> None:
+def test_invalid_paths_are_refused(text: str) -> None:
     with pytest.raises(FilterError):
         compile_path(text, Scan)[0](SCAN)

@@ -47,13 +47,13 @@ def client(endpoint: str) -> zenoh.Session:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-async def test_a_router_serves_until_a_signal_ends_it(tool: Tool, number: signal.Signals) -> None:
+async def test_router_accepts_sessions_until_signal(tool: Tool, number: signal.Signals) -> None:
     async with router(tool, number=number) as endpoint:
-        with client(endpoint) as asking:
-            assert len(asking.info.routers_zid()) == 1
+        with client(endpoint) as session:
+            assert len(session.info.routers_zid()) == 1
 
 
-async def test_routers_in_a_line_carry_data_from_end_to_end(tool: Tool) -> None:
+async def test_chain_of_routers_forwards_data_from_end_to_end(tool: Tool) -> None:
     async with (
         router(tool, err=PANIC) as left,
         router(tool, "--connect", left, err=PANIC) as middle,
@@ -71,14 +71,14 @@ async def test_routers_in_a_line_carry_data_from_end_to_end(tool: Tool) -> None:
             publisher.undeclare()
 
 
-async def test_a_second_router_says_why_it_cannot_listen(tool: Tool) -> None:
+async def test_second_router_on_same_endpoint_reports_address_in_use(tool: Tool) -> None:
     async with router(tool) as endpoint:
         ended = await tool("zenoh-router", "--listen", endpoint)
         assert ended.code == 1
         assert re.match(f"error: no Zenoh router on {endpoint}: .*Address already in use", ended.err)
 
 
-async def test_wrong_pairs_of_the_override_variable_are_told(tool: Tool) -> None:
+async def test_invalid_pairs_in_config_override_are_reported(tool: Tool) -> None:
     warning = r"warning: ZENOH_CONFIG_OVERRIDE: mode='peer': expected .*\n"
     async with router(tool, err=warning, ZENOH_CONFIG_OVERRIDE="mode=peer"):
         pass

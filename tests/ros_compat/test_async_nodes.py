@@ -208,5 +208,5 @@ def test_timers_and_sleeps_follow_the_clock_of_the_node(tmp_path: Path) -> None:
     assert run_in_domain(tmp_path, TIMERS) == ["3 True True", "True", "TimeSourceChangedError", "True", "True"]
 
 
-def test_exceptions_end_the_block_and_executors_run_beside(tmp_path: Path) -> None:
+def test_exceptions_end_async_with_block_and_executors_run_in_parallel(tmp_path: Path) -> None:
     assert run_in_domain(tmp_path, ENDS) == ["(ZeroDivisionError('division by zero'),)", "False", "[1]"]

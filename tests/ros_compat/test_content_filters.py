@@ -167,7 +167,7 @@ def evaluated(folder: Path, cases: list[tuple[str, list[str]]]) -> list[str]:
     return output_lines(folder, program)
 
 
-def test_expressions_are_evaluated_as_fast_dds_does(tmp_path: Path) -> None:
+def test_filter_expressions_are_evaluated_like_fast_dds(tmp_path: Path) -> None:
     cases = [*ACCEPTED, *REFUSED]
     found = evaluated(tmp_path, cases)
     expected = {expression: expression not in dict(REFUSED) for expression, _ in cases}
@@ -182,7 +182,7 @@ def test_invalid_expressions_raise_rcl_error_with_the_reason(tmp_path: Path) -> 
         assert text == f"RCLError content filter {expression!r:.200}: {reason}"
 
 
-def test_arguments_of_other_kinds_and_lengths_raise_rcl_error(tmp_path: Path) -> None:
+def test_filter_arguments_of_wrong_type_or_length_raise_rcl_error(tmp_path: Path) -> None:
     cases: list[tuple[Any, Any]] = [
         (5, []),
         ("level = %0", "5"),
@@ -197,7 +197,7 @@ def test_arguments_of_other_kinds_and_lengths_raise_rcl_error(tmp_path: Path) ->
     ]
 
 
-def test_like_takes_time_in_proportion_to_the_text(tmp_path: Path) -> None:
+def test_like_operator_takes_linear_time(tmp_path: Path) -> None:
     program = """
 import time
 from rclpy.impl.content_filter import ContentFilter
@@ -235,7 +235,7 @@ def test_parameter_event_handler_receives_events_of_the_chosen_nodes(tmp_path: P
     assert sorted(json.loads(lines[3].replace("'", '"'))) == ["/one", "/two", "/two"]
 
 
-def test_a_message_that_cannot_be_decoded_is_refused_and_does_not_end_the_executor(tmp_path: Path) -> None:
+def test_undecodable_message_is_filtered_out_without_ending_executor(tmp_path: Path) -> None:
     program = """
 import time
 import rclpy

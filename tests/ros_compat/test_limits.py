@@ -29,7 +29,7 @@ LAUGHS = "".join(f"    x{n}: &x{n} [{', '.join([f'*x{n - 1}'] * 9 if n else ['ha
 ALIASES = {"few": "    a: &a [1, 2]\n    b: *a\n", "many": LAUGHS, "endless": "    a: &a\n      b: *a\n"}
 
 
-def test_texts_as_durations_and_endless_aliases_are_refused(tmp_path: Path) -> None:
+def test_string_durations_and_recursive_yaml_aliases_are_refused(tmp_path: Path) -> None:
     write(tmp_path, {f"{name}.yaml": f"n:\n  ros__parameters:\n{text}" for name, text in ALIASES.items()})
     assert output_lines(tmp_path, PROGRAM) == [
         "seconds: expected a number, got '1'",

@@ -42,7 +42,7 @@ for event in seen:
 """
 
 
-def test_lifecycle_events_have_the_definition_of_the_distribution(tmp_path: Path) -> None:
+def test_lifecycle_events_have_definition_of_selected_distribution(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM, encoding="utf-8")
     settings = {"ROS_DOMAIN_ID": str(domain_id()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -192,7 +192,7 @@ def test_clients_servers_and_actions_are_listed_as_in_rclpy_10(tmp_path: Path) -
     ]
 
 
-def test_smaller_additions_of_rclpy_10_work(tmp_path: Path) -> None:
+def test_other_additions_of_rclpy_10_work(tmp_path: Path) -> None:
     assert in_domain(tmp_path, OTHERS) == [
         "3000000000 nanoseconds 2000000000 nanoseconds",
         "500000000 nanoseconds True",
@@ -208,5 +208,5 @@ def test_smaller_additions_of_rclpy_10_work(tmp_path: Path) -> None:
     ]
 
 
-def test_goals_end_with_a_result_without_execute_callback(tmp_path: Path) -> None:
+def test_goals_succeed_without_execute_callback(tmp_path: Path) -> None:
     assert in_domain(tmp_path, ACTIONS) == ["4 [7]"]

@@ -189,7 +189,7 @@ def rows(table: dict[str, tuple[str, ...]]) -> str:
     return "".join(f"| {', '.join(f'`{name}`' for name in names)} | {reason} |\n" for reason, names in table.items())
 
 
-def test_what_differs_from_the_real_rclpy_is_listed(compared: dict[str, Any]) -> None:
+def test_differences_from_real_rclpy_are_listed(compared: dict[str, Any]) -> None:
     different = compared["different"]
     assert sorted(path for path, what, _ in different if what == "missing") == listed(MISSING)
     assert sorted(path for path, what, _ in different if what == "value") == listed(OTHER_VALUES)
@@ -201,7 +201,7 @@ def test_additional_names_of_lyrical_exist_or_are_listed_as_missing(compared: di
     assert sorted(path for path, _ in compared["lyrical"]) == listed(MISSING_LYRICAL)
 
 
-def test_names_of_ours_are_explained(compared: dict[str, Any]) -> None:
+def test_additional_names_of_this_rclpy_are_listed(compared: dict[str, Any]) -> None:
     assert sorted(compared["more"]) == listed(MORE)
 
 
@@ -209,11 +209,11 @@ TABLES = {"missing": MISSING, "values": OTHER_VALUES, "more": MORE, "lyrical": M
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
-def test_the_page_says_the_same(table: dict[str, tuple[str, ...]]) -> None:
+def test_parity_page_contains_tables_of_differences(table: dict[str, tuple[str, ...]]) -> None:
     assert rows(table) in PAGE.read_text(encoding="utf-8"), f"it needs\n{rows(table)}"
 
 
-def test_the_page_counts_what_was_compared() -> None:
+def test_parity_page_states_number_of_compared_names() -> None:
     count = sum(1 + len(entry.get("members", ())) for names in REAL.values() for entry in names.values())
     page = PAGE.read_text(encoding="utf-8")
     assert f"{len(REAL)} modules, {count} names" in page

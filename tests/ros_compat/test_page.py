@@ -14,7 +14,7 @@ ROWS = {
 }
 
 
-def test_every_failure_is_explained_one_by_one() -> None:
+def test_parity_page_explains_every_failed_rclpy_test() -> None:
     assert set(REASONS) <= set(ROWS) and len(ROWS) > 45
     for name, (passed, count, why) in ROWS.items():
         explained = REASONS.get(name, {})
@@ -22,7 +22,7 @@ def test_every_failure_is_explained_one_by_one() -> None:
         assert all(f"`{test}`" in why and reason in why for test, reason in explained.items()), name
 
 
-def test_the_sum_is_that_of_the_rows() -> None:
+def test_parity_page_total_equals_sum_of_rows() -> None:
     passed, count = (sum(row[index] for row in ROWS.values()) for index in (0, 1))
     assert f"**{passed} of {count}**" in PAGE
     assert passed > 0.95 * count

@@ -30,12 +30,12 @@ def results_of(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     return results
 
 
-def test_real_rclpy_still_gives_the_recorded_results(ends: tuple[dict[str, Any], dict[str, Any]]) -> None:
+def test_real_rclpy_reads_parameter_files_as_recorded(ends: tuple[dict[str, Any], dict[str, Any]]) -> None:
     recorded = json.loads(GOLDEN.read_text(encoding="utf-8"))
     assert ends[0] == recorded["kilted"] | recorded["jazzy_differs"]
 
 
-def test_our_rclpy_reads_the_same_values(ends: tuple[dict[str, Any], dict[str, Any]]) -> None:
+def test_this_rclpy_reads_parameter_files_like_real_rclpy(ends: tuple[dict[str, Any], dict[str, Any]]) -> None:
     expected = json.loads(GOLDEN.read_text(encoding="utf-8"))["kilted"] | DEVIATIONS
     assert {name: value for name, value in ends[1].items() if value != expected[name]} == {}
     assert ends[1].keys() == expected.keys()

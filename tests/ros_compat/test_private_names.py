@@ -81,7 +81,7 @@ def known(cls: ast.ClassDef) -> set[str]:
     return {name for name in names if not name.startswith("__")}
 
 
-def test_private_names_are_those_of_rclpy_or_have_the_prefix() -> None:
+def test_private_names_exist_in_rclpy_or_have_reserved_prefix() -> None:
     found = {}
     for file in FOLDER.rglob("*.py"):
         module = ".".join(file.relative_to(FOLDER).with_suffix("").parts)

@@ -1,4 +1,4 @@
-"""Executors, futures, entities and signals: the same lines under real rclpy (Fast DDS) and under ours."""
+"""Executors, futures, entities and signals: programs behave the same under real rclpy (Fast DDS) and this rclpy."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def ends(request: pytest.FixtureRequest) -> Ends:
 
 
 @pytest.mark.parametrize("case", [*CASES, *SIGNALS])
-def test_the_same_lines_do_the_same(case: str, ends: Ends) -> None:
+def test_program_has_same_output_and_exit_code_under_both_rclpys(case: str, ends: Ends) -> None:
     both = ends[case]
     if isinstance(both, BaseException):
         raise both

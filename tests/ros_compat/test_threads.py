@@ -1,4 +1,4 @@
-"""Several threads of one program under our rclpy lose nothing and leave nothing behind."""
+"""Multithreaded programs under this rclpy lose no messages and leave no entities behind."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PROGRAM = Path(__file__).resolve().parent / "semantics" / "threads.py"
         *("peers_found_during_creation", "own_endpoints_while_another_thread_spins"),
     ],
 )
-def test_threads_lose_nothing_and_leave_nothing(case: str) -> None:
+def test_multithreaded_program_completes_without_errors(case: str) -> None:
     done = run(PROGRAM, case, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
 
@@ -36,7 +36,7 @@ rclpy.spin_once(node)
 """
 
 
-def test_a_call_that_its_executor_cannot_answer_is_logged(tmp_path: Path) -> None:
+def test_blocking_call_in_callback_without_free_executor_is_logged(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(CALL_IN_A_CALLBACK)
     done = run("program.py", cwd=tmp_path, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     assert (done.returncode, done.stdout) == (0, "None\n"), done.stderr
@@ -62,7 +62,7 @@ rclpy.spin_once(node, timeout_sec=0.5)
 """
 
 
-def test_another_type_and_a_delivered_definition_are_logged_once(tmp_path: Path) -> None:
+def test_incompatible_type_and_converted_definition_are_logged_once(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(OTHER_DEFINITION)
     done = run("program.py", cwd=tmp_path, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     for text in (
@@ -110,7 +110,7 @@ print(result.done(), len(received), len(client._feedback_callbacks))
 """
 
 
-def test_feedback_that_is_handled_after_the_result_is_delivered(tmp_path: Path) -> None:
+def test_feedback_handled_after_result_is_delivered(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(FEEDBACK_AFTER_THE_RESULT)
     done = run("program.py", cwd=tmp_path, ROS_DOMAIN_ID=str(domain_id()), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     assert (done.returncode, done.stdout) == (0, "True 1 0\n"), done.stderr

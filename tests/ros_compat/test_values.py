@@ -32,7 +32,7 @@ def results_of(done: subprocess.CompletedProcess[str]) -> Any:
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda path: path.stem)
-def test_both_give_the_same(ends: dict[Path, Both | BaseException], program: Path) -> None:
+def test_expressions_have_same_results_under_both_rclpys(ends: dict[Path, Both | BaseException], program: Path) -> None:
     both = ends[program]
     if isinstance(both, BaseException):
         raise both

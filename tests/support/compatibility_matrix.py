@@ -58,41 +58,41 @@ def of_rclpy(distro: str) -> dict[str, Cell]:
         "topics": rclpy(
             distro,
             "test_topics.py::test_random_messages_arrive_as_sent",
-            "test_topics.py::test_a_megabyte_arrives_whole",
-            "test_topics.py::test_latched_messages_reach_a_late_joiner_as_deep_as_the_history_is",
+            "test_topics.py::test_messages_of_one_megabyte_arrive_complete",
+            "test_topics.py::test_late_joiners_receive_latched_messages_up_to_history_depth",
         ),
         "services": rclpy(
             distro,
-            "test_services.py::test_their_server_gets_and_sends_random_values",
-            "test_services.py::test_their_client_sends_and_gets_random_values",
+            "test_services.py::test_rclpy_server_receives_and_sends_random_values",
+            "test_services.py::test_rclpy_client_sends_and_receives_random_values",
         ),
         "actions": rclpy(
             distro,
-            "test_actions.py::test_a_goal_of_ours_ends_as_their_server_says",
-            "test_actions.py::test_a_goal_of_theirs_ends_as_our_server_says",
+            "test_actions.py::test_feedback_and_result_of_rclpy_action_server_are_received",
+            "test_actions.py::test_rclpy_action_client_receives_feedback_and_result",
         ),
         "parameters": rclpy(
             distro,
-            "test_parameters.py::test_our_client_sets_their_parameters",
-            "test_parameters.py::test_their_client_sets_our_parameters",
+            "test_parameters.py::test_parameter_client_sets_parameters_of_rclpy_node",
+            "test_parameters.py::test_rclpy_client_sets_parameters",
         ),
         "lifecycle": rclpy(
             distro,
-            "test_lifecycle.py::test_we_drive_their_lifecycle_node",
-            "test_lifecycle.py::test_they_drive_our_lifecycle_node",
+            "test_lifecycle.py::test_lifecycle_services_change_states_of_rclpy_node",
+            "test_lifecycle.py::test_rclpy_client_changes_states_of_lifecycle_node",
         ),
         "graph": rclpy(
             distro,
-            "test_graph.py::test_nodes_see_each_other_come_and_go",
-            "test_graph.py::test_they_see_our_topics_and_services_come_and_go",
-            "test_graph.py::test_we_see_their_topics_and_services_come_and_go",
+            "test_graph.py::test_nodes_and_rclpy_nodes_discover_and_lose_each_other",
+            "test_graph.py::test_rclpy_graph_follows_creation_and_closing_of_endpoints",
+            "test_graph.py::test_graph_follows_creation_and_destruction_of_rclpy_endpoints",
         ),
         "type hash": rclpy(
             distro,
-            "test_graph.py::test_they_see_type_hash_gid_and_qos_of_our_endpoints",
-            "test_graph.py::test_we_see_type_hash_and_qos_of_their_endpoints",
+            "test_graph.py::test_rclpy_reports_type_hash_gid_and_qos_of_endpoints",
+            "test_graph.py::test_type_hash_and_qos_of_rclpy_endpoints_are_reported",
         ),
-        "bags": rclpy(distro, "test_command_line.py::test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them"),
+        "bags": rclpy(distro, "test_command_line.py::test_topic_of_unknown_type_is_recorded_from_and_played_to_rclpy"),
     }
 
 
@@ -101,10 +101,18 @@ _ZENOH = "tests/runtime/transport/zenoh/"
 _DEFINITIONS = "tests/runtime/entities/test_peer_definitions.py::"
 _HUMBLE_ZENOH = f"{_ZENOH}test_humble.py::"
 _LYRICAL_ZENOH = f"{_ZENOH}test_lyrical.py::"
-_SECURED_CYCLONE = {"security": Cell("program", (f"{_SECURITY}test_a_program_on_cyclone",))}
+_SECURED_CYCLONE = {
+    "security": Cell("program", (f"{_SECURITY}test_secured_topics_and_services_work_with_cyclone_dds_peer",))
+}
 """Cyclone DDS 0.10, which rmw_cyclonedds of Humble, Jazzy and Kilted uses."""
 _SECURED_FAST_DDS = {
-    "security": Cell("program", (f"{_SECURITY}test_services_with_fast_dds", f"{_SECURITY}test_topics_with_fast_dds"))
+    "security": Cell(
+        "program",
+        (
+            f"{_SECURITY}test_secured_services_work_with_fast_dds_peer",
+            f"{_SECURITY}test_secured_topics_work_with_fast_dds_peer",
+        ),
+    )
 }
 CELLS: Mapping[str, Mapping[str, Mapping[str, Cell]]] = {
     "Fast DDS": {

@@ -1,4 +1,4 @@
-"""Keystores in temporary folders, and those that SROS2 made."""
+"""Fixtures with keystores in temporary folders and keystores made by SROS2."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def no_security_settings(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def golden() -> Path:
-    """Folder of what SROS2 made."""
+    """Folder of files made by SROS2."""
     return FOLDER
 
 

@@ -1,4 +1,4 @@
-"""Keystores and permissions, compared with those of SROS2, and keystores that are damaged or prepared by others."""
+"""Keystores and permissions compared with keystores of SROS2; keystores damaged or prepared by other users."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ VALIDITY = re.compile(r"<(not_before|not_after)>(.+?)<")
 
 
 def described(path: Path) -> Any:
-    """Return what must be equal in interchangeable keystores, without random numbers and times."""
+    """Return the contents that interchangeable keystores have in common, without random numbers and times."""
     if path.is_symlink():
         return os.readlink(path)
     data = path.read_bytes()
@@ -85,14 +85,14 @@ def create_like_sros2(root: Path, succeed: Run) -> None:
         succeed("create_enclave", str(root), name)
 
 
-def test_a_keystore_has_the_files_of_sros2(tmp_path: Path, sros2_keystore: Path, succeed: Run) -> None:
+def test_new_keystore_equals_keystore_made_by_sros2(tmp_path: Path, sros2_keystore: Path, succeed: Run) -> None:
     create_like_sros2(tmp_path / "made", succeed)
     assert files(tmp_path / "made") == files(sros2_keystore)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
-def test_private_keys_are_readable_for_their_owner_alone(tmp_path: Path, monkeypatch: Any, succeed: Run) -> None:
-    """At every moment: the data is written to files that were opened with mode 0600."""
+def test_private_keys_are_never_readable_by_other_users(tmp_path: Path, monkeypatch: Any, succeed: Run) -> None:
+    """The data is written to files that were opened with mode 0600."""
     modes, fsync = set[int](), os.fsync
     monkeypatch.setattr(os, "fsync", lambda file: (modes.add(stat.S_IMODE(os.fstat(file).st_mode)), fsync(file)))
     umask = os.umask(0)
@@ -107,7 +107,7 @@ def test_private_keys_are_readable_for_their_owner_alone(tmp_path: Path, monkeyp
         assert not path.name.startswith(".new-")
 
 
-def test_signatures_and_validity_are_those_of_the_certificates(keystore: Path, succeed: Run) -> None:
+def test_signatures_verify_and_permissions_have_validity_of_certificate(keystore: Path, succeed: Run) -> None:
     succeed("create_enclave", str(keystore), "/robot/arm")
     folder = keystore / "enclaves/robot/arm"
     certificate = x509.load_pem_x509_certificate((folder / "cert.pem").read_bytes())
@@ -137,7 +137,9 @@ def signed_with(path: Path, ca: x509.Certificate) -> None:
     assert found == [ca]
 
 
-def test_a_keystore_of_sros2_is_extended(sros2_keystore: Path, golden: Path, succeed: Run, run_here: Any) -> None:
+def test_commands_extend_keystore_made_by_sros2(
+    sros2_keystore: Path, golden: Path, succeed: Run, run_here: Any
+) -> None:
     assert succeed("list_enclaves", str(sros2_keystore)).split() == ["/", "/listener", "/robot/arm", "/talker"]
     code, out, err = run_here("security", "create_enclave", str(sros2_keystore), "/new")
     key = (sros2_keystore / "private/identity_ca.key.pem").resolve()
@@ -155,7 +157,9 @@ def test_a_keystore_of_sros2_is_extended(sros2_keystore: Path, golden: Path, suc
     )
 
 
-def test_the_domain_is_that_of_the_environment(tmp_path: Path, monkeypatch: Any, fail: Run, run_here: Any) -> None:
+def test_governance_and_permissions_use_ros_domain_id(
+    tmp_path: Path, monkeypatch: Any, fail: Run, run_here: Any
+) -> None:
     root = tmp_path / "keystore"
     monkeypatch.setenv("ROS_DOMAIN_ID", "233")
     assert "ROS_DOMAIN_ID must be a whole number from 0 to 232" in fail("create_keystore", str(root))
@@ -176,7 +180,7 @@ def test_the_domain_is_that_of_the_environment(tmp_path: Path, monkeypatch: Any,
     assert run_here("security", "create_enclave", str(root), "/b")[::2] == (0, "")
 
 
-def test_json_of_each_command(tmp_path: Path, golden: Path, succeed: Run) -> None:
+def test_each_command_prints_its_result_as_json(tmp_path: Path, golden: Path, succeed: Run) -> None:
     root = str(tmp_path / "keystore")
     made = json.loads(succeed("create_keystore", root, "--json"))
     assert made.items() >= {"keystore": root, "domain_id": 0}.items()
@@ -195,14 +199,16 @@ def test_json_of_each_command(tmp_path: Path, golden: Path, succeed: Run) -> Non
 # ---------------------------------------------------------------------------------------------- repeated and incomplete
 
 
-def test_a_keystore_is_not_created_twice(keystore: Path, fail: Run) -> None:
+def test_create_keystore_refuses_existing_keystore(keystore: Path, fail: Run) -> None:
     before = (keystore / "private/ca.key.pem").read_bytes()
     assert "a keystore exists already; choose another folder" in fail("create_keystore", str(keystore))
     assert (keystore / "private/ca.key.pem").read_bytes() == before
 
 
 @pytest.mark.parametrize("lost", ["key.pem", "cert.pem", None])
-def test_an_enclave_keeps_its_key_unless_half_of_it_is_lost(keystore: Path, succeed: Run, lost: str | None) -> None:
+def test_repeated_create_enclave_keeps_files_unless_key_or_certificate_is_missing(
+    keystore: Path, succeed: Run, lost: str | None
+) -> None:
     folder, names = keystore / "enclaves/a", ("key.pem", "cert.pem", "permissions.xml")
     succeed("create_enclave", str(keystore), "/a")
     before = [(folder / name).read_bytes() for name in names]
@@ -221,7 +227,9 @@ def test_an_enclave_keeps_its_key_unless_half_of_it_is_lost(keystore: Path, succ
         *("enclaves/governance.p7s", "enclaves/governance.xml enclaves/governance.p7s"),
     ],
 )
-def test_an_incomplete_keystore_keeps_its_key(keystore: Path, succeed: Run, fail: Run, lost: str) -> None:
+def test_create_keystore_completes_incomplete_keystore_without_replacing_ca_key(
+    keystore: Path, succeed: Run, fail: Run, lost: str
+) -> None:
     succeed("create_enclave", str(keystore), "/a")
     key = (keystore / "private/ca.key.pem").read_bytes()
     for name in lost.split():
@@ -234,7 +242,7 @@ def test_an_incomplete_keystore_keeps_its_key(keystore: Path, succeed: Run, fail
 
 
 @pytest.mark.parametrize("separate", [False, True])
-def test_a_lost_key_is_not_replaced(keystore: Path, fail: Run, separate: bool) -> None:
+def test_missing_ca_key_is_an_error_and_is_not_replaced(keystore: Path, fail: Run, separate: bool) -> None:
     """A new authority would make all certificates of the enclaves invalid."""
     lost = "private/ca.key.pem"
     if separate:
@@ -249,7 +257,7 @@ def test_a_lost_key_is_not_replaced(keystore: Path, fail: Run, separate: bool) -
     assert "is missing; create one with `rosidl-py security create_keystore" in fail("list_enclaves", str(keystore))
 
 
-def test_authorities_may_differ(keystore: Path, succeed: Run) -> None:
+def test_identity_and_permissions_authorities_may_differ(keystore: Path, succeed: Run) -> None:
     key = certificates.new_key()
     for path, data in (
         (keystore / "private/permissions_ca.key.pem", certificates.key_pem(key)),
@@ -269,7 +277,9 @@ def test_authorities_may_differ(keystore: Path, succeed: Run) -> None:
     assert identity != ca
 
 
-def test_files_of_others_are_refused(keystore: Path, succeed: Run, fail: Run) -> None:
+def test_enclave_certificate_not_matching_name_issuer_or_key_is_refused(
+    keystore: Path, succeed: Run, fail: Run
+) -> None:
     succeed("create_enclave", str(keystore), "/a")
     path = keystore / "enclaves/a/cert.pem"
     key, new = certificates.load_key(keystore / "enclaves/a/key.pem"), certificates.new_key()
@@ -287,7 +297,9 @@ def test_files_of_others_are_refused(keystore: Path, succeed: Run, fail: Run) ->
     succeed("create_enclave", str(keystore), "/a")
 
 
-def test_what_has_expired_is_refused(keystore: Path, monkeypatch: Any, succeed: Run, fail: Run, tmp_path: Path) -> None:
+def test_expired_certificates_are_refused(
+    keystore: Path, monkeypatch: Any, succeed: Run, fail: Run, tmp_path: Path
+) -> None:
     monkeypatch.setattr(certificates, "VALIDITY", timedelta(seconds=-10))
     succeed("create_enclave", str(keystore), "/a")
     error = fail("create_enclave", str(keystore), "/a")
@@ -296,7 +308,7 @@ def test_what_has_expired_is_refused(keystore: Path, monkeypatch: Any, succeed: 
     assert "ca.cert.pem: the certificate has expired; create a keystore with new keys" in fail("create_keystore", root)
 
 
-def test_replaced_permissions_are_told(keystore: Path, golden: Path, succeed: Run, run_here: Any) -> None:
+def test_create_enclave_reports_replaced_permissions(keystore: Path, golden: Path, succeed: Run, run_here: Any) -> None:
     succeed("create_enclave", str(keystore), "/two_grants")
     succeed("create_permission", str(keystore), "/two_grants", str(golden / "policies/two_grants.xml"))
     code, _, err = run_here("security", "create_enclave", str(keystore), "/two_grants")
@@ -347,7 +359,7 @@ def tree(root: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("name", NAMES, ids=ascii)
-def test_names_that_no_enclave_has(keystore: Path, fail: Run, tmp_path: Path, name: str) -> None:
+def test_commands_refuse_invalid_enclave_names(keystore: Path, fail: Run, tmp_path: Path, name: str) -> None:
     before = tree(tmp_path)
     for words in (
         ("create_enclave", str(keystore), name),
@@ -360,14 +372,16 @@ def test_names_that_no_enclave_has(keystore: Path, fail: Run, tmp_path: Path, na
     assert tree(tmp_path) == before
 
 
-def test_the_longest_name(keystore: Path, succeed: Run, fail: Run) -> None:
+def test_enclave_name_longer_than_64_characters_is_refused(keystore: Path, succeed: Run, fail: Run) -> None:
     succeed("create_enclave", str(keystore), "/" + "a" * 63)
     error = fail("create_enclave", str(keystore), "/" + "a" * 64)
     assert "has 65 characters; the common name of a certificate has at most 64" in error
 
 
 @pytest.mark.skipif(os.name == "nt", reason="symbolic links of POSIX")
-def test_links_of_folders_do_not_lead_out(keystore: Path, succeed: Run, fail: Run, tmp_path: Path) -> None:
+def test_enclave_folder_links_leading_outside_keystore_are_refused(
+    keystore: Path, succeed: Run, fail: Run, tmp_path: Path
+) -> None:
     outside = tmp_path / "outside"
     outside.mkdir()
     (keystore / "enclaves/a").symlink_to("../../outside")
@@ -382,7 +396,9 @@ def test_links_of_folders_do_not_lead_out(keystore: Path, succeed: Run, fail: Ru
 
 @pytest.mark.skipif(os.name == "nt", reason="symbolic links of POSIX")
 @pytest.mark.parametrize("dangling", [True, False])
-def test_links_of_files_are_replaced(keystore: Path, tmp_path: Path, run_here: Any, dangling: bool) -> None:
+def test_file_links_in_enclave_are_replaced_and_targets_are_untouched(
+    keystore: Path, tmp_path: Path, run_here: Any, dangling: bool
+) -> None:
     outside = tmp_path / "outside"
     outside.mkdir()
     folder = keystore / "enclaves/a"
@@ -400,7 +416,7 @@ def test_links_of_files_are_replaced(keystore: Path, tmp_path: Path, run_here: A
     assert not (folder / "key.pem").is_symlink() and (folder / "key.pem").stat().st_mode & 0o777 == 0o600
 
 
-def test_a_folder_in_the_place_of_a_file(keystore: Path, fail: Run) -> None:
+def test_folder_instead_of_enclave_file_is_an_error(keystore: Path, fail: Run) -> None:
     for name in ("key.pem", "governance.p7s", "permissions.xml"):
         folder = keystore / "enclaves" / name.partition(".")[0]
         (folder / name).mkdir(parents=True)
@@ -409,7 +425,9 @@ def test_a_folder_in_the_place_of_a_file(keystore: Path, fail: Run) -> None:
     assert not [*keystore.rglob(".new-*")]
 
 
-def test_a_file_in_the_place_of_a_folder(keystore: Path, tmp_path: Path, fail: Run, run_here: Any) -> None:
+def test_file_instead_of_keystore_or_enclave_folder_is_an_error(
+    keystore: Path, tmp_path: Path, fail: Run, run_here: Any
+) -> None:
     (keystore / "enclaves/a").write_text("")
     assert "enclaves/a" in fail("create_enclave", str(keystore), "/a")
     assert "enclaves/a" in fail("create_enclave", str(keystore), "/a/b")
@@ -422,7 +440,7 @@ def _pem(kind: str) -> bytes:
     return f"-----BEGIN {kind}-----\nAAAA\n-----END {kind}-----\n".encode()
 
 
-def test_files_of_the_authority_that_cannot_be_used(keystore: Path, fail: Run) -> None:
+def test_unusable_ca_key_or_certificate_is_an_error(keystore: Path, fail: Run) -> None:
     form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
     encrypted = certificates.new_key().private_bytes(*form, serialization.BestAvailableEncryption(b"word"))
     foreign = ed25519.Ed25519PrivateKey.generate().private_bytes(*form, serialization.NoEncryption())
@@ -457,7 +475,7 @@ def test_private_keys_are_never_printed(keystore: Path, run_here: Any, golden: P
     assert not [line for line in secrets for text in texts if line in text]
 
 
-def test_folders_with_strange_names_are_skipped(keystore: Path, run_here: Any) -> None:
+def test_list_enclaves_skips_folders_with_invalid_names(keystore: Path, run_here: Any) -> None:
     for name in ("good", "a b", "new\nline", "esc\x1b[31m", "1digit"):
         (keystore / "enclaves" / name).mkdir()
         (keystore / "enclaves" / name / "key.pem").touch()
@@ -466,7 +484,7 @@ def test_folders_with_strange_names_are_skipped(keystore: Path, run_here: Any) -
     assert err.count("skipped ") == 4 == err.count("\n") and "\x1b" not in err
 
 
-def test_a_damaged_governance(keystore: Path, fail: Run) -> None:
+def test_malformed_governance_is_reported_with_line(keystore: Path, fail: Run) -> None:
     (keystore / "enclaves/governance.xml").write_text("<dds>\n<domain_access_rules></dds>")
     (keystore / "enclaves/governance.p7s").unlink()
     assert "governance.xml:2:24: not XML: mismatched tag" in fail("create_keystore", str(keystore))
@@ -490,7 +508,9 @@ def readable_keystore(keystore: Path, succeed: Run) -> Iterator[Path]:
 @pytest.mark.parametrize(
     "words", ["create_keystore {root}/new", "create_enclave {root} /new", "create_enclave {root} /a"]
 )
-def test_folders_that_the_user_may_not_write(readable_keystore: Path, run_here: Any, words: str) -> None:
+def test_read_only_keystore_fails_with_permission_denied_and_is_unchanged(
+    readable_keystore: Path, run_here: Any, words: str
+) -> None:
     before = tree(readable_keystore)
     os.seteuid(65534)
     try:
@@ -509,7 +529,7 @@ needs_root = pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="on
 
 @needs_modes
 @pytest.mark.parametrize("mask", [0, 0o022, 0o077, 0o777])
-def test_folders_of_a_keystore_are_private_whatever_the_umask_is(tmp_path: Path, mask: int, succeed: Run) -> None:
+def test_keystore_folders_are_private_with_any_umask(tmp_path: Path, mask: int, succeed: Run) -> None:
     umask = os.umask(mask)
     try:
         create_like_sros2(tmp_path / "new/made", succeed)
@@ -531,7 +551,7 @@ def planted_folder(root: Path, name: str) -> Path:
 @needs_modes
 @pytest.mark.parametrize("mode", LAX)
 @pytest.mark.parametrize("name", [".", "public", "private", "enclaves"])
-def test_a_new_keystore_uses_no_folder_that_other_users_can_write(
+def test_create_keystore_refuses_folders_that_other_users_can_write(
     tmp_path: Path, name: str, mode: int, fail: Run
 ) -> None:
     folder = planted_folder(tmp_path / "new", name)
@@ -543,7 +563,7 @@ def test_a_new_keystore_uses_no_folder_that_other_users_can_write(
 
 @needs_modes
 @pytest.mark.parametrize("name", ["public", "private", "enclaves"])
-def test_a_new_keystore_uses_no_links_in_place_of_folders(tmp_path: Path, name: str, fail: Run) -> None:
+def test_create_keystore_refuses_links_instead_of_folders(tmp_path: Path, name: str, fail: Run) -> None:
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "new").mkdir()
     (tmp_path / "new" / name).symlink_to(tmp_path / "elsewhere")
@@ -553,7 +573,9 @@ def test_a_new_keystore_uses_no_links_in_place_of_folders(tmp_path: Path, name: 
 
 @needs_modes
 @pytest.mark.parametrize("name", ["enclaves/governance.xml", "private/ca.key.pem", "public/ca.cert.pem"])
-def test_a_planted_file_is_not_signed_or_used(tmp_path: Path, name: str, keystore: Path, fail: Run) -> None:
+def test_create_keystore_refuses_existing_files_that_other_users_can_write(
+    tmp_path: Path, name: str, keystore: Path, fail: Run
+) -> None:
     place = planted_folder(tmp_path / "new", os.path.dirname(name)) / os.path.basename(name)
     shutil.copy(keystore / name, place)
     place.chmod(0o666)
@@ -563,7 +585,7 @@ def test_a_planted_file_is_not_signed_or_used(tmp_path: Path, name: str, keystor
 
 
 @needs_modes
-def test_an_existing_private_folder_is_closed(tmp_path: Path, succeed: Run) -> None:
+def test_create_keystore_makes_existing_private_folder_accessible_to_owner_only(tmp_path: Path, succeed: Run) -> None:
     folder = planted_folder(tmp_path / "new", "private")
     succeed("create_keystore", str(tmp_path / "new"))
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
@@ -621,7 +643,9 @@ def test_a_keystore_in_a_folder_that_other_users_can_write_is_a_warning(tmp_path
 
 @needs_root
 @pytest.mark.parametrize("name", [".", "public", "private", "enclaves", "enclaves/governance.xml"])
-def test_a_new_keystore_uses_nothing_of_another_user(tmp_path: Path, name: str, keystore: Path, fail: Run) -> None:
+def test_create_keystore_refuses_files_and_folders_of_another_user(
+    tmp_path: Path, name: str, keystore: Path, fail: Run
+) -> None:
     if name.endswith(".xml"):
         place = planted_folder(tmp_path / "new", "enclaves") / "governance.xml"
         shutil.copy(keystore / name, place)
@@ -632,7 +656,7 @@ def test_a_new_keystore_uses_nothing_of_another_user(tmp_path: Path, name: str, 
 
 
 @needs_root
-def test_a_link_of_another_user_to_a_folder_is_no_keystore(tmp_path: Path, fail: Run) -> None:
+def test_create_keystore_refuses_link_of_another_user(tmp_path: Path, fail: Run) -> None:
     (tmp_path / "own").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "own")
     os.lchown(tmp_path / "link", 65534, 65534)
@@ -642,14 +666,16 @@ def test_a_link_of_another_user_to_a_folder_is_no_keystore(tmp_path: Path, fail:
 
 @needs_root
 @pytest.mark.parametrize("name", ["a", "a/key.pem", "a/cert.pem", "a/permissions.xml"])
-def test_an_enclave_of_another_user_is_not_used(name: str, keystore: Path, succeed: Run, fail: Run) -> None:
+def test_create_enclave_refuses_existing_files_of_another_user(
+    name: str, keystore: Path, succeed: Run, fail: Run
+) -> None:
     succeed("create_enclave", str(keystore), "/a")
     os.chown(keystore / "enclaves" / name, 65534, 65534)
     assert f"{keystore / 'enclaves' / name} belongs to user " in fail("create_enclave", str(keystore), "/a")
 
 
 @needs_root
-def test_a_user_creates_a_keystore_and_root_does_not_change_it(tmp_path: Path, run_here: Any, fail: Run) -> None:
+def test_root_does_not_change_keystore_of_another_user(tmp_path: Path, run_here: Any, fail: Run) -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.chown(folder, 65534, 65534)
         os.seteuid(65534)
@@ -660,7 +686,7 @@ def test_a_user_creates_a_keystore_and_root_does_not_change_it(tmp_path: Path, r
         assert f"{folder}/keystore belongs to user " in fail("create_enclave", f"{folder}/keystore", "/a")
 
 
-def test_commands_at_the_same_time_make_one_enclave(keystore: Path) -> None:
+def test_concurrent_create_enclave_commands_make_one_consistent_enclave(keystore: Path) -> None:
     def create(_: int) -> None:
         command = [sys.executable, "-m", "rosidl_py_gen.ros_cli", "security", "create_enclave", str(keystore), "/a"]
         subprocess.run(command, check=True, capture_output=True)
@@ -680,7 +706,9 @@ def without_times(path: Path) -> str:
     return VALIDITY.sub(r"<\1><", path.read_text())
 
 
-def test_generate_artifacts_makes_everything(tmp_path: Path, golden: Path, monkeypatch: Any, run_here: Any) -> None:
+def test_generate_artifacts_creates_keystore_enclaves_and_permissions(
+    tmp_path: Path, golden: Path, monkeypatch: Any, run_here: Any
+) -> None:
     root = tmp_path / "deep/keystore"
     monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(root))
     words = ["-e", "/extra", "/idle", "-p", str(golden / "policies/fleet.xml")]
@@ -696,7 +724,7 @@ def test_generate_artifacts_makes_everything(tmp_path: Path, golden: Path, monke
     assert (root / "enclaves/idle/key.pem").read_bytes() == key
 
 
-def test_nothing_is_written_before_all_policies_are_valid(tmp_path: Path, golden: Path, fail: Run) -> None:
+def test_generate_artifacts_writes_no_files_if_an_argument_is_invalid(tmp_path: Path, golden: Path, fail: Run) -> None:
     root, wrong = tmp_path / "keystore", tmp_path / "wrong.xml"
     wrong.write_text("<policy version='0.2.0'><enclaves/></policy>")
     fleet = str(golden / "policies/fleet.xml")
@@ -710,7 +738,9 @@ def test_nothing_is_written_before_all_policies_are_valid(tmp_path: Path, golden
     assert "no keystore: ROS_SECURITY_KEYSTORE is not set; expected -k ROOT" in fail("generate_artifacts", "-e", "/a")
 
 
-def test_permissions_need_an_enclave(keystore: Path, golden: Path, succeed: Run, fail: Run, tmp_path: Path) -> None:
+def test_create_permission_requires_existing_enclave_and_policy(
+    keystore: Path, golden: Path, succeed: Run, fail: Run, tmp_path: Path
+) -> None:
     policy = str(golden / "policies/fleet.xml")
     error = fail("create_permission", str(keystore), "/idle", policy)
     assert (
@@ -747,7 +777,7 @@ def test_completion_offers_the_enclaves_of_the_keystore(keystore: Path, succeed:
         ("*", "/a", "/a/*"),
     ],
 )
-def test_names_are_expanded_as_in_programs(expression: str, namespace: str, expected: str) -> None:
+def test_policy_names_are_expanded_with_namespace_and_node(expression: str, namespace: str, expected: str) -> None:
     assert expand_name(expression, namespace, "node") == expected
 
 
@@ -766,8 +796,8 @@ BLOCKS = st.lists(
 
 
 @given(BLOCKS)
-def test_denials_are_complete_and_come_first(blocks: list[Any]) -> None:
-    """Independent of the program's own order: what a block denies is in the deny rule, for the right direction."""
+def test_deny_rules_are_complete_and_precede_allow_rules(blocks: list[Any]) -> None:
+    """Regardless of the order of blocks, denied topics are in the deny rule of the right direction."""
     rules = []
     expected: dict[tuple[str, str], set[str]] = {}
     for (kind, first, second), one, other, names in blocks:

@@ -1,4 +1,4 @@
-"""Policies that are wrong or hostile, and those that are generated, compared with the policies of SROS2."""
+"""Invalid and malicious policies, and generated policies compared with policies of SROS2."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def policy(content: str) -> str:
     return POLICY % content
 
 
-def test_a_good_policy(tmp_path: Path) -> None:
+def test_valid_policy_is_read(tmp_path: Path) -> None:
     (tmp_path / "p.xml").write_text(policy(GOOD))
     assert read_policy(str(tmp_path / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
 
@@ -141,12 +141,12 @@ WRONG = {
 
 
 @pytest.mark.parametrize("text", WRONG)
-def test_what_is_wrong_is_located(tmp_path: Path, text: str) -> None:
+def test_invalid_policies_are_reported_with_line(tmp_path: Path, text: str) -> None:
     found = problems(tmp_path / "p.xml", text)
     assert any(WRONG[text] in one for one in found) and not any("\n" in one for one in found), found
 
 
-def test_an_enclave_twice(tmp_path: Path) -> None:
+def test_duplicate_enclave_is_reported_with_both_lines(tmp_path: Path) -> None:
     text = policy(GOOD)
     enclave = text[text.index("<enclave ") : text.index("</enclaves>")]
     found = problems(tmp_path / "p.xml", text.replace("</enclaves>", f"\n{enclave}</enclaves>"))
@@ -159,7 +159,7 @@ def test_all_problems_are_reported_up_to_a_limit(tmp_path: Path) -> None:
     assert len(found) == 21 and found[-1].endswith(": 80 more problems are not shown")
 
 
-def test_the_command_shows_the_line(tmp_path: Path, keystore: Path, fail: Run) -> None:
+def test_create_permission_shows_invalid_line_of_policy(tmp_path: Path, keystore: Path, fail: Run) -> None:
     path = tmp_path / "p.xml"
     path.write_text(policy('  <topics publish="YES"><topic>t</topic></topics>'))
     error = fail("create_permission", str(keystore), "/a", str(path))
@@ -189,7 +189,7 @@ def test_document_types_and_entities_are_refused(tmp_path: Path, head: str, enco
     assert problems(tmp_path / "p.xml", text.encode(encoding)) == [expected]
 
 
-def test_a_file_is_limited(tmp_path: Path) -> None:
+def test_policy_file_size_is_limited(tmp_path: Path) -> None:
     (found,) = problems(tmp_path / "p.xml", policy(f"<!--{'x' * MAX_FILE_BYTES}-->"))
     assert found == f"p.xml:0: more than {MAX_FILE_BYTES} bytes; split the file by includes"
 
@@ -201,7 +201,7 @@ def include(href: str, pointer: str = "/profile/*", **more: str) -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder policies, beside which is a profile that a policy there may not include."""
+    """Folder of policies, next to a profile that its policies must not include."""
     made = tmp_path / "policies"
     (made / "sub").mkdir(parents=True)
     for path in (tmp_path / "outside.xml", made / "inside.xml", made / "sub/deep.xml"):
@@ -212,7 +212,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("href", ["inside.xml", "sub/deep.xml", "./sub/../inside.xml", "in%73ide.xml"])
-def test_includes_below_the_folder(folder: Path, href: str) -> None:
+def test_files_below_policy_folder_can_be_included(folder: Path, href: str) -> None:
     (folder / "p.xml").write_text(policy(include(href)))
     assert read_policy(str(folder / "p.xml")).enclaves["/a"].grants[0][0].names == ("/t",)
 
@@ -232,13 +232,13 @@ BAD_INCLUDES = {
 
 
 @pytest.mark.parametrize("href", BAD_INCLUDES)
-def test_includes_are_paths_below_the_folder(folder: Path, href: str) -> None:
+def test_includes_outside_policy_folder_are_refused(folder: Path, href: str) -> None:
     (found,) = problems(folder / "p.xml", policy(include(href)))
     assert found.startswith("p.xml:4: xi:include: ") and BAD_INCLUDES[href] in found
 
 
 @pytest.mark.skipif(os.name == "nt", reason="symbolic links of POSIX")
-def test_symbolic_links_do_not_leave_the_folder(folder: Path) -> None:
+def test_includes_through_links_leaving_the_folder_are_refused(folder: Path) -> None:
     (folder / "link.xml").symlink_to("../outside.xml")
     (folder / "up").symlink_to("..")
     (folder / "inner.xml").symlink_to("sub/deep.xml")
@@ -252,7 +252,7 @@ def test_symbolic_links_do_not_leave_the_folder(folder: Path) -> None:
     read_policy(str(folder / "p.xml"))
 
 
-def test_a_policy_by_a_link_includes_what_is_beside_the_link(folder: Path, tmp_path: Path) -> None:
+def test_includes_are_relative_to_folder_of_link_not_of_its_target(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "real.xml").write_text(policy(include("inside.xml")))
     (folder / "link.xml").symlink_to("../real.xml")
     with pytest.raises(DefinitionError, match=r"real\.xml|link\.xml") as caught:
@@ -261,7 +261,7 @@ def test_a_policy_by_a_link_includes_what_is_beside_the_link(folder: Path, tmp_p
     read_policy(str(folder / "link.xml"))
 
 
-def test_what_includes_cannot_do(folder: Path) -> None:
+def test_invalid_includes_are_reported(folder: Path) -> None:
     for content, expected in (
         (include("none.xml"), "xi:include: 'none.xml' is not a file; expected one at "),
         (include("sub"), "xi:include: 'sub' is not a file"),
@@ -279,21 +279,21 @@ def test_what_includes_cannot_do(folder: Path) -> None:
         assert any(expected in one for one in problems(folder / "p.xml", policy(content))), expected
 
 
-def test_an_error_in_an_included_file_has_its_line(folder: Path) -> None:
+def test_error_in_included_file_is_reported_with_its_file_and_line(folder: Path) -> None:
     (folder / "sub/wrong.xml").write_text("<profile>\n\n<topics publish='x'><topic>t</topic></topics></profile>")
     assert problems(folder / "p.xml", policy(include("sub/wrong.xml"))) == [
         "wrong.xml:3: <topics>: got publish='x'; expected 'ALLOW' or 'DENY'"
     ]
 
 
-def test_includes_in_a_circle(folder: Path) -> None:
+def test_circular_includes_are_reported(folder: Path) -> None:
     (folder / "a.xml").write_text(f"<profile {XI}>{include('b.xml')}</profile>")
     (folder / "b.xml").write_text(f"<profile {XI}>\n{include('a.xml')}</profile>")
     (found,) = problems(folder / "p.xml", policy(include("a.xml")))
     assert found.startswith("b.xml:2: ") and "a.xml includes itself" in found
 
 
-def test_an_include_may_be_a_whole_file(folder: Path) -> None:
+def test_include_without_xpointer_inserts_whole_file(folder: Path) -> None:
     (folder / "profile.xml").write_text(f"<profile ns='/' node='other'>{GOOD}</profile>")
     text = policy(GOOD).replace("</profiles>", f"{include('profile.xml', '')}</profiles>")
     (folder / "p.xml").write_text(text)
@@ -324,7 +324,9 @@ def test_deep_chains_of_includes_are_limited(folder: Path) -> None:
 
 
 @given(st.binary(max_size=200), st.booleans())
-def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory, data: bytes, inside: bool) -> None:
+def test_arbitrary_bytes_are_read_or_reported_as_invalid(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes, inside: bool
+) -> None:
     path = tmp_path_factory.getbasetemp() / "any.xml"
     path.write_bytes(policy(GOOD).encode().replace(b">t<", b">" + data + b"<") if inside else data)
     try:
@@ -356,7 +358,7 @@ def graph(memory: World, golden: Path) -> None:
             node.create_client(Trigger, name)
 
 
-async def test_the_policy_of_nodes_is_that_of_sros2(graph: None, tool: Tool, golden: Path, tmp_path: Path) -> None:
+async def test_generated_policy_equals_policy_of_sros2(graph: None, tool: Tool, golden: Path, tmp_path: Path) -> None:
     path = tmp_path / "policy.xml"
     ended = await tool("security", "generate_policy", str(path))
     assert (ended.code, ended.err) == (0, "")
@@ -364,7 +366,7 @@ async def test_the_policy_of_nodes_is_that_of_sros2(graph: None, tool: Tool, gol
     assert path.read_text() == (golden / "policy.xml").read_text()
 
 
-async def test_an_existing_policy_is_extended(graph: None, tool: Tool, golden: Path, tmp_path: Path) -> None:
+async def test_generate_policy_extends_existing_policy(graph: None, tool: Tool, golden: Path, tmp_path: Path) -> None:
     path = tmp_path / "policy.xml"
     path.write_text((golden / "policies/two_grants.xml").read_text())
     ended = await tool("security", "generate_policy", str(path), "--json")
@@ -375,7 +377,7 @@ async def test_an_existing_policy_is_extended(graph: None, tool: Tool, golden: P
     assert path.read_text() == before
 
 
-async def test_names_are_not_added_to_rules_that_allow_more(graph: None, tool: Tool, tmp_path: Path) -> None:
+async def test_generate_policy_adds_no_names_to_rules_that_allow_more(graph: None, tool: Tool, tmp_path: Path) -> None:
     """SROS2 adds topics to the first rule that allows subscriptions, though it may allow publishing, too."""
     path = tmp_path / "policy.xml"
     path.write_text(
@@ -395,7 +397,9 @@ async def test_names_are_not_added_to_rules_that_allow_more(graph: None, tool: T
     assert "<!-- a note -->" in text and '<b xmlns="urn:b" y="&lt;"/>' in text and '<metadata x="1">text' in text
 
 
-async def test_without_nodes_no_file_is_written(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_generate_policy_without_nodes_fails_and_writes_no_file(
+    memory: World, tool: Tool, tmp_path: Path
+) -> None:
     memory.node("_hidden")
     ended = await tool("security", "generate_policy", str(tmp_path / "policy.xml"))
     assert (ended.code, ended.out) == (1, "")
@@ -403,7 +407,7 @@ async def test_without_nodes_no_file_is_written(memory: World, tool: Tool, tmp_p
     assert not [*tmp_path.iterdir()]
 
 
-async def test_a_file_that_is_no_policy_stays(graph: None, tool: Tool, tmp_path: Path) -> None:
+async def test_generate_policy_does_not_overwrite_other_files(graph: None, tool: Tool, tmp_path: Path) -> None:
     path = tmp_path / "policy.xml"
     path.write_text("<other/>")
     ended = await tool("security", "generate_policy", str(path))
@@ -411,14 +415,14 @@ async def test_a_file_that_is_no_policy_stays(graph: None, tool: Tool, tmp_path:
     assert path.read_text() == "<other/>"
 
 
-async def test_a_link_stays_and_its_file_is_written(graph: None, tool: Tool, tmp_path: Path) -> None:
+async def test_generate_policy_writes_through_symbolic_link(graph: None, tool: Tool, tmp_path: Path) -> None:
     (tmp_path / "link.xml").symlink_to("policy.xml")
     await tool("security", "generate_policy", str(tmp_path / "link.xml"))
     assert (tmp_path / "link.xml").is_symlink()
     assert set(read_policy(str(tmp_path / "policy.xml")).enclaves) == {"/demo/talker", "/demo/listener"}
 
 
-async def test_names_of_peers_are_not_trusted(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_generate_policy_skips_nodes_with_invalid_names(memory: World, tool: Tool, tmp_path: Path) -> None:
     discovery = memory.node("good", **QUIET)._scope.discovery
     for namespace, name in (("/a\"><enclave path='/x", "n"), ("/n", 'b"/>\n<x'), ("/", "")):
         discovery.add_node(name, namespace)
@@ -430,7 +434,9 @@ async def test_names_of_peers_are_not_trusted(memory: World, tool: Tool, tmp_pat
     assert path.read_text().count("<profile ") == 1
 
 
-async def test_actions_are_allowed_as_their_topics_and_services(memory: World, tool: Tool, tmp_path: Path) -> None:
+async def test_generated_policy_allows_actions_by_their_topics_and_services(
+    memory: World, tool: Tool, tmp_path: Path
+) -> None:
     """The permissions are those of an ``<actions>`` element."""
     server, client = memory.node("server", **QUIET), memory.node("client", **QUIET)
     server.create_action_server(Fibonacci, "count", lambda goal: None)
