@@ -34,7 +34,7 @@ NOT_QUICK = re.compile(
     r"|tests/ros_compat/|test_zenoh|a_thread_that_reads_on|test_command_line|test_install_hints|test_libddsc|test_setup_py|test_setup_idioms|test_package_bounds|test_completion|tests/generator_cli/|cmake_agrees|type_checkers|importing"
     r"|forked_child|broken_cyclonedds_uri|cyclonedds_itself|ctrl_c|prototypes_survive|comes_from_standard_input"
     r"|needs_neither_lark|foreign_package_of_the_same_name|clean_code|formatted_and_clean|left_alone_by_the_formatter"
-    r"|every_byte|need_little_memory|ten_thousand_fields|every_error_class|bytes_of_a_database_may_be_wrong"
+    r"|every_byte|need_little_memory|two_thousand_fields|maximum_of_fields|every_error_class|bytes_of_a_database_may_be_wrong"
     r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood|pages_hide_nothing"
     r"|against_rclpy|rclpy_messages/test_codec|second_start_needs|classes_are_those_of_everybody|without_it_nothing_changes"
     r"|test_bag_record|no_more_memory_than|far_deeper|deeper than|test_random_tables"

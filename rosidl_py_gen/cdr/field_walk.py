@@ -1,4 +1,4 @@
-"""Slow paths of generated code, and the decoder of table-coded messages: field by field, by the field table.
+"""Slow paths of generated code: field by field, by the field table.
 
 Generated code is flat and does not know at which field it failed. Only after a failure these functions run: `validate`
 names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially
@@ -170,13 +170,6 @@ def _open(name: str, data: Readable, copy: bool, arrays: bool) -> _CdrReader:
     if raw[0] != 0 or raw[1] > 1:
         raise DecodeError(name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(raw[:2]).hex()}")
     return _CdrReader(raw, view, big_endian=raw[1] == 0, arrays=arrays)
-
-
-def read_message(cls: type[M], data: Buffer, view: Buffer, pos: int, arrays: bool) -> tuple[M, int]:
-    """Read a little-endian message at an offset; returns it and the offset after it. Raises DecodeError."""
-    reader = _CdrReader(data, view, big_endian=False, arrays=arrays)
-    reader.pos = pos
-    return reader.message(cls, cls._TYPE.name), reader.pos
 
 
 class _CdrReader:

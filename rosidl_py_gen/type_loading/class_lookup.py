@@ -46,8 +46,6 @@ ClassFinder: TypeAlias = "Callable[[InterfaceRegistry, RosName], type | None]"
 
 _MEMORY = "rosidl_py_gen_memory"
 """Package of the modules of classes that are compiled in memory."""
-_MAX_LEAVES = 10_000
-"""Maximum leaves of a definition for which code is generated; each takes up to 4 kB."""
 _lock = threading.RLock()
 """Guards all caches of this module."""
 _loaded: dict[str, list[type]] = {}
@@ -435,7 +433,7 @@ def _class(registry: InterfaceRegistry, name: RosName, find: ClassFinder) -> typ
         return cls
     from rosidl_py_gen.compiler.codegen.layout_planner import LayoutPlanner
 
-    planner = LayoutPlanner(registry.message, max_leaves=_MAX_LEAVES)
+    planner = LayoutPlanner(registry.message)
 
     @cache  # comparing or planning a type costs as much as for all types that it refers to
     def get_class(part: RosName) -> type:
@@ -486,7 +484,7 @@ def _compile(
         """Return the module of the class of another type, which is compiled first if necessary."""
         return None if full_name in own else get_class(split_ros_name(full_name)).__module__
 
-    target = Target(root, known, registry.type_hash, is_typed=False)
+    target = Target(root, known, registry.type_hash)
     source = module_source(registry, top, planner, target)
     module = _run(root + module_path(str(top)), source)
     for exported in module.__all__:

@@ -124,7 +124,7 @@ class Interfaces:
         except BaseException:
             self._registry = None  # discard incomplete interfaces
             raise
-        target = Target("", lambda _: None, registry.type_hash, is_typed=False)
+        target = Target("", lambda _: None, registry.type_hash)
         source = module_source(registry, name, self._planner, target)
         owners = {registry.owner(split_ros_name(part)) for part in registry.all_hashes(str(name))}
         parts = {str(owner): self._digest(str(owner)) for owner in owners if owner is not None}

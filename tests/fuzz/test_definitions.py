@@ -27,7 +27,7 @@ from rosidl_py_gen.type_loading.from_description import compile_described, defin
 LINE = "=" * 80
 MAX_S = 10.0
 MAX_BYTES = 300_000_000
-"""Memory limit: what a class of 20 000 fields needs."""
+"""Memory limit: more than a class needs that has as many fields as a definition may have."""
 
 bases = st.sampled_from(
     [

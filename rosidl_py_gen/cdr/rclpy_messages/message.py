@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from rosidl_py_gen.base import lazy_numpy as np
 from rosidl_py_gen.base.fieldtype import Arity
-from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service
 from rosidl_py_gen.cdr.rclpy_messages.fields import (
     CHECK,
@@ -20,7 +19,6 @@ from rosidl_py_gen.cdr.rclpy_messages.fields import (
     from_plain,
     idl_text,
     property_of,
-    slot_name,
     to_plain,
 )
 
@@ -66,26 +64,6 @@ def _complete(cls: Any, namespace: dict[str, Any]) -> None:
             setattr(cls, name, make())
             setattr(type(cls), name, property(lambda _, make=make: make()))  # type: ignore[misc]
     cls.__slots__ = [*(f"_{name}" for name in cls._SLOTS), "_check_fields"]
-
-
-def add_rclpy_table_members(cls: Any) -> Any:
-    """Return the class with the slots and constants of the class's table; `cls` must not be used afterwards."""
-    info = cls._TYPE
-    namespace = {key: value for key, value in vars(cls).items() if key not in ("__dict__", "__weakref__")}
-    namespace["__slots__"] = tuple(slot_name(field.py_name) for field in info.fields)
-    namespace["_DEFAULTS"] = {
-        field.ros_name: _rclpy_value(field.type.base, info.values[field.ros_name])
-        for field in info.fields
-        if field.ros_name in info.values
-    }
-    namespace |= {py_name(name): _rclpy_value(base, value) for name, base, value in info.constants}
-    return type(cls)(cls.__name__, cls.__bases__, namespace)
-
-
-def _rclpy_value(base: str, value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_rclpy_value(base, one) for one in value]
-    return bytes([value]) if base == "byte" else value
 
 
 class _LazyClassAttribute:

@@ -1,4 +1,4 @@
-"""Plan the wire layout of a message, and decide how code is generated for it: inline, by call, or from a table.
+"""Plan the wire layout of a message, and decide how code is generated for it: inline or by call.
 
 The rules of CDR are in `cdr/layout.py`. This module applies them to fields; encoder and decoder emit code for its steps
 and never count bytes. The size of generated code is proportional to the leaves: the fields of a message after nested
@@ -7,7 +7,6 @@ messages are flattened.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
@@ -41,10 +40,6 @@ definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
 MAX_INLINE_DEPTH = 12
 MAX_INLINE_LOOPS = 5
 """Maximum nested loops that are emitted inline: CPython accepts 20, and each is planned up to four times."""
-MAX_CODEC_LEAVES = 500
-"""Leaves above which a message has no generated codec, but uses `cdr.table_coded`: CPython takes 40 kB to compile
-the code for one string. Messages of public packages have up to 70 fields."""
-
 BLOCK_BYTES = 1024
 """Maximum bytes of a fixed array in a run; a larger array is joined instead of copied through a struct."""
 _CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
@@ -73,14 +68,10 @@ class LayoutPlanner:
 
     Args:
         rclpy: plan for classes in which `byte` is bytes of length 1.
-        max_leaves: leaves of all messages together that get a codec of their own; all others are coded from a table.
     """
 
-    def __init__(
-        self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False, max_leaves: float = math.inf
-    ) -> None:
+    def __init__(self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False) -> None:
         self._lookup = lookup
-        self._leaves_left = max_leaves
         self.rclpy, self.codes = rclpy, _RCLPY_CODES if rclpy else _CODES
         self.results: dict[str, dict[str, Any]] = {}
 
@@ -94,15 +85,6 @@ class LayoutPlanner:
         """Return True if the codec of the message is called where other messages contain it."""
         levels, loops = self.nesting_depth(name)
         return self.inline_size(name) > MAX_INLINE_FIELDS or levels > MAX_INLINE_DEPTH or loops > MAX_INLINE_LOOPS
-
-    @_cached_per_name
-    def is_table_coded(self, name: str) -> bool:
-        """Return True if the message is too large to generate code for."""
-        # The budget `max_leaves` is shared: the result depends on the order in which messages are planned first.
-        weight = self.inline_size(name)
-        is_table_coded = weight > min(MAX_CODEC_LEAVES, self._leaves_left)
-        self._leaves_left -= 0 if is_table_coded else weight
-        return is_table_coded
 
     @_cached_per_name
     def nesting_depth(self, name: str) -> tuple[int, int]:

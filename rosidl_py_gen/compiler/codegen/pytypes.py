@@ -37,16 +37,14 @@ class MemberView(NamedTuple):
 
 
 def field_view(
-    item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool], *, for_typing: bool
+    item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool]
 ) -> MemberView:
-    """Return the view of a field, which only type checkers see if `for_typing`."""
+    """Return the view of a field."""
     kind = item.type
     name = py_name(item.name)
     # A field may have the name of a method of the base class, and then hides the method.
     ignore = "  # type: ignore[assignment]" if name in ("encode", "decode") else ""
     annotation = _annotation(kind, imports, classes)
-    if for_typing:
-        return MemberView(name, annotation, "", _doc(item), annotation, ignore)
     accepted = annotation
     if kind.primitive is not None and kind.arity is not Arity.SCALAR:
         accepted = imports.use(SUPPORT, kind.primitive.numpy.rstrip("_").capitalize() + "s", for_typing=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -35,14 +34,11 @@ if TYPE_CHECKING:
 
 _CDR = "rosidl_py_gen.cdr"
 _RCLPY = "rosidl_py_gen.cdr.rclpy_messages.message"
-_TABLE_CODED = "rosidl_py_gen.cdr.table_coded"
 _ACTION_IMPL = {"SendGoalService": "SendGoal", "GetResultService": "GetResult", "FeedbackMessage": "FeedbackMessage"}
 _COMMON_ACTION_TYPES = (
     ("CancelGoalService", "action_msgs/srv/CancelGoal"),
     ("GoalStatusMessage", "action_msgs/msg/GoalStatusArray"),
 )
-MAX_EMITTED = 1000
-"""Maximum fields, constants and values of default arrays that are emitted; with more, they come from a table."""
 
 
 class Target(NamedTuple):
@@ -52,13 +48,11 @@ class Target(NamedTuple):
         root: prefix of the generated packages' import paths; empty, or ending in a dot.
         known: returns the module that already defines the class of a message, by full name; else None.
         hashes: returns the RIHS01 hash of a type, by full name.
-        is_typed: type checkers read the modules; False if they exist only in memory.
     """
 
     root: str
     known: Callable[[str], str | None]
     hashes: Callable[[str], str]
-    is_typed: bool = True
 
     def module(self, full_name: str) -> str:
         """Return the module that defines the class of a message."""
@@ -80,9 +74,7 @@ class MessageView(NamedTuple):
     """A message class.
 
     Attributes:
-        encoder, decoder: None in a class that is coded from a table.
-        name: names in the class of what the template mentions; `members` is the decorator that makes fields and
-            constants of a table, or empty.
+        name: names in the class of what the template mentions.
         slots, defaults: only for rclpy's API.
     """
 
@@ -93,8 +85,8 @@ class MessageView(NamedTuple):
     fields: tuple[MemberView, ...]
     constructor: tuple[str, ...]
     type_info: str
-    encoder: EncoderView | None
-    decoder: DecoderView | None
+    encoder: EncoderView
+    decoder: DecoderView
     outlined: bool
     name: dict[str, str]
     slots: tuple[str, ...] | None = None
@@ -170,7 +162,7 @@ def _nested(messages: Iterable[MessageDef], planner: LayoutPlanner) -> set[str]:
     """Return the message types that the module's code mentions: of its fields, and of messages emitted inline."""
     found = {item.type.base for message in messages for item in message.fields if item.type.is_message}
     in_line: set[str] = set()
-    pending = [str(message.name) for message in messages if not planner.is_table_coded(str(message.name))]
+    pending = [str(message.name) for message in messages]
     while pending:
         below = {item.type.base for item in planner.message(pending.pop()).fields if item.type.is_message}
         found |= below
@@ -188,25 +180,17 @@ def _message(
     classes: dict[str, str],
 ) -> MessageView:
     full_name = str(message.name)
-    has_table_members = _has_table_members(message)
     name = _class_scope_names(imports, message, planner)
     fields: tuple[MemberView, ...] = ()
-    constants: tuple[MemberView, ...] = ()
-    if target.is_typed or not has_table_members:
-        if not planner.rclpy:
-            fields = tuple(
-                field_view(item, imports, classes, planner.is_fixed, for_typing=has_table_members)
-                for item in message.fields
-            )
-        constants = tuple(constant_view(item, imports, planner.rclpy) for item in message.constants)
+    if not planner.rclpy:
+        fields = tuple(field_view(item, imports, classes, planner.is_fixed) for item in message.fields)
+    constants = tuple(constant_view(item, imports, planner.rclpy) for item in message.constants)
     api = (RclpyMessageApi if planner.rclpy else MessageApi)(imports)
-    encoder = decoder = None
-    if not planner.is_table_coded(full_name):
-        plan = planner.plan(full_name)
-        encoder = encoder_view(plan, api, structs, classes)
-        decoder = decoder_view(plan, api, structs, classes)
-        imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
-        imports.use(SUPPORT, "new", in_class=False)
+    plan = planner.plan(full_name)
+    encoder = encoder_view(plan, api, structs, classes)
+    decoder = decoder_view(plan, api, structs, classes)
+    imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
+    imports.use(SUPPORT, "new", in_class=False)
     slots = tuple(api.attribute(py_name(item.name)) for item in message.fields) if planner.rclpy else None
     return MessageView(
         classes[full_name],
@@ -215,19 +199,14 @@ def _message(
         constants,
         fields,
         _constructor(fields),
-        (_table_type_info if has_table_members else _type_info)(message, imports, target.hashes(full_name), classes),
+        _type_info(message, imports, target.hashes(full_name), classes),
         encoder,
         decoder,
         planner.is_outlined(full_name),
         name,
         slots,
-        rclpy_defaults(message.fields) if planner.rclpy and not has_table_members else "",
+        rclpy_defaults(message.fields) if planner.rclpy else "",
     )
-
-
-def _has_table_members(message: MessageDef) -> bool:
-    values = sum(len(item.default) for item in message.fields if isinstance(item.default, tuple))
-    return len(message.fields) + len(message.constants) + values > MAX_EMITTED
 
 
 def _constructor(fields: tuple[MemberView, ...]) -> tuple[str, ...]:
@@ -249,20 +228,6 @@ def _type_info(message: MessageDef, imports: Imports, digest: str, classes: dict
     return f"{imports.use(_CDR, 'TypeInfo')}(\n{lines})"
 
 
-def _table_type_info(message: MessageDef, imports: Imports, digest: str, classes: dict[str, str]) -> str:
-    nested = {item.type.base: classes[item.type.base] for item in message.fields if item.type.is_message}
-    numbers = {base: str(number) for number, base in enumerate(nested)}
-    fields: list[tuple[object, ...]] = []
-    for item in message.fields:
-        base = item.type.base
-        default = () if item.default is None else (item.default,)
-        fields.append((item.name, str(item.type).replace(base, numbers.get(base, base), 1), *default))
-    constants = [(item.name, item.type.base, item.value) for item in message.constants]
-    table = json.dumps({"fields": fields, "constants": constants}, separators=(",", ":"))
-    arguments = ", ".join([f'"{message.name}"', f'"{digest}"', py_string(table), *nested.values()])
-    return f"{imports.use(_TABLE_CODED, 'TableTypeInfo')}({arguments})"
-
-
 def _table_row(name: str, kind: str, cls: str | None) -> str:
     if cls is None:
         return f'("{name}", "{kind}")'
@@ -272,24 +237,15 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
 
 def _class_scope_names(imports: Imports, message: MessageDef, planner: LayoutPlanner) -> dict[str, str]:
     """Import what the template mentions inside a class, and return the names in the class."""
-    is_table_coded, is_outlined = planner.is_table_coded(str(message.name)), planner.is_outlined(str(message.name))
+    is_outlined = planner.is_outlined(str(message.name))
     names = {word: imports.use("typing", word) for word in ("ClassVar", "TYPE_CHECKING")}
     names["TypeInfo"] = imports.use(_CDR, "TypeInfo")
-    names["bases"] = imports.use(_TABLE_CODED, "TableCodedMessage") if is_table_coded else ""
     if planner.rclpy:
         names["metaclass"] = imports.use(_RCLPY, "metaclass")
-        names["bases"] += ", " * is_table_coded + imports.use(_RCLPY, "RclpyMessage")
+        names["base"] = imports.use(_RCLPY, "RclpyMessage")
     else:
-        names["bases"] = names["bases"] or imports.use(_CDR, "Message")
-    names["members"] = ""
-    if _has_table_members(message):
-        names["Any"] = imports.use("typing", "Any", for_typing=True)
-        decorator = (_RCLPY, "add_rclpy_table_members") if planner.rclpy else (_TABLE_CODED, "add_table_members")
-        names["members"] = imports.use(*decorator)
-    elif not planner.rclpy:
+        names["base"] = imports.use(_CDR, "Message")
         names["dataclass"] = imports.use("dataclasses", "dataclass")
-    if is_table_coded:
-        return names
     builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple", "bytearray") if is_outlined else ())
     names |= {word: imports.builtin(word) for word in builtins}
     if is_outlined:

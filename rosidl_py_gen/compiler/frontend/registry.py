@@ -255,6 +255,7 @@ def check(registry: InterfaceRegistry, names: Iterable[RosName]) -> None:
         if interface is not None:
             for message in messages_of(interface):
                 _visit(registry, message, state, sizes)
+            sizes.check_interface(interface)
 
 
 def _visit(

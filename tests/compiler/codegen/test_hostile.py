@@ -246,9 +246,9 @@ def test_line_of_a_megabyte_is_compiled_or_refused_in_bounded_time(length: int) 
     assert time.monotonic() - start < 20
 
 
-def test_ten_thousand_fields_are_compiled_in_bounded_time(tmp_path: Path) -> None:
+def test_two_thousand_fields_are_generated_and_imported(tmp_path: Path) -> None:
     kinds = ("uint8", "float64", "string", "uint16[]", "int32[3]", "bool")
-    text = "\n".join(f"{kinds[i % len(kinds)]} f{i}" for i in range(10_000))
+    text = "\n".join(f"{kinds[i % len(kinds)]} f{i}" for i in range(2000))
     out = tmp_path / "out"
     start = time.monotonic()
     run(write(tmp_path / "in", {"big_msgs/msg/Big.msg": text}), out)
