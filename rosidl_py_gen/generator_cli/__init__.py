@@ -420,7 +420,7 @@ def interface(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> N
 )
 @_JSON
 def diff(paths: tuple[str, ...], as_json: bool, **arguments: Any) -> None:
-    """Compare definitions: additions, removals and changes, and whether old data can be read.
+    """Compare definitions: additions, removals and changes, and whether old data are read as before.
 
     OLD and NEW are each a folder of packages, a git revision (main, or v1.2:src/my_msgs), a bag, or a running node by
     its full name (/robot). The prefixes folder:, git:, bag:, node: and distro: state the kind. Exits with 1 on a

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.base.names import did_you_mean, split_ros_name
 from rosidl_py_gen.compiler.compatibility.compare import ChangeKind, compare, select_names
-from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult
 from rosidl_py_gen.compiler.frontend.registry import split_filter
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.generator_cli.diagnostics_output import echo, print_json, print_line
@@ -17,14 +16,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.compatibility.compare import Comparison, ElementChange, MessageChange, TypeChange
 
 _DEFAULT = ("data", "code")
-_READ = {
-    ReadResult.SAME: "read as before",
-    ReadResult.TRUNCATED: "read without removed fields",
-    ReadResult.RENAMED: "read under new names",
-    ReadResult.DEPENDS_ON_VALUES: "read as before only for some values",
-    ReadResult.FAILS: "not read",
-    ReadResult.MISREAD: "read wrongly, or not at all",
-}
 _SIGNS = {"added": "+", "removed": "-"}
 _COLOURS = {"+": "green", "-": "red", "~": "yellow"}
 
@@ -122,9 +113,7 @@ def _message_lines(change: MessageChange) -> Iterator[tuple[str, str]]:
             yield f"{kind}  {sign} {text}{f'  ({one.place})' if one.place else ''}", _COLOURS[sign]
     if change.through:
         yield f"contains  ~ {', '.join(change.through)}", ""
-    yield f"old data  {_READ[change.old_data.reading]}", "" if change.old_data.reading is ReadResult.SAME else "red"
-    for reason in change.old_data.reasons:
-        yield f"          {reason}", ""
+    yield ("old data  read as before", "") if change.reads_old_data else ("old data  not read as before", "red")
 
 
 def _sign_and_text(one: ElementChange) -> tuple[str, str]:
@@ -174,7 +163,7 @@ def _message(change: MessageChange) -> dict[str, Any]:
         "fields": [_entry(one) for one in change.fields],
         "constants": [_entry(one) for one in change.constants],
         "contains": list(change.through),
-        "old_data": {"reading": change.old_data.reading.value, "reasons": list(change.old_data.reasons)},
+        "reads_old_data": change.reads_old_data,
     }
 
 

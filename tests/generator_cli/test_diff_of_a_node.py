@@ -62,5 +62,5 @@ async def test_running_node_is_compared_with_workspace(dds: World, tmp_path: Pat
     process = await start_process(*command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE)
     out, err = await asyncio.wait_for(process.communicate(), 60)
     assert process.returncode == 1, err
-    assert b"field     - cells: uint8" in out and b"old data  read without removed fields" in out
+    assert b"field     - cells: uint8" in out and b"old data  not read as before" in out
     assert out.endswith(b" unchanged; changes of code, data, hash; breaking: code, data\n")

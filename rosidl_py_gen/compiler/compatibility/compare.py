@@ -1,8 +1,8 @@
 """Comparison of two sets of definitions: added, removed and changed types, and the consequences of each change.
 
 Fields and constants are identified by name. A removed field and an added field of the same type at the same place are
-reported as a probable rename, because a definition does not state renames. `wire_compatibility` decides whether old
-messages can be read.
+reported as a probable rename, because a definition does not state renames. CDR of ROS 2 has neither names nor tags, so
+old messages are read as before only if the same fields are in the same order (docs/internals/protocol.md 2).
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.descriptions import default_text
+from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.compiler.compatibility.definition_set import canonical_type, known_constants
-from rosidl_py_gen.compiler.compatibility.wire_compatibility import ReadResult, ReadVerdict, WireCompatibility
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from rosidl_py_gen.base.fieldtype import FieldType
     from rosidl_py_gen.compiler.compatibility.definition_set import DefinitionSet
     from rosidl_py_gen.compiler.frontend.model import ConstantDef, FieldDef, MessageDef
 
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 class ChangeKind(Enum):
     """Consequence of a change.
 
-    DATA: recordings, and messages of nodes with the old definition, are misread or cannot be read. CODE: programs that
+    DATA: recordings, and messages of nodes with the old definition, are not read as before: some or all of them are
+    misread, cannot be read, or lack fields. CODE: programs that
     use the type may fail. HASH: the type hash differs; tools warn, and on Zenoh old and new nodes do not match.
     DEFAULT: new messages have other values. UNIT: numbers have another unit, by their comments. ADDITION: only
     additions.
@@ -63,7 +65,7 @@ class ElementChange(NamedTuple):
 class MessageChange:
     """Changes of a message, or of a section of a service or action.
 
-    `through` has the changed types that it contains, `old_data` the result of reading old messages.
+    `through` has the changed types that it contains; `reads_old_data` is True if every old message is read as before.
     """
 
     name: str
@@ -72,14 +74,14 @@ class MessageChange:
     fields: tuple[ElementChange, ...]
     constants: tuple[ElementChange, ...]
     through: tuple[str, ...]
-    old_data: ReadVerdict
+    reads_old_data: bool
 
     def consequences(self) -> frozenset[ChangeKind]:
         """Return the consequences of the changes."""
         found = {one.consequence for one in self.fields} | {one.consequence for one in self.constants}
         if self.old_hash != self.new_hash:
             found.add(ChangeKind.HASH)
-        if self.old_data.reading is not ReadResult.SAME:
+        if not self.reads_old_data:
             found.add(ChangeKind.DATA)
         return frozenset(found)
 
@@ -154,11 +156,11 @@ def compare(
 
 
 def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> Iterator[TypeChange]:
-    wire = WireCompatibility(old.messages, new.messages)
+    layouts = _Layouts(old.messages, new.messages)
     owners = {message: name for name in names for message in old.interfaces[name]}
     own: dict[str, tuple[tuple[ElementChange, ...], tuple[ElementChange, ...]]] = {}
     for message in {*old.messages} & {*new.messages}:
-        found = _field_changes(wire, old.messages[message], new.messages[message])
+        found = _field_changes(layouts, old.messages[message], new.messages[message])
         constants = tuple(_constant_changes(old.messages[message], new.messages[message]))
         if found or constants:
             own[message] = found, constants
@@ -169,12 +171,52 @@ def _changed(old: DefinitionSet, new: DefinitionSet, names: Sequence[str]) -> It
         for message in old.interfaces[name]:
             fields, constants = own.get(message, ((), ()))
             hashes = old.hashes[message], new.hashes[message]
-            verdict = wire.verdict(message, message)
             if fields or constants or hashes[0] != hashes[1]:
                 through = tuple(sorted(inside[message] & own.keys()))
-                messages.append(MessageChange(message, *hashes, fields, constants, through, verdict))
+                messages.append(
+                    MessageChange(message, *hashes, fields, constants, through, layouts.are_read(message, message))
+                )
         if messages:
             yield TypeChange(name, old.hashes[name], new.hashes[name], tuple(messages), users.get(name, ()))
+
+
+class _Layouts:
+    """Compares the layouts of old and new messages by name; a set has all messages that it refers to."""
+
+    def __init__(self, old: Mapping[str, MessageDef], new: Mapping[str, MessageDef]) -> None:
+        self._old, self._new = old, new
+        self._results: dict[tuple[str, str], bool] = {}
+
+    def are_read(self, old: str, new: str) -> bool:
+        """Return True if every message of an old type is read as before as a new one."""
+        if (old, new) not in self._results:
+            then, now = self._old[old].fields, self._new[new].fields
+            has_same_names = [one.name for one in then] == [one.name for one in now]
+            self._results[old, new] = has_same_names and all(
+                self.is_read(one.type, other.type) for one, other in zip(then, now, strict=True)
+            )
+        return self._results[old, new]
+
+    def is_read(self, old: FieldType, new: FieldType) -> bool:
+        """Return True if every value of an old type is read as before as a new one."""
+        # A sequence may lose its bound, or get a wider one.
+        if any((old.arity is arity) is not (new.arity is arity) for arity in (Arity.SCALAR, Arity.ARRAY)):
+            return False
+        if old.capacity != new.capacity if old.arity is Arity.ARRAY else _is_narrower(old.capacity, new.capacity):
+            return False
+        if old.is_message and new.is_message:
+            return self.are_read(old.base, new.base)
+        if old.is_string:
+            return old.base == new.base and not _is_narrower(old.string_bound, new.string_bound)
+        if old.primitive is None or new.primitive is None:
+            return False
+        is_bool_as_byte = old.primitive.code == "?" and new.primitive.size == 1
+        return old.primitive.code == new.primitive.code or is_bool_as_byte
+
+
+def _is_narrower(old: int, new: int) -> bool:
+    """Return True if a new upper bound is lower; 0 means no bound."""
+    return new != 0 and (old == 0 or new < old)
 
 
 def _contained_types(message: str, sides: Iterable[Mapping[str, MessageDef]]) -> set[str]:
@@ -211,7 +253,7 @@ def _place(message: MessageDef, one: FieldDef | ConstantDef) -> str:
     return f"{message.source.path}:{one.location.line}:{one.location.column}" if message.source.text else ""
 
 
-def _field_changes(wire: WireCompatibility, old: MessageDef, new: MessageDef) -> tuple[ElementChange, ...]:
+def _field_changes(layouts: _Layouts, old: MessageDef, new: MessageDef) -> tuple[ElementChange, ...]:
     then, now = {one.name: one for one in old.fields}, {one.name: one for one in new.fields}
     renamed = _probable_renames(old.fields, new.fields)
     moved = _reordered([one.name for one in old.fields if one.name in now], [one.name for one in new.fields])
@@ -229,8 +271,7 @@ def _field_changes(wire: WireCompatibility, old: MessageDef, new: MessageDef) ->
         if before.name != one.name:
             found.append(ElementChange("renamed", one.name, before.name, one.name, place, ChangeKind.CODE))
         if canonical_type(before.type) != canonical_type(one.type):
-            is_same = wire.field(before.type, one.type).reading is ReadResult.SAME
-            consequence = ChangeKind.HASH if is_same else ChangeKind.CODE
+            consequence = ChangeKind.HASH if layouts.is_read(before.type, one.type) else ChangeKind.CODE
             found.append(ElementChange("type", one.name, str(before.type), str(one.type), place, consequence))
         if one.name in moved:
             old_number, new_number = (
