@@ -226,8 +226,10 @@ async def test_dds_reports_missed_deadlines_and_lost_liveliness(dds: World) -> N
     await subscription.wait_for_publishers(5)
     publisher.publish(String())
     await until(lambda: bool(late and missed and lost) and any(one.not_alive_count for one in alive))
-    assert late[0].total_count >= late[0].total_count_change >= 1
-    assert alive[-1].alive_count_change + alive[-1].not_alive_count_change == 0 or alive[0].alive_count == 1
+    for first in (late[0], missed[0], lost[0]):
+        assert first.total_count == first.total_count_change >= 1
+    first_lost = next(one for one in alive if one.not_alive_count)
+    assert (alive[0].alive_count, first_lost.alive_count, first_lost.not_alive_count) == (1, 0, 1)
 
 
 async def test_message_lost_events_follow_the_counter_of_dds(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,7 +85,6 @@ async def test_requests_can_be_answered_out_of_order_from_another_task(world: Wo
     await asyncio.wait_for(collecting, 10)
 
 
-@pytest.mark.every_transport
 async def test_delayed_replies_are_sent_when_their_server_closes(memory: World, monkeypatch: Any) -> None:
     server, client = memory.node().create_service(AddTwoInts, "add"), memory.node().create_client(AddTwoInts, "add")
     transport_server, is_released = server._transport_server, False
