@@ -64,9 +64,9 @@ class Discovery:
         self._lock = threading.RLock()
         self._closed = False
         self._reported: set[tuple[object, ...]] = set()
+        """Reported incompatibilities: GUIDs of the endpoints, or name of the service and GUIDs of the participants."""
         self._warned: dict[TopicKey, int] = {}
         """Number of warnings about incompatible endpoints, by topic of the own endpoint."""
-        """Reported incompatibilities: GUIDs of the endpoints, or name of the service and GUIDs of the participants."""
         self._deferred: list[tuple[Callable[[], None], tuple[DiscoveredEndpoint, ...]]] = []
         """Functions to call when the nodes of endpoints are known."""
         self.on_incompatible_endpoint: Callable[[str, str], None] | None = None
