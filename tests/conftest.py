@@ -233,11 +233,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item in selected]
     elif PASSED_FILE and os.path.exists(PASSED_FILE):
         passed = set(Path(PASSED_FILE).read_text(encoding="utf-8").splitlines())
-        items[:] = [item for item in items if item.nodeid not in passed or _has_random_examples(item)]
-
-
-def _has_random_examples(item: pytest.Item) -> bool:
-    return is_hypothesis_test(getattr(item, "obj", None)) or hasattr(getattr(item, "module", None), examples.__name__)
+        items[:] = [item for item in items if item.nodeid not in passed]
 
 
 def _step(cases: int) -> int:
