@@ -1,13 +1,13 @@
 """The floors of bench/runtime.py: round trips with the middleware alone.
 
-Topics on DDS use cyclonedds-python; a second floor is asyncio's loop and a pipe beside a bare writer and reader.
-Services of Fast DDS nodes are beyond that, so that their floor uses writers, readers and the sending of identities of
-`transport/cyclone`, but no loop, no node and no service: it takes any reply for its own, and any request for that of
-the one client there is, and looks into no packet.
+The floor of topics on DDS uses cyclonedds-python. A second floor adds asyncio's loop and a pipe to a bare writer and
+reader. cyclonedds-python cannot call services of Fast DDS nodes. Their floor uses the writers and readers of
+`transport/cyclone` and sends identities, but has no loop, no node and no service. It accepts every reply as its own,
+and treats every request as a request of its only client.
 
-On Zenoh there are three for topics. A channel wakes a thread that waits in it without Python, which an event loop
-cannot do; the least that a loop needs is a Python function that Zenoh calls, and a pipe; the third is a loop, and the
-attachments of rmw_zenoh. Queries have two floors of their own, the second again with a loop at both ends.
+Topics on Zenoh have three floors. In the first a channel wakes a waiting thread without Python, which an event loop
+cannot use. The second is the least that a loop needs: a Python function that Zenoh calls, and a pipe. The third has a
+loop, and the attachments of rmw_zenoh. Queries have two floors; the second has a loop at both ends.
 """
 
 from __future__ import annotations
@@ -285,7 +285,7 @@ class ZenohFloor:
         return data
 
     def wait_for_peer(self) -> None:
-        """Until somebody receives what is put."""
+        """Wait until a subscriber matches."""
         while not self.publisher.matching_status.matching:
             time.sleep(0.01)
         time.sleep(0.2)

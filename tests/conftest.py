@@ -70,8 +70,8 @@ NOT_EVERYWHERE = {
 """Modules that some machines do not have, and regular expressions for imports that need them."""
 ONLY_IN_TEST_ALL = {
     "IPython", "botocore", "cryptography", "dask", "distributed", "duckdb", "flask", "fsspec", "griffe", "hatchling",
-    "ipykernel", "jupyter_client", "matplotlib", "mcap_ros2", "moto", "mypy", "pandas", "plotext", "polars", "pyarrow",
-    "pycdr2", "rosbags", "ruff", "s3fs", "trustme", "upath", "uv", "uvloop", "xacro",
+    "ipykernel", "jupyter_client", "loky", "matplotlib", "mcap_ros2", "moto", "mypy", "pandas", "plotext", "polars",
+    "pyarrow", "pycdr2", "rosbags", "ruff", "s3fs", "trustme", "upath", "uv", "uvloop", "xacro",
 }  # fmt: skip
 """Modules that the extra `test-all` installs and `test` does not."""
 PASSED_FILE = os.environ.get("ROSIDL_TEST_PASSED", "")

@@ -151,7 +151,7 @@ def test_hint_names_extra_that_includes_other_missing_extras(arguments: tuple[st
     code = f"""
 import importlib.util, sys
 real = importlib.util.find_spec
-gone = set("pyarrow duckdb fsspec upath mcap zstandard lz4 dask distributed websockets cryptography".split())
+gone = set("pyarrow duckdb fsspec upath mcap zstandard lz4 dask loky distributed websockets cryptography".split())
 importlib.util.find_spec = lambda name, *more: None if name in gone else real(name, *more)
 for name in gone:
     sys.modules[name] = None

@@ -32,6 +32,7 @@ _EXTRA_OF = {
     "xxhash": "zenoh",
     "pyarrow": "tables",
     "dask": "tables",
+    "loky": "tables",
     "duckdb": "tables",
     "fsspec": "tables",
     "upath": "tables",

@@ -40,10 +40,9 @@ from rosidl_py_gen.tables.multi_bag.bag_tasks import TaskResult
 def pid(task):
     return TaskResult(error=str(os.getpid()))
 
-if __name__ == "__main__":
-    with task_runners.local_processes(1) as run:
-        run(pid, ["a"], lambda task, result: print(result.error, flush=True))
-        time.sleep(60)
+with task_runners.local_processes(1) as run:
+    run(pid, ["a"], lambda task, result: print(result.error, flush=True))
+    time.sleep(60)
 """
 
 
@@ -137,6 +136,19 @@ def test_a_local_process_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
         child = psutil.Process(int(parent.stdout.readline()))
         parent.kill()
     assert psutil.wait_procs([child], 20)[1] == []
+
+
+def test_script_without_main_guard_runs_once_and_writes_all_bags(tmp_path: Path) -> None:
+    bags = [str(bag_of(tmp_path / f"{name}.mcap", 1)) for name in "ab"]
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from rosidl_py_gen.tables import write_datasets\n"
+        f"report = write_datasets({bags}, {str(tmp_path / 'out')!r}, workers=2)\n"
+        "print(sorted(report.files), report.failed)\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("['a', 'b'] {}\n", "")
+    assert rows(tmp_path / "out") == [("a", 1), ("b", 1)]
 
 
 def test_processes_need_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

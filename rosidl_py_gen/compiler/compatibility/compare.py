@@ -28,8 +28,8 @@ class ChangeKind(Enum):
     """Consequence of a change.
 
     DATA: recordings, and messages of nodes with the old definition, are not read as before: some or all of them are
-    misread, cannot be read, or lack fields. CODE: programs that
-    use the type may fail. HASH: the type hash differs; tools warn, and on Zenoh old and new nodes do not match.
+    misread, cannot be read, or lack fields. CODE: programs that use the type may fail. HASH: the type hash differs;
+    tools warn, and on Zenoh old and new nodes do not match.
     DEFAULT: new messages have other values. UNIT: numbers have another unit, by their comments. ADDITION: only
     additions.
     """
@@ -190,10 +190,10 @@ class _Layouts:
     def are_read(self, old: str, new: str) -> bool:
         """Return True if every message of an old type is read as before as a new one."""
         if (old, new) not in self._results:
-            then, now = self._old[old].fields, self._new[new].fields
-            has_same_names = [one.name for one in then] == [one.name for one in now]
+            old_fields, new_fields = self._old[old].fields, self._new[new].fields
+            has_same_names = [one.name for one in old_fields] == [one.name for one in new_fields]
             self._results[old, new] = has_same_names and all(
-                self.is_read(one.type, other.type) for one, other in zip(then, now, strict=True)
+                self.is_read(one.type, other.type) for one, other in zip(old_fields, new_fields, strict=True)
             )
         return self._results[old, new]
 

@@ -48,7 +48,7 @@ class _TypeSize(NamedTuple):
     types: frozenset[str]
 
 
-_ELEMENTS = "fields (also those of nested messages), constants and default values"
+_ELEMENTS = "fields (with the fields of nested messages), constants and default values"
 _ELEMENTS_CURE = "; split it into several messages, or use arrays"
 _UNKNOWN = _TypeSize(1, 1, 1, 0, 0, frozenset())
 """Size of a type that has been reported: it does not exist or is too large."""
@@ -89,7 +89,7 @@ class SizeChecker:
                 (values, MAX_VALUES, "values in nested messages and fixed arrays", ""),
                 (size, MAX_BYTES, "bytes in fixed arrays", ""),
                 (elements, MAX_ELEMENTS, _ELEMENTS, _ELEMENTS_CURE),
-                (inline_fields + other_fields, MAX_FIELDS, "fields with those of nested messages", ""),
+                (inline_fields + other_fields, MAX_FIELDS, "fields with the fields of nested messages", ""),
                 (len(types), MAX_TYPES, "types that it refers to", ""),
             ):
                 if found > maximum:

@@ -102,8 +102,7 @@ def write_datasets(
             that Dask's configuration names. With ``tcp://``, every host that reaches the scheduler or a worker can run
             code on all of them, and in this process. Needs the extra ``cluster``.
         workers: number of processes of this machine; 1 is this process. None: one for each core if there is enough
-            data, else 1. The processes open no port. Like all processes that Python starts, they import the main
-            module: a program must call this function below ``if __name__ == "__main__":``.
+            data, else 1. The processes open no port, and do not import the main module.
         search_path: folders with the packages of the recordings, as in `BagReader`.
         progress: called with the number of completed tasks, and of all.
         on_bytes: called with about the number of stored bytes that are read, and of all.

@@ -1,6 +1,6 @@
 """Execution of tasks by Dask: in processes of this machine, or on the workers of a scheduler that the caller names.
 
-Dask's scheduler "processes" needs no more than Dask itself, and connects the processes by pipes. A local cluster of
+Dask's scheduler "processes" uses an executor of loky, which connects the processes by pipes. A local cluster of
 `distributed` would listen on a port of the loopback interface: every user of the machine could send it tasks, that is,
 run code. A process runs one task at a time, whose memory is bounded by `StagedDataset`.
 
@@ -10,14 +10,14 @@ results with pickle. Therefore this module starts no scheduler.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import sys
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
+from multiprocessing.connection import Connection, Pipe
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
@@ -35,9 +35,8 @@ CONNECT_TIMEOUT_S = 10
 _MAX_WINDOWS_PROCESSES = 61
 """Maximum number of processes of an executor on Windows."""
 _PROCESS_ENDED = (
-    "a process of Dask ended unexpectedly, for this bag or another: it may lack memory, or the program that calls "
-    'write_datasets lacks `if __name__ == "__main__":`; the next run writes only what is missing, and workers=1 '
-    "(--workers 1) uses this process"
+    "a process of Dask ended unexpectedly, for this bag or another: it may lack memory; the next run writes only what "
+    "is missing, and workers=1 (--workers 1) uses this process"
 )
 
 
@@ -46,11 +45,15 @@ def local_processes(workers: int) -> Iterator[TaskRunner]:
     """Yield a function that runs tasks in up to `workers` processes, and passes on each result as it arrives."""
     try:
         import dask  # noqa: F401
+        import loky
     except ModuleNotFoundError as missing:
         raise missing_extra_message(missing) or missing from None
     if sys.platform == "win32":
         workers = min(workers, _MAX_WINDOWS_PROCESSES)
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_process) as pool:
+    # Unlike processes of multiprocessing, processes of loky do not import the main module, which may lack
+    # `if __name__ == "__main__":`.
+    reader, writer = Pipe(duplex=False)
+    with reader, writer, loky.ProcessPoolExecutor(workers, initializer=_start_process, initargs=(reader,)) as pool:
         yield partial(_run_in_processes, pool)
 
 
@@ -74,16 +77,16 @@ def _run_in_processes(pool: Executor, function: TaskFunction, tasks: list[Task],
             on_result(task, TaskResult(error=_PROCESS_ENDED))
 
 
-def _start_process() -> None:
+def _start_process(reader: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it at once, without a traceback
-    Thread(target=_end_with_parent, daemon=True).start()
+    Thread(target=_end_with_parent, args=(reader,), daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    # Executors leave their processes waiting if the process that started them is killed.
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
+def _end_with_parent(reader: Connection) -> None:
+    # Executors leave their processes waiting if the process that started them is killed. Only that process has the
+    # other end of the pipe, and writes nothing.
+    with suppress(EOFError, OSError):
+        reader.recv_bytes()
     os._exit(1)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from support.node_fixtures import World
 
-CALLER: ContextVar[str] = ContextVar("CALLER", default="nobody")
+CALLER: ContextVar[str] = ContextVar("CALLER", default="unset")
 CALLS = 3
 
 
@@ -178,7 +178,7 @@ async def test_each_callback_call_has_its_own_contextvars_context(world: World, 
     alice, bob = world.pair()
     calls = Calls()
     await scenario(alice, bob, calls, getattr(calls, form))
-    assert calls.seen == ["nobody"] * CALLS
+    assert calls.seen == ["unset"] * CALLS
 
 
 @kinds
