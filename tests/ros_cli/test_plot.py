@@ -211,11 +211,12 @@ def test_terminal_plot_shows_lines_axes_and_legend(run_here: Any, bag: str) -> N
     assert "\x1b" not in printed
 
 
-def test_a_line_of_the_terminal_is_interrupted_and_has_steps() -> None:
+@pytest.mark.parametrize("gap", [math.nan, math.inf, -math.inf])
+def test_terminal_line_has_steps_and_gaps_at_values_that_are_not_finite(gap: float) -> None:
     panel = PlotPanel("/t")
     waves, steps = PlotLine("wave"), PlotLine("on", is_steps=True)
     for number in range(100):
-        waves.add(number, math.nan if 40 <= number < 60 else 1.0)
+        waves.add(number, gap if 40 <= number < 60 else 1.0)
         steps.add(number, 0.0)
     panel.lines += [waves, steps]
     rows = plain_text(text_plot([panel], TimeAxis(), 80, 12)).splitlines()

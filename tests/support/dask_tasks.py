@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 
 import psutil
 
@@ -22,6 +23,12 @@ def die(task: object) -> TaskResult:
 
 def run_or_die(task: Task) -> TaskResult:
     return die(task) if task.name == "b" else run_task(task)
+
+
+def last_a_minute(task: object) -> TaskResult:
+    """Sleep, unless the task is "a"."""
+    time.sleep(0 if task == "a" else 60)
+    return TaskResult()
 
 
 def fail(task: object) -> TaskResult:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from urllib.request import Request, urlopen
@@ -21,7 +24,7 @@ from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_ba
 from std_msgs.msg import Int64
 from std_msgs.msg import UInt8MultiArray as Array
 from support.bag_datasets import bag_of, rows, said
-from support.dask_tasks import die, fail, pid, run_or_die
+from support.dask_tasks import die, fail, last_a_minute, pid, run_or_die
 from werkzeug.serving import make_server
 
 from rosidl_py_gen import ExtraMissingError
@@ -115,17 +118,55 @@ def test_local_processes_are_reused_and_open_no_port() -> None:
     assert not any(map(psutil.pid_exists, pids))
 
 
-def test_a_process_that_dies_leaves_errors_and_the_next_run_continues(
+def test_bag_that_ends_its_process_fails_alone_and_the_next_run_writes_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bags = [bag_of(tmp_path / f"{name}.mcap", 1) for name in "abc"]
     with monkeypatch.context() as patch:
         patch.setattr(many, "run_task", run_or_die)
-        report = write_datasets(bags, tmp_path / "out", workers=1 + 1)
-    assert str(bags[1]) in report.failed and "a process of Dask ended unexpectedly" in report.failed[str(bags[1])]
-    assert len(report.files) + len(report.failed) == 3
+        report = write_datasets(bags, tmp_path / "out", workers=2)
+    assert list(report.failed) == [str(bags[1])] and "ended unexpectedly, twice" in report.failed[str(bags[1])]
+    assert sorted(report.files) == ["a", "c"] and rows(tmp_path / "out") == [("a", 1), ("c", 1)]
     again = write_datasets(bags, tmp_path / "out", workers=2)
-    assert "b" in again.files and not again.failed and rows(tmp_path / "out") == [("a", 1), ("b", 1), ("c", 1)]
+    assert list(again.files) == ["b"] and not again.failed
+    assert rows(tmp_path / "out") == [("a", 1), ("b", 1), ("c", 1)]
+
+
+def test_task_that_raises_in_a_process_fails_alone() -> None:
+    with task_runners.local_processes(2) as run:
+        assert results_of(run, fail, [6])[6].error == "the worker failed: KeyError: 6"
+
+
+def test_runs_in_threads_report_their_own_bags(tmp_path: Path) -> None:
+    bags = [bag_of(tmp_path / f"{name}.mcap", 1) for name in "abcd"]
+    with ThreadPoolExecutor(3) as threads:
+        reports = list(threads.map(lambda number: write_datasets(bags, tmp_path / f"{number}", workers=2), range(3)))
+    for number, report in enumerate(reports):
+        assert (sorted(report.files), report.failed) == (list("abcd"), {})
+        assert {Path(one.path).relative_to(tmp_path).parts[0] for files in report.files.values() for one in files} == {
+            str(number)
+        }
+
+
+def test_daemonic_process_uses_itself_or_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = bag_of(tmp_path / "a.mcap", 1)
+    monkeypatch.setattr(many, "PROCESSES_BYTES", 0)
+    monkeypatch.setattr(many, "RANGE_BYTES", 1)
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)  # type: ignore[attr-defined]
+    with pytest.raises(BagError, match="workers=2: this is a daemonic process"):
+        write_datasets([bag], tmp_path / "out", workers=2)
+    assert list(write_datasets([bag], tmp_path / "out").files) == ["a"]
+
+
+def interrupt(task: object, result: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_interrupt_does_not_wait_for_running_tasks() -> None:
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), task_runners.local_processes(3) as run:
+        run(last_a_minute, ["a", "b", "c"], interrupt)
+    assert time.monotonic() - start < 30
 
 
 def test_a_local_process_ends_when_its_parent_is_killed(tmp_path: Path) -> None:

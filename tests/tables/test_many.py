@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import warnings
 from itertools import pairwise
 from pathlib import Path
@@ -159,7 +160,23 @@ def test_an_interrupted_bag_is_written_again(tmp_path: Path, monkeypatch: pytest
     assert said(write_datasets([bag], out)) == ([], ["a"], [])
 
 
-@pytest.mark.parametrize("damage", ["empty", "cut", "without metadata", "invalid metadata", "other keys"])
+def test_bag_without_messages_is_unchanged_in_each_run(tmp_path: Path) -> None:
+    bags = [bag_of(tmp_path / "a.mcap", 1), bag_of(tmp_path / "empty.mcap")]
+    assert said(write_datasets(bags, tmp_path / "out")) == (["a"], ["empty"], [])
+    assert said(write_datasets(bags, tmp_path / "out")) == ([], ["a", "empty"], [])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are texts")
+def test_bag_name_that_is_not_utf8_is_an_error(tmp_path: Path) -> None:
+    name = os.fsdecode(b"\xff.mcap")
+    bag_of(tmp_path / "a.mcap", 1).rename(tmp_path / name)
+    with pytest.raises(BagError, match="UnicodeEncodeError"):
+        write_datasets([tmp_path / name], tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "damage", ["empty", "cut", "without metadata", "invalid metadata", "other keys", "other types"]
+)
 def test_a_file_without_a_valid_record_is_not_replaced(tmp_path: Path, damage: str) -> None:
     bag, out = bag_of(tmp_path / "a.mcap", 1), tmp_path / "out"
     write_datasets([bag], out)
@@ -168,7 +185,8 @@ def test_a_file_without_a_valid_record_is_not_replaced(tmp_path: Path, damage: s
     if damage in ("empty", "cut"):
         file.write_bytes(b"" if damage == "empty" else file.read_bytes()[:-30])
     else:
-        text = {"invalid metadata": "[", "other keys": '{"x": 1}'}.get(damage)
+        types = '{"bag": [1], "version": "", "options": ""}'
+        text = {"invalid metadata": "[", "other keys": '{"x": 1}', "other types": types}.get(damage)
         pq.write_table(table.replace_schema_metadata({"rosidl_py_gen.task": text} if text else {}), file)
     report = write_datasets([bag], out)
     assert said(report) == ([], [], [str(bag)]) and "exists already" in report.failed[str(bag)]

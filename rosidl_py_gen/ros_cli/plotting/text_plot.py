@@ -73,7 +73,6 @@ def _draw(
     for number, line in enumerate(lines):
         x = (line.times - times[0]) / (times[1] - times[0])
         y = (np.clip(line.values, *values) - values[0]) / (values[1] - values[0])
-        y[~np.isfinite(line.values)] = np.nan
         if line.is_steps:
             x, y = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
         drawn = x >= 0

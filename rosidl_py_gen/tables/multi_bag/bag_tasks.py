@@ -14,7 +14,7 @@ import warnings
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from hashlib import sha256
 from itertools import pairwise
@@ -79,7 +79,9 @@ def _read_record(system: Any, path: str) -> TaskRecord | None:
     try:
         with system.open(path, "rb") as stream:
             metadata = parquet().read_metadata(stream).metadata or {}
-        return TaskRecord(**json.loads(metadata[_METADATA_KEY.encode()]))
+        record = TaskRecord(**json.loads(metadata[_METADATA_KEY.encode()]))
+        has_types = all(type(getattr(record, one.name)).__name__ == one.type for one in fields(record))
+        return record if has_types else None
     except (OSError, ValueError, TypeError, KeyError, pa.ArrowException):
         return None
 
@@ -127,9 +129,9 @@ def remove_files(out: str, paths: Iterable[str]) -> None:
 
 def remove_partial_files(out: str, names: Iterable[str]) -> None:
     """Remove partial files of bags with these names, left by processes that were killed."""
-    folders = {f"{BAG}={quote(name, safe='')}" for name in names}
     system, root = file_system(out)
     with unreachable_as_error(out):
+        folders = {f"{BAG}={quote(name, safe='')}" for name in names}
         for path in system.find(root):
             if path.endswith(PARTIAL) and not folders.isdisjoint(path.split("/")):
                 system.rm(path)

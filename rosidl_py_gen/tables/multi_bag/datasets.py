@@ -6,6 +6,7 @@ data. A bag that fails does not stop the others.
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import warnings
 from contextlib import nullcontext
@@ -58,7 +59,7 @@ class DatasetsReport:
         files: written files, by name of the bag.
         skipped_topics: reasons by topic that was not written, or not completely, by name of the bag.
         failed: error of a bag, by its path or URL; some parts of a large bag may have been written.
-        unchanged: names of bags all of whose files exist.
+        unchanged: names of bags all of whose files exist; bags without messages for the dataset have no files.
         damaged: parts of MCAP files that were skipped with ``on_error="skip"``, by name of the bag.
     """
 
@@ -158,7 +159,7 @@ class _DatasetJob:
         self._out, self._options, self._overwrite = out, options, overwrite
         self._progress, self._on_bytes = progress, on_bytes
         self._name_of: dict[str, str] = {}
-        self._with_complete_parts: list[str] = []
+        self._due: list[str] = []
         self.report = DatasetsReport()
         self.warnings: list[str] = []
 
@@ -183,7 +184,7 @@ class _DatasetJob:
                 self.report.unchanged.append(self._name_of[one.place])
                 continue
             due.append((one, complete))
-            self._with_complete_parts += [one.place] if complete else []
+            self._due.append(one.place)
         return due
 
     def tasks(self, due: list[tuple[BagSource, set[int]]], run: TaskRunner) -> list[Task]:
@@ -249,7 +250,7 @@ class _DatasetJob:
         report = self.report
         for files in report.files.values():
             files.sort(key=lambda one: one.path)
-        for place in self._with_complete_parts:  # the other parts have no messages, and therefore no files
+        for place in self._due:  # a bag or part without messages for the dataset has no files
             if place not in report.failed and self._name_of[place] not in report.files:
                 report.unchanged.append(self._name_of[place])
         if not is_url(self._out):
@@ -258,6 +259,8 @@ class _DatasetJob:
 
 def select_runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[TaskRunner]:
     """Return the function that runs tasks: in this process, in others of this machine, or in workers of Dask."""
+    if scheduler is None and workers is None and multiprocessing.current_process().daemon:
+        workers = 1  # daemonic processes must not start processes
     if scheduler is None and workers is None:
         tasks = sum(max(1, -(-size // RANGE_BYTES)) for size in sizes)
         workers = min(os.cpu_count() or 1, tasks) if sum(sizes) >= PROCESSES_BYTES else 1

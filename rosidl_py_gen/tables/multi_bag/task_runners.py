@@ -10,10 +10,10 @@ results with pickle. Therefore this module starts no scheduler.
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import sys
-from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -35,8 +35,8 @@ CONNECT_TIMEOUT_S = 10
 _MAX_WINDOWS_PROCESSES = 61
 """Maximum number of processes of an executor on Windows."""
 _PROCESS_ENDED = (
-    "a process of Dask ended unexpectedly, for this bag or another: it may lack memory; the next run writes only what "
-    "is missing, and workers=1 (--workers 1) uses this process"
+    "the process that read this bag ended unexpectedly, twice; it may lack memory, or a library crashed; the next run "
+    "tries again"
 )
 
 
@@ -45,36 +45,96 @@ def local_processes(workers: int) -> Iterator[TaskRunner]:
     """Yield a function that runs tasks in up to `workers` processes, and passes on each result as it arrives."""
     try:
         import dask  # noqa: F401
-        import loky
+        import loky  # noqa: F401
     except ModuleNotFoundError as missing:
         raise missing_extra_message(missing) or missing from None
+    if multiprocessing.current_process().daemon:
+        raise BagError(
+            f"workers={workers}: this is a daemonic process, such as a worker of multiprocessing.Pool or of Dask, and "
+            "must not start processes; use workers=1"
+        )
     if sys.platform == "win32":
         workers = min(workers, _MAX_WINDOWS_PROCESSES)
-    # Unlike processes of multiprocessing, processes of loky do not import the main module, which may lack
-    # `if __name__ == "__main__":`.
-    reader, writer = Pipe(duplex=False)
-    with reader, writer, loky.ProcessPoolExecutor(workers, initializer=_start_process, initargs=(reader,)) as pool:
-        yield partial(_run_in_processes, pool)
-
-
-def _run_in_processes(pool: Executor, function: TaskFunction, tasks: list[Task], on_result: ResultFunction) -> None:
-    import dask
-    from dask.callbacks import Callback
-
-    due = {f"task-{number}": task for number, task in enumerate(tasks)}
-
-    def finish(key: str, result: TaskResult, *_: Any) -> None:
-        on_result(due.pop(key), result)
-
-    api: Any = dask  # without types
-    calls = [api.delayed(function, pure=False)(task, dask_key_name=key) for key, task in due.items()]
+    processes = _LocalProcesses(workers)
     try:
-        with Callback(posttask=finish):  # type: ignore[no-untyped-call]
-            # By default six tasks would be one, which only one process could do.
-            api.compute(*calls, scheduler="processes", pool=pool, chunksize=1, optimize_graph=False)
-    except BrokenProcessPool:
-        for task in due.values():
-            on_result(task, TaskResult(error=_PROCESS_ENDED))
+        yield processes.run
+    finally:
+        processes.close()
+
+
+class _LocalProcesses:
+    """Processes of this machine. If one ends unexpectedly, all are replaced."""
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._pool: Any = None  # without types
+        self._reader, self._writer = Pipe(duplex=False)
+
+    def run(self, function: TaskFunction, tasks: list[Task], on_result: ResultFunction) -> None:
+        """Run tasks. A task is given up if its process ends unexpectedly while no other task runs."""
+        due = {f"task-{number}": task for number, task in enumerate(tasks)}
+        while due:
+            count = len(due)
+            suspects = self._compute(function, due, due.copy(), on_result)
+            if len(due) == count:  # the processes do not start, or end before they have done anything
+                suspects = due.copy()
+            for key, task in suspects.items():  # each alone, to find the task that ends its process
+                if self._compute(function, due, {key: task}, on_result):
+                    on_result(due.pop(key), TaskResult(error=_PROCESS_ENDED))
+
+    def _compute(
+        self, function: TaskFunction, due: dict[str, Task], tasks: dict[str, Task], on_result: ResultFunction
+    ) -> dict[str, Task]:
+        """Run tasks, and remove the completed ones from `due`; return the running tasks if a process has ended."""
+        import dask
+        import loky
+
+        started: list[str] = []
+
+        def start(key: str, *_: Any) -> None:
+            started.append(key)
+
+        def finish(key: str, result: TaskResult, *_: Any) -> None:
+            on_result(due.pop(key), result)
+
+        # Unlike processes of multiprocessing, processes of loky do not import the main module, which may lack
+        # `if __name__ == "__main__":`.
+        if self._pool is None:
+            self._pool = loky.ProcessPoolExecutor(self._workers, initializer=_start_process, initargs=(self._reader,))
+        api: Any = dask  # without types
+        run = api.delayed(_run_without_exception, pure=False)
+        try:
+            api.compute(
+                *[run(function, task, dask_key_name=key) for key, task in tasks.items()],
+                scheduler="processes",
+                pool=self._pool,
+                chunksize=1,  # by default six tasks would be one, which only one process could do
+                optimize_graph=False,
+                # Callbacks of Dask's `Callback` would be called for the tasks of all threads of this process.
+                callbacks=[(None, None, start, finish, None)],
+            )
+        except BrokenProcessPool:
+            self._end_pool()
+            return {key: tasks[key] for key in started if key in due}
+        return {}
+
+    def _end_pool(self) -> None:
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(kill_workers=True)  # after an interrupt, tasks may still run
+
+    def close(self) -> None:
+        """End the processes."""
+        self._end_pool()
+        self._reader.close()
+        self._writer.close()
+
+
+def _run_without_exception(function: TaskFunction, task: Task) -> TaskResult:
+    try:
+        return function(task)
+    except Exception as error:
+        return TaskResult(error=f"the worker failed: {type(error).__name__}: {error}")
 
 
 def _start_process(reader: Connection) -> None:
