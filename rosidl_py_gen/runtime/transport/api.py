@@ -2,10 +2,11 @@
 
 Bytes go in; bytes and discovery events come out. A transport never sees messages. Names of topics, services and types
 are names of ROS; each transport converts them to names on the wire. Code above this module does not depend on the
-transport, except that error texts, `rosidl-py doctor` and `get_rmw_implementation_identifier` query `middleware`.
+transport, except that error texts, `rosidl-py doctor` and `get_rmw_implementation_identifier` read
+`Participant.middleware`.
 
-Thread rules: `Writer.write` may be called from any thread. Sinks are called by the loop binding on the event loop's
-thread, also while the loop still waits; a sink pops what it needs from the queue of its reader.
+Thread rules: `Writer.write` may be called from any thread. The loop binding calls sinks on the thread of the event
+loop, maybe inside the loop's `select`. A sink pops samples from the queue of its reader.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ GUID_PREFIX_BYTES = 12
 
 @dataclass(frozen=True, slots=True)
 class ParticipantDiscovered:
-    """A participant was discovered (own ones included); `enclave` is None if it does not belong to ROS."""
+    """Event: a participant was discovered (own ones included); `enclave` is None if the participant is not of ROS."""
 
     guid: bytes
     enclave: str | None
@@ -41,7 +42,7 @@ class ParticipantDiscovered:
 
 @dataclass(frozen=True, slots=True)
 class NodeEntities:
-    """Node of a participant, and the GIDs of its endpoints."""
+    """Node of a participant, and the GIDs of the node's endpoints."""
 
     namespace: str
     name: str
@@ -51,7 +52,10 @@ class NodeEntities:
 
 @dataclass(frozen=True, slots=True)
 class NodesAnnounced:
-    """A participant announced all its nodes; `is_humble` is True if it is of Humble or earlier, None if unknown."""
+    """Event: a participant announced its nodes, of which `nodes` contains all.
+
+    `is_humble` is True if the participant is of Humble or earlier, None if unknown.
+    """
 
     guid: bytes
     nodes: tuple[NodeEntities, ...]
@@ -71,23 +75,23 @@ class TopicKey(NamedTuple):
 
     @classmethod
     def of_topic(cls, name: str, qos: QoSProfile) -> TopicKey:
-        """Return the key of a topic whose endpoint has that profile."""
+        """Return the key of topic `name`; `qos` tells whether the name has the naming conventions of ROS."""
         return cls("unmangled" if qos.avoid_ros_namespace_conventions else "topic", name)
 
 
 @dataclass(frozen=True, slots=True)
 class DiscoveredEndpoint:
-    """A reader or writer was discovered (own ones included), or its data changed.
+    """Event: a reader or writer was discovered (own ones included), or its data changed.
 
     Attributes:
-        guid: 16 bytes in network order, as ROS shows it.
+        guid: 16 bytes in network order, as ROS displays a GID.
         participant_guid: GUID of the endpoint's participant.
-        type: of the message, ``pkg/msg/Name`` or ``pkg/srv/Name_Request``; the name on the wire if that is not one of
-            ROS.
+        type: type of the message, ``pkg/msg/Name`` or ``pkg/srv/Name_Request``; the type name on the wire if it does
+            not have the form of a ROS type.
         type_hash: RIHS01 text of the message; empty if not announced.
         service_id: identifier that both endpoints of one client or server share; may be empty.
-        service_hash: RIHS01 text of the service, if announced: instead of the hashes of its messages (Zenoh), or with
-            them.
+        service_hash: RIHS01 text of the service; may be empty. Zenoh peers announce it instead of the hashes of the
+            service's messages.
         wire_name: name of the topic in the middleware.
         wire_type: name of the type in the middleware.
     """
@@ -113,7 +117,7 @@ class DiscoveredEndpoint:
 
 @dataclass(frozen=True, slots=True)
 class EntityLost:
-    """A participant or an endpoint disappeared."""
+    """Event: the participant or endpoint with that GUID disappeared."""
 
     guid: bytes
 
@@ -139,7 +143,7 @@ SYSTEM_CLOCKS = ClockFunctions()
 
 
 Payload: TypeAlias = "bytes | memoryview"
-"""A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
+"""Serialized sample with its 4-byte encapsulation header; a large one is a read-only view of memory of DDS."""
 
 Sample: TypeAlias = "tuple[Payload, int, int, int, int | None]"
 """Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns), and the writer's
@@ -149,23 +153,30 @@ A plain tuple: it is created for each message, and a named tuple costs ten times
 """
 
 Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
-"""Takes what was received. It does not call functions of the user; it returns a function that does, which is called
-a moment later."""
+"""Function of ours that takes received samples or events from a queue.
+
+A sink calls no function of the user. It may return a function that does, which its caller calls a moment later.
+"""
 
 _PADDING = PADDING[NETWORK_ALIGN]
 
 
 def pad_to_4_bytes(data: Payload) -> bytes:
-    """Return the sample padded with zeros, as DDS would send up to three bytes of memory after it."""
+    """Return the sample padded with zeros to a multiple of 4 bytes.
+
+    Without padding DDS would send up to three bytes of unrelated memory after the sample.
+    """
     return bytes(data) + _PADDING[len(data) % NETWORK_ALIGN]
 
 
 class ReceiveQueue:
-    """Received samples that were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL retains all.
+    """Queue of received samples that were not taken yet.
 
-    Thread: any may pop; a lock of the transport serializes `push`, which counts. Appending and popping are single
-    operations of a deque. The deque has no `maxlen`: another thread may pop between a check of its length and an append
-    that drops, and `dropped` would count a sample that was received.
+    With KEEP_LAST, a full queue drops its oldest sample and counts it in `dropped`; with KEEP_ALL, nothing is dropped.
+
+    Thread: any may pop; a lock of the transport serializes `push`. Appending and popping are single operations of a
+    deque. The deque has no `maxlen`: another thread may pop between a check of the length and an append that drops, and
+    `dropped` would count a sample that was received.
     """
 
     __slots__ = ("depth", "dropped", "items")
@@ -176,13 +187,13 @@ class ReceiveQueue:
         self.dropped = 0
 
     def push(self, sample: Sample) -> None:
-        """Add the newest sample."""
+        """Add the newest sample; drop and count the oldest one if the queue is then longer than its depth."""
         self.items.append(sample)
         if len(self.items) > self.depth:
             self.drop_oldest()
 
     def drop_oldest(self) -> None:
-        """Drop and count a sample, unless other threads have emptied the queue."""
+        """Drop the oldest sample and count it, unless other threads have emptied the queue."""
         try:  # `suppress` takes as long as all the rest
             self.items.popleft()
         except IndexError:
@@ -191,15 +202,15 @@ class ReceiveQueue:
 
 
 class TransportError(RosidlError):
-    """The middleware refused an operation; the message contains its reason."""
+    """Raised if the middleware refuses an operation; the text contains the middleware's reason."""
 
 
 class SecurityError(TransportError):
-    """Security (SROS 2) prevents a context or an endpoint, because of a file, the DDS library or permissions."""
+    """Raised if security (SROS 2) prevents a context or endpoint: because of a file, the DDS library or permissions."""
 
 
 class BackendMissingError(ExtraMissingError):
-    """The extra that contains the middleware is not installed."""
+    """Raised if the pip extra that contains the middleware is not installed."""
 
 
 class DiscoveryRange(Enum):
@@ -213,7 +224,7 @@ class DiscoveryRange(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SecurityEnclave:
-    """Enclave of a secured context, with all files.
+    """SROS 2 enclave of a secured context; all its files exist.
 
     Attributes:
         name: announced name of the enclave.
@@ -228,7 +239,7 @@ class SecurityEnclave:
 
 @dataclass(frozen=True, slots=True)
 class DomainSettings:
-    """Settings of a context that its participant is created with.
+    """Settings with which a context creates its participant.
 
     Attributes:
         static_peers: hosts or addresses to contact directly, in this order.
@@ -255,14 +266,14 @@ class _Endpoint(Protocol):
 
     @property
     def guid(self) -> bytes:
-        """16 bytes in network order."""
+        """GUID of the endpoint, 16 bytes in network order."""
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
-        """Return the totals of an event; None if the middleware does not report it.
+        """Return the total counts of an event; None if the middleware does not report the event.
 
-        Of a writer: ``deadline`` (missed deadlines), ``liveliness`` (lost liveliness), ``matched`` (matched readers).
-        Of a reader: ``deadline``, ``liveliness`` (publishers alive, publishers not alive), ``message_lost`` (lost
-        samples), ``matched`` (matched writers).
+        Events of a writer: ``deadline`` (missed deadlines), ``liveliness`` (lost liveliness), ``matched`` (matched
+        readers). Events of a reader: ``deadline``, ``liveliness`` (two counts: publishers alive, publishers not alive),
+        ``message_lost`` (lost samples), ``matched`` (matched writers).
         """
 
     def close(self) -> None:
@@ -304,7 +315,7 @@ class Reader(_Endpoint, Protocol):
         """Received samples that were not taken yet."""
 
     def set_sink(self, sink: Sink | None) -> None:
-        """Call `sink` on the loop's thread when samples were added to the queue."""
+        """Call `sink` on the loop's thread whenever samples were added to the queue; None: stop calling."""
 
     def fetch(self) -> bool:
         """Move received samples into the queue without calling the sink; return True if there were any."""
@@ -313,7 +324,7 @@ class Reader(_Endpoint, Protocol):
         """Return the GUIDs of the matched writers."""
 
     def writer_guid(self, handle: int) -> bytes | None:
-        """Return the GUID of a sample's writer handle; None if the handle is unknown or expired."""
+        """Return the GUID of the writer whose local handle a sample contains; None if unknown or expired."""
 
     def type_hash_of(self, handle: int) -> str:
         """Return the type hash that the transport delivered the writer's samples with; empty if it has none."""
@@ -363,7 +374,7 @@ class Participant(Protocol):
 
     @property
     def guid(self) -> bytes:
-        """16 bytes in network order."""
+        """GUID of the participant, 16 bytes in network order."""
 
     @property
     def middleware(self) -> str:
@@ -371,15 +382,15 @@ class Participant(Protocol):
 
     @property
     def library(self) -> str:
-        """C library of the middleware with version and file; empty if there is no choice."""
+        """Text with version and file of the middleware's C library; empty if the user cannot choose the library."""
 
     @property
     def capabilities(self) -> Mapping[str, str]:
-        """Capabilities that depend on the library, each with ``"yes"`` or the reason why it is missing."""
+        """Names of capabilities that depend on the C library, each with ``"yes"`` or the reason why it is missing."""
 
     @property
     def services_unavailable_reason(self) -> str | None:
-        """Reason why services of Fast DDS peers cannot be used; None if they can."""
+        """Reason why services of Fast DDS peers cannot be used; None if they can be used."""
 
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
@@ -387,49 +398,55 @@ class Participant(Protocol):
         """Return why a writer and a reader of one topic and type do not match; None if they match."""
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
-        """Create a writer."""
+        """Create a writer and announce it to peers."""
 
     def create_reader(self, spec: EndpointSpec) -> Reader:
-        """Create a reader."""
+        """Create a reader and announce it to peers."""
 
     def create_client(self, service: ServiceSpec) -> TransportClient:
-        """Create a client."""
+        """Create a client of a service."""
 
     def create_server(self, service: ServiceSpec) -> TransportServer:
-        """Create a server."""
+        """Create a server of a service."""
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
-        """Announce all nodes of the participant, by number. Thread: any."""
+        """Announce all nodes of the participant, given by number, to peers. Thread: any."""
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        """Report discovery to `sink` on the loop's thread, starting with everything that is known already.
+        """Pass discovery events to `sink` on the loop's thread, starting with everything that is known already.
 
         The participant reports itself and its own nodes and endpoints, too.
         """
 
     def report_discovery(self) -> None:
-        """Report unreported discovery events now. Thread: the loop's, or any if no loop runs."""
+        """Pass all unreported discovery events to the sink now. Thread: the loop's, or any if no loop runs."""
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        """Call `notify` from any thread when `take_ready_sinks` has sinks, for loops that cannot watch `fileno`."""
+        """Call `notify` from any thread when `take_ready_sinks` has sinks, for loops that cannot watch `fileno`.
+
+        None: stop calling.
+        """
 
     def fileno(self) -> int | None:
         """Return a descriptor that is readable while `take_ready_sinks` has sinks; None if only `set_wakeup` works."""
 
     def take_ready_sinks(self) -> list[Sink]:
-        """Return the sinks that have work, each once. The caller calls them on the loop's thread."""
+        """Return the sinks of readers with new samples, each once. The caller calls them on the loop's thread."""
 
     def detach_after_fork(self) -> None:
-        """Use no inherited resource from now on. Called in a forked child."""
+        """Make the participant use no inherited resource any more. Called in a forked child."""
 
     def close(self) -> None:
         """Delete the participant and its endpoints. May be called twice."""
 
 
 class Transport(Protocol):
-    """Middleware that can join domains; one that can be secured has the attribute `has_security`, which is True."""
+    """Middleware that can join domains.
+
+    A transport that supports security (SROS 2) has an attribute `has_security`, which is True.
+    """
 
     clocks: ClockFunctions
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> Participant:
-        """Join the domain. Settings that the transport does not have are ignored."""
+        """Join the domain of `settings` as a participant that announces `enclave`; ignore unsupported settings."""

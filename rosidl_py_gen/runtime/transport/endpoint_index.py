@@ -1,4 +1,4 @@
-"""Discovered endpoints by GUID and topic, results that are cached until these change, and the share of a queue."""
+"""Index of discovered endpoints, a cache of results that depend on them, and the fair share of a server's queue."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ ResultT = TypeVar("ResultT")
 
 
 class EndpointIndex:
-    """Discovered endpoints.
+    """Index of discovered endpoints by GUID and by topic.
 
-    Thread: any. Reading takes no lock and copies at once what it reads; changes exclude each other.
+    Thread: any. Reading methods take no lock and copy what they read in one operation; a lock serializes changes.
     """
 
     def __init__(self) -> None:
         self.version = 0
-        """Grows with each change, after it: other threads cache what they have read by the version."""
+        """Number that is incremented after each change; other threads cache results by this version."""
         self.endpoints: dict[bytes, DiscoveredEndpoint] = {}
         self._by_topic_key: dict[TopicKey, dict[bytes, DiscoveredEndpoint]] = {}
-        """Plain dicts, because only those are copied in one operation without the GIL."""
+        """Endpoints by topic and GUID. Plain dicts, because only they are copied in one operation without the GIL."""
         self._change_lock = threading.RLock()
 
     def add(self, endpoint: DiscoveredEndpoint) -> None:
@@ -45,7 +45,7 @@ class EndpointIndex:
                 self.version += 1
 
     def endpoints_on(self, topic_key: TopicKey, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """Return the writers or readers of a topic."""
+        """Return the discovered endpoints of a topic: the writers, or with ``writers=False`` the readers."""
         endpoints = list(self._by_topic_key.get(topic_key, {}).values())  # copied at once: another thread may add some
         return [endpoint for endpoint in endpoints if endpoint.is_writer is writers]
 
@@ -54,7 +54,7 @@ class ServicePeers(EndpointIndex):
     """Discovered endpoints of services."""
 
     def apply(self, events: Iterable[DiscoveryEvent]) -> None:
-        """Record discovery events."""
+        """Add or remove the endpoints of services that discovery events report."""
         for event in events:
             if isinstance(event, EntityLost):
                 self.remove(event.guid)
@@ -62,25 +62,29 @@ class ServicePeers(EndpointIndex):
                 self.add(event)
 
     def known(self, guids: Iterable[bytes]) -> list[DiscoveredEndpoint]:
-        """Return the endpoints with these GUIDs, without those that are not discovered."""
+        """Return the endpoints with these GUIDs; GUIDs of undiscovered endpoints are skipped."""
         found = map(self.endpoints.get, guids)  # one operation for each: another thread may remove an endpoint
         return [endpoint for endpoint in found if endpoint is not None]
 
 
 class MatchCache(Generic[ResultT]):
-    """Results of `check`, cached per key while they are true and the version of `endpoints` stays the same.
+    """Cache of results of `check` by key, valid while the version of `endpoints` does not change.
 
-    DDS does not report when discovered endpoints become matched: a negative result may be outdated a moment later.
+    Only true results are cached: DDS does not report when discovered endpoints become matched, so a false result may be
+    outdated a moment later.
     """
 
     def __init__(self, endpoints: EndpointIndex, check: Callable[[Hashable], ResultT]) -> None:
         self._endpoints = endpoints
         self._check = check
         self._cached: tuple[int, dict[Hashable, ResultT]] = -1, {}
-        """Version, and positive results of that version: a thread that is late stores into the dict of its version."""
+        """Version of the endpoints, and true results by key for that version.
+
+        A thread that is late stores its result into the dict of its own version.
+        """
 
     def get(self, key: Hashable = None) -> ResultT:
-        """Return the cached result for `key`, or check."""
+        """Return the cached result for `key`, or else the result of a new check."""
         version, (cached_version, positive) = self._endpoints.version, self._cached
         if version != cached_version:
             positive = {}
@@ -96,8 +100,9 @@ class MatchCache(Generic[ResultT]):
 def fair_queue_share(servers: Iterable[QoSProfile], clients: Iterable[DiscoveredEndpoint]) -> int:
     """Return the number of requests that this participant may have in the queues of servers; 0 if unlimited.
 
-    `clients` are the request writers of all clients, own ones included. They share the queue of a server, so the
-    smallest keep-last depth is divided by the number of their participants; each of these gets at least 1.
+    `servers` are the profiles of request readers, `clients` the request writers of all clients, own ones included. All
+    clients share the queue of a server. So the smallest keep-last depth is divided by the number of the clients'
+    participants; each participant gets at least 1.
     """
     depth = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
     return depth and max(1, depth // max(1, len({client.participant_guid for client in clients})))

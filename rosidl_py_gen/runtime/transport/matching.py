@@ -1,4 +1,4 @@
-"""Compatibility of two endpoints: QoS with the texts of rmw, types, and what people read about incompatible ones."""
+"""Compatibility of two endpoints in QoS and type, with texts for people; the texts about QoS are those of rmw."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Compatibility(Enum):
-    """Verdict of `check_compatible`."""
+    """Verdict about two QoS profiles: compatible, possibly incompatible (WARNING), or incompatible (ERROR)."""
 
     OK = "ok"
     WARNING = "warning"
@@ -35,12 +35,12 @@ class Compatibility(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CompatibilityResult:
-    """Verdict and reasons of `check_compatible`.
+    """Verdict about the QoS profiles of a publisher and a subscription, with reasons.
 
     Attributes:
         reason: fragments that each end in ``;``; empty if the verdict is OK.
-        policies: the incompatible policies, in the order in which DDS checks them; as there, the lease of liveliness
-            counts as LIVELINESS. Empty unless the verdict is ERROR.
+        policies: the incompatible policies, in the order in which DDS checks them; the lease of liveliness counts as
+            LIVELINESS, as in DDS. Empty unless the verdict is ERROR.
     """
 
     compatibility: Compatibility
@@ -131,10 +131,12 @@ _POSSIBLE_MISMATCHES = (
         "Publisher's liveliness is automatic, but subscription's is {}",
     ),
 )
-"""Policy, weakest offer, strictest request, and the texts if both values are undetermined, if only the offer is, and if
-only the request is."""
+"""Rows of possible QoS mismatches: policy, weakest offer, strictest request, and three texts.
+
+The texts are for the cases that both values are undetermined, only the offer, and only the request.
+"""
 _UNDETERMINED = ("SYSTEM_DEFAULT", "UNKNOWN")
-"""Values that the middleware chooses, or that were not discovered."""
+"""Names of policy values that the middleware replaces by a choice of its own, or that were not discovered."""
 
 
 def _possible_mismatches(offered: QoSProfile, requested: QoSProfile) -> Iterator[str]:
@@ -150,7 +152,10 @@ def _possible_mismatches(offered: QoSProfile, requested: QoSProfile) -> Iterator
 
 
 def describe_policies(*, theirs: QoSProfile, ours: QoSProfile, policies: Iterable[str]) -> str:
-    """Return the values of policies, by lower-case names: ``reliability BEST_EFFORT, here RELIABLE``."""
+    """Return a text of the policies that differ: ``reliability BEST_EFFORT, here RELIABLE``.
+
+    Only `policies` are compared, which are lower-case names.
+    """
     texts = []
     for policy in policies:
         for name in _FIELDS[policy]:
@@ -166,7 +171,7 @@ _FIELDS = {
     "deadline": ("deadline_ns",),
     "liveliness": ("liveliness", "liveliness_lease_ns"),
 }
-"""Fields of a profile that belong to a policy."""
+"""Fields of `QoSProfile` that belong to a policy, by its lower-case name."""
 
 
 def _value_text(value: IntEnum | int) -> str:
@@ -176,7 +181,10 @@ def _value_text(value: IntEnum | int) -> str:
 
 
 def find_preset(qos: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile], is_service: bool = False) -> str:
-    """Return the name of a preset that matches all peers, close to `qos` if there are several; empty if none does."""
+    """Return the name of a QoS preset that is compatible with the profiles of all `peers`; empty if none is.
+
+    If several presets are compatible, the result is close to `qos`.
+    """
     names = ["DEFAULT", "SENSOR_DATA"]
     if qos.reliability is Reliability.BEST_EFFORT:
         names.reverse()
@@ -231,13 +239,13 @@ def _replace_best_available(profile: QoSProfile, best: QoSProfile) -> QoSProfile
 
 
 FORMAT_VARIABLE = "ROSIDL_PY_GEN_ZENOH_FORMAT"
-"""Environment variable; with ``humble``, own keys and tokens have no hash."""
+"""Environment variable; with the value ``humble``, this process uses Zenoh keys and tokens without type hashes."""
 _MAX_TEXT_CHARS = 600
-"""Maximum length of a type or hash in the text about both endpoints."""
+"""Maximum length of a type or hash in `Incompatibility.reason`."""
 _MAX_PEER_TYPE_CHARS = 300
-"""Maximum length of a type in the text about a peer."""
+"""Maximum length of a type in a result of `Incompatibility.reason_of`."""
 _MAX_PEER_HASH_CHARS = 200
-"""Maximum length of a hash in the text about a peer."""
+"""Maximum length of a hash in a result of `Incompatibility.reason_of`."""
 
 
 class IncompatibilityKind(Enum):
@@ -248,7 +256,7 @@ class IncompatibilityKind(Enum):
     """The definitions of the type differ."""
     QOS = auto()
     HASH_FORMAT = auto()
-    """Only one of them announces a type hash, which is part of the key that Zenoh matches."""
+    """Only one of the endpoints announces a type hash, which is part of the key that Zenoh matches."""
 
 
 def qos_incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> IncompatibilityKind | None:
@@ -280,7 +288,7 @@ class Incompatibility:
 
     @property
     def reason(self) -> str:
-        """Text about both endpoints."""
+        """Text for people that states the difference with the values of both endpoints."""
         if self.kind is IncompatibilityKind.TYPE:
             return f"types differ, {_type_text(self.writer)} and {_type_text(self.reader)}"
         if self.kind is IncompatibilityKind.DEFINITION:
@@ -294,7 +302,10 @@ class Incompatibility:
         return f"their quality of service is incompatible. {check_compatible(self.writer.qos, self.reader.qos).reason}"
 
     def reason_of(self, peer: DiscoveredEndpoint, name: str) -> str:
-        """Return the text about `peer`, one of the two endpoints, which belongs to the node `name`."""
+        """Return a text that states the difference of `peer`, one of the two endpoints, from the other one.
+
+        `name` names the node of `peer` in the text.
+        """
         own = self.reader if peer.is_writer else self.writer
         if self.kind is IncompatibilityKind.TYPE:
             return f"{name} has another type, {_type_text(peer, _MAX_PEER_TYPE_CHARS)}"
@@ -313,7 +324,7 @@ def _type_text(endpoint: DiscoveredEndpoint, max_chars: int = _MAX_TEXT_CHARS) -
 
 
 def _hashes(one: DiscoveredEndpoint, other: DiscoveredEndpoint) -> tuple[str, str]:
-    """Return the hashes that both announce: of the message, or else of the service."""
+    """Return the type hashes of two endpoints: of the messages if both announce one, or else of the services."""
     if one.type_hash and other.type_hash:
         return one.type_hash, other.type_hash
     return one.service_hash or one.type_hash, other.service_hash or other.type_hash

@@ -1,7 +1,7 @@
 """Transport inside one process, with the behaviour of DDS but without network, threads and delays.
 
-For tests of programs that use this package, and for our own. Contexts that were given the same `MemoryTransport` see
-each other. Delivery happens inside `write`, in the order of creation of the readers, so each run gives the same result.
+For tests of programs that use this package, and for our own tests. Contexts with the same `MemoryTransport` discover
+each other. `write` delivers to the readers in the order of their creation, so each run gives the same result.
 Matching, KEEP_LAST, transient-local history, lifespan and discovery follow the rules of DDS. Deadlines and leases do
 not exist, because no participant can disappear without closing.
 """
@@ -50,7 +50,7 @@ class MemoryTransport:
     """In-process transport; pass it to `Context(transport=...)` of every node that must communicate.
 
     Args:
-        clocks: clock functions of all its nodes.
+        clocks: clock functions of all nodes that use the transport; None: the clocks of this machine.
 
     Example:
         >>> transport = MemoryTransport()
@@ -103,7 +103,7 @@ class MemoryParticipant:
         self.take_ready_sinks, self.fileno = self._ready_sinks.take, self._ready_sinks.fileno
         self._events: list[DiscoveryEvent] = []
         self._report_lock = threading.RLock()
-        """Held until the sink has applied the events: without a running loop, several threads report."""
+        """Lock that is held until the sink has applied the events: without a running loop, several threads report."""
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
 
     def create_writer(self, spec: EndpointSpec) -> MemoryWriter:
@@ -160,7 +160,7 @@ class MemoryParticipant:
             self.mark_ready(self.report_discovery)
 
     def report(self, event: DiscoveryEvent) -> None:
-        """Report one event later; it is dropped while there is no discovery sink."""
+        """Queue an event for the discovery sink; drop the event if there is no discovery sink."""
         if self._discovery_sink is not None:
             self._events.append(event)
             self.mark_ready(self.report_discovery)
@@ -186,14 +186,14 @@ class MemoryParticipant:
             peer.report(event)
 
     def unregister(self, guid: bytes) -> None:
-        """Remove an endpoint that was closed."""
+        """Remove an endpoint that was closed, and report its loss to all participants of the domain."""
         with self.lock:
             self.writers.pop(guid, None)
             self.readers.pop(guid, None)
             self._report_to_all(EntityLost(guid))
 
     def detach_after_fork(self) -> None:
-        """Do nothing: a copy of the memory is harmless."""
+        """Do nothing: in a forked child, the copy of the participant's memory is harmless."""
 
     def close(self) -> None:
         with self.lock:
@@ -252,7 +252,7 @@ class MemoryWriter(_MemoryEndpoint):
         return True
 
     def replay(self, reader: MemoryReader) -> None:
-        """Deliver the retained samples that have not expired to a late joiner."""
+        """Deliver the retained samples that have not expired to a new transient local reader."""
         if reader.qos.durability is not Durability.TRANSIENT_LOCAL:
             return
         oldest = self.owner.time_ns() - self.qos.lifespan_ns
@@ -275,7 +275,7 @@ class MemoryWriter(_MemoryEndpoint):
         return None
 
     def assert_liveliness(self) -> None:
-        """Do nothing: liveliness cannot be lost."""
+        """Do nothing: a publisher in memory cannot lose its liveliness."""
 
 
 class MemoryReader(_MemoryEndpoint):
@@ -288,7 +288,7 @@ class MemoryReader(_MemoryEndpoint):
         self._sink: Sink | None = None
 
     def receive(self, sample: Sample) -> None:
-        """Add a sample to the queue."""
+        """Add a sample to the queue, and mark the reader's sink as ready."""
         self.queue.push(sample)
         if self._sink is not None:
             self.owner.mark_ready(self._sink)
@@ -322,7 +322,10 @@ class MemoryReader(_MemoryEndpoint):
 
 
 def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
-    """Return True if DDS would match the two: equal names, compatible QoS, not excluded by `ignore_local`."""
+    """Return True if DDS would match two endpoints.
+
+    Topic and type must be equal, the QoS compatible, and `ignore_local` must not exclude the writer.
+    """
     if reader.ignore_local and writer.owner is reader.owner:
         return False
     has_same_names = writer.info.topic_key == reader.info.topic_key and writer.info.type == reader.info.type

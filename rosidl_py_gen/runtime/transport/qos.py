@@ -21,7 +21,7 @@ MAX_DEPTH = 2**31 - 1
 
 
 class InvalidQoSError(RosidlError, ValueError):
-    """A QoS value is out of range, of the wrong type or not usable here."""
+    """Raised if a QoS value is out of range, of the wrong type, or not permitted where it is used."""
 
 
 class History(IntEnum):
@@ -54,7 +54,7 @@ class Durability(IntEnum):
 
 
 class Liveliness(IntEnum):
-    """Assertion that a publisher is alive; numbers of rmw (2 was removed there)."""
+    """Way in which a publisher asserts that it is alive; numbers of rmw, which has removed 2."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -84,11 +84,11 @@ POLICIES: dict[str, type[IntEnum]] = {
     "durability": Durability,
     "liveliness": Liveliness,
 }
-"""Enum class of each field of a profile that has one."""
+"""Enum class of each policy whose value is an enum member, by field of `QoSProfile`."""
 
 
 def _policy_member(name: str, kind: type[IntEnum], value: object) -> IntEnum:
-    """Convert a plain int to the enum member; raise `InvalidQoSError` for any other value."""
+    """Convert a plain int to a member of `kind`; raise `InvalidQoSError` for other values, or an int as history."""
     numbers = [int(member) for member in kind]
     if value.__class__ is int and value in numbers and kind is not History:
         return kind(value)
@@ -147,53 +147,56 @@ class QoSProfile:
             raise InvalidQoSError(f"avoid_ros_namespace_conventions must be True or False, got {value!r}")
 
     def short(self) -> str:
-        """Return the policies that differ most often: ``reliable, volatile, keep last 10``."""
+        """Return reliability, durability and history as a short text: ``reliable, volatile, keep last 10``."""
         history = f"keep last {self.depth}" if self.history is History.KEEP_LAST else self.history.name
         words = (self.reliability.name, self.durability.name, history)
         return ", ".join(word.lower().replace("_", " ") for word in words)
 
     def keep_last(self, depth: int) -> QoSProfile:
-        """Retain the newest `depth` samples; 0 counts as 1 on the wire."""
+        """Return a copy that retains the newest `depth` samples; 0 counts as 1 on the wire."""
         return replace(self, history=History.KEEP_LAST, depth=depth)
 
     def keep_all(self) -> QoSProfile:
-        """Retain every sample; the depth becomes 0."""
+        """Return a copy that retains every sample; its depth is 0."""
         return replace(self, history=History.KEEP_ALL, depth=0)
 
     def reliable(self) -> QoSProfile:
-        """Send lost samples again."""
+        """Return a copy with which lost samples are sent again."""
         return replace(self, reliability=Reliability.RELIABLE)
 
     def best_effort(self) -> QoSProfile:
-        """Never send a sample twice."""
+        """Return a copy with which lost samples are not sent again."""
         return replace(self, reliability=Reliability.BEST_EFFORT)
 
     def volatile(self) -> QoSProfile:
-        """Start late joiners with the next sample."""
+        """Return a copy with which late joiners receive only samples that are sent later."""
         return replace(self, durability=Durability.VOLATILE)
 
     def transient_local(self) -> QoSProfile:
-        """Send late joiners the samples that the publisher retains."""
+        """Return a copy with which late joiners also receive the samples that the publisher retains."""
         return replace(self, durability=Durability.TRANSIENT_LOCAL)
 
     def deadline(self, seconds: float) -> QoSProfile:
-        """Expect a sample at least every `seconds`; `math.inf` for never."""
+        """Return a copy with a deadline: a sample is expected at least every `seconds`; `math.inf` for no deadline."""
         return replace(self, deadline_ns=_duration_ns("deadline", seconds))
 
     def lifespan(self, seconds: float) -> QoSProfile:
-        """Drop samples older than `seconds`; `math.inf` for never."""
+        """Return a copy with which samples older than `seconds` are dropped; `math.inf` for never."""
         return replace(self, lifespan_ns=_duration_ns("lifespan", seconds))
 
     def automatic_liveliness(self, lease_s: float | None = None) -> QoSProfile:
-        """Assert liveliness by the process; None does not change the lease."""
+        """Return a copy with which a publisher's process asserts liveliness; None does not change the lease."""
         return self._with_liveliness(Liveliness.AUTOMATIC, lease_s)
 
     def manual_liveliness(self, lease_s: float | None = None) -> QoSProfile:
-        """Assert liveliness by each publish or explicitly; None does not change the lease."""
+        """Return a copy with which a publisher asserts its liveliness by publishing, or by an explicit call.
+
+        None does not change the lease.
+        """
         return self._with_liveliness(Liveliness.MANUAL_BY_TOPIC, lease_s)
 
     def no_ros_prefix(self) -> QoSProfile:
-        """Use the topic name without the prefix `rt/`."""
+        """Return a copy with which the topic name has no prefix `rt/` in DDS."""
         # Source: docs/internals/protocol.md 4.
         return replace(self, avoid_ros_namespace_conventions=True)
 
@@ -227,17 +230,17 @@ BEST_AVAILABLE = QoSProfile(
     liveliness=Liveliness.BEST_AVAILABLE,
     liveliness_lease_ns=BEST_AVAILABLE_NS,
 )
-"""Profile that adapts to the existing endpoints when an endpoint is created, so that it matches as many as possible."""
+"""Profile whose policies are chosen when an endpoint is created, to match as many discovered endpoints as possible."""
 
 QoSLike = int | QoSProfile
-"""Profile, or keep-last depth of the default profile."""
+"""QoS profile, or an int: the default profile with that keep-last depth."""
 
 
 def as_profile(qos: QoSLike) -> QoSProfile:
     """Return `qos`, or the default profile with `qos` as its keep-last depth.
 
     Raises:
-        InvalidQoSError: `qos` is neither, or has an UNKNOWN policy.
+        InvalidQoSError: `qos` is neither a profile nor a valid depth, or has an UNKNOWN policy.
     """
     if isinstance(qos, QoSProfile):
         for name, kind in POLICIES.items():

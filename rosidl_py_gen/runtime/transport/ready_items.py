@@ -1,7 +1,7 @@
-"""Sinks, or handles of readers, that are ready, and the wake-up of the event loop, where no descriptor does that.
+"""Queue of sinks, or of handles of readers, that are ready; adding an item wakes up the event loop.
 
-Only the first sink of a batch wakes up the loop: by a byte in a pipe that the loop watches, or by a function where it
-cannot (Windows, virtual time). Later sinks are only stored.
+Only the first sink of a batch wakes up the loop: by a byte in a pipe that the loop watches, or by a function where the
+loop cannot watch a pipe (Windows, virtual time). Later sinks are only stored.
 
 Thread rules; there are no locks, because the loop would wait for one as soon as it is woken up:
 
@@ -10,7 +10,7 @@ Thread rules; there are no locks, because the loop would wait for one as soon as
 2. `take`: loop. It clears the flag and then reads the sinks; `put` stores the sink and then reads the flag. So each
    sink is taken, or wakes up the loop again. Operations of a dict are atomic.
 3. `fileno` and `set_wakeup`: the thread that binds or detaches a loop, one at a time (`loop/loop_binding`).
-4. `close`: any. Later sinks are discarded: a closed file does not write into another one that has got its number.
+4. `close`: any. Later sinks wake up no loop: a closed `FileIO` does not write into a file that reuses its descriptor.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _MAX_BYTES = 64
 
 
 class ReadyItems(Generic[ItemT]):
-    """Ready sinks of one participant, or handles of its readers that have samples."""
+    """Queue of a participant's ready sinks, or of the handles of its readers that have samples."""
 
     def __init__(self, *, has_pipe: bool = sys.platform != "win32") -> None:
         self._ready: dict[ItemT, None] = {}
         self._is_notified = False
-        """The loop was woken up and has not taken the sinks yet."""
+        """True after the loop was woken up, until it takes the items."""
         self._notify: Callable[[], None] | None = None
         self._ends: tuple[FileIO, FileIO] | None = None
         if has_pipe:
@@ -42,7 +42,7 @@ class ReadyItems(Generic[ItemT]):
             self._ends = FileIO(reading, "rb"), FileIO(writing, "wb")
 
     def put(self, item: ItemT) -> None:
-        """Add an item. Thread: any."""
+        """Add an item, and wake up the loop unless an earlier item already has. Thread: any."""
         self._ready[item] = None  # before the flag is read: `take` has the opposite order
         if not self._is_notified:
             self._is_notified = True
@@ -68,11 +68,11 @@ class ReadyItems(Generic[ItemT]):
         return ready
 
     def fileno(self) -> int | None:
-        """Return a descriptor that is readable while there are items; None if there is none."""
+        """Return a descriptor that is readable while items wait; None if the queue has no pipe."""
         return None if self._ends is None else self._ends[0].fileno()
 
     def set_wakeup(self, notify: Callable[[], None] | None) -> None:
-        """Call `notify` instead of writing into the pipe."""
+        """Wake up the loop by a call of `notify` from now on, or with None by a byte in the pipe."""
         self._notify = notify
         self._is_notified = False  # the loop that was woken up may be gone; before the list is read, as in `take`
         if self._ready:
@@ -80,7 +80,7 @@ class ReadyItems(Generic[ItemT]):
             self._wake_up()
 
     def close(self) -> None:
-        """Discard items from now on."""
+        """Remove all items and close the pipe; later items wake up no loop."""
         ends, self._ends, self._notify = self._ends, None, None
         self._ready.clear()
         for end in ends or ():

@@ -1,14 +1,14 @@
-"""Flow control of replies: a limit for how many of them clients may not have taken yet.
+"""Flow control of a server: a limit for the number of replies that its clients may not have taken yet.
 
 A client of ROS keeps the last 10 replies that it has not taken, and overwrites older ones silently: their calls never
-end. On DDS it keeps those to other clients of the service, too. So a server that would send many at once, as when its
-goals end together, sends `MAX_REPLIES` and then waits until these have arrived, where the transport reports that, and
-for `HOLD_S`, as a client takes them some time after they arrived.
+end. On DDS the 10 include replies to other clients of the service. So a server that would send many replies at once, as
+when its goals end together, sends `MAX_REPLIES`. It then waits until they have arrived, where the transport reports
+that, and for `HOLD_S`, because a client takes replies some time after they arrived.
 
-Calls that come one after another are faster than acknowledgements and must not wait for them. So an unknown client is
-probed: its fourth reply is held for `PROBE_S`. A client that sends no request in this time waits for replies: it is
-trusted, and each further request shows that it took the replies before. A client that goes on sending takes no reply
-before it has sent everything, and gets `MAX_REPLIES` at a time.
+Calls in sequence are faster than acknowledgements and must not wait for them. So the server probes an unknown client:
+it delays the client's fourth reply by `PROBE_S`. A client that sends no request in this time waits for replies: it is
+trusted, and each further request shows that it took the earlier replies. A client that continues to send takes no reply
+before it has sent all its requests, and gets `MAX_REPLIES` at a time.
 """
 
 from __future__ import annotations
@@ -22,45 +22,49 @@ from rosidl_py_gen.runtime.transport.api import SYSTEM_CLOCKS, ClockFunctions
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 MAX_REPLIES = 8
-"""Maximum number of replies that may be in flight. A client of ROS keeps 10."""
+"""Maximum number of replies of a server that its clients may not have taken. A client of ROS keeps 10."""
 _PROBE_REPLIES = 3
-"""Number of replies to a client before it is probed: with 7 requests that wait then it has no more than 10 replies."""
+"""Number of replies to a client before it is probed. With at most 7 unanswered requests at that time, the client has
+no more than the 10 replies that it can keep."""
 PROBE_S = 0.005
-"""Time without a request after which a client is trusted, once for each series of calls; calls that take longer never
-wait. Clients of rclpy send goals every 0.1 ms, on a busy machine every 2 ms."""
+"""Time in which a probed client must send no request to be trusted, in seconds. Each series of calls waits for it once,
+calls that take longer never. Clients of rclpy send goals every 0.1 ms, on a busy machine every 2 ms."""
 IDLE_S = 0.1
-"""Time without a request or reply after which a client is probed again."""
+"""Time without a request or reply after which a client is probed again, in seconds."""
 HOLD_S = 0.04
-"""Minimum time for `MAX_REPLIES`, as replies arrive before they are taken. With 20 ms a client of rclpy lost some of 20
-results on a machine with four busy processes on two cores. A larger value delays results that come together."""
+"""Minimum time from sending a reply until it counts as taken, in seconds: clients take replies after they arrived. With
+20 ms a client of rclpy lost some of 20 results on a machine with four busy processes on two cores. A larger value
+delays results that are sent together."""
 _HOLD_PER_READER_S = 0.008
-"""The same for each client: 8 replies to 20 clients in one node of rclpy keep it busy for 100 ms."""
+"""Time by which each client increases the time until a reply counts as taken, in seconds, where the sum exceeds
+`HOLD_S`: 8 replies to 20 clients in one node of rclpy keep the node busy for 100 ms."""
 ACK_TIMEOUT_S = 0.1
-"""Time after which replies count as taken without an acknowledgement, which usually takes 5 to 30 ms: a client may have
-been killed. Until acknowledgements come again, `HOLD_S` counts."""
+"""Time after which a reply counts as taken without an acknowledgement, in seconds: the client may have been killed. An
+acknowledgement usually takes from 5 to 30 ms. After one timeout, `HOLD_S` applies until acknowledgements arrive again.
+"""
 _MAX_CLIENTS = 256
 
 
 @dataclass(slots=True)
 class _Client:
-    """State of one client."""
+    """State of one client in the flow control of a server."""
 
     unanswered: int = 0
-    """Number of its requests that have no reply yet."""
+    """Number of the client's requests that have no reply yet."""
     in_flight: int = 0
-    """Number of replies that it may not have taken."""
+    """Number of replies that the client may not have taken."""
     is_trusted: bool = False
-    """A request of it shows that it took the replies before."""
+    """True if each further request of the client shows that it took the earlier replies."""
     is_bursty: bool = False
-    """It has sent more requests than it can keep replies."""
+    """True if the client has sent more requests at once than it can keep replies."""
     last_ns: int = 0
-    """Time of its last request or reply."""
+    """Time of the client's last request or reply, in ns of the steady clock."""
 
 
 class ReplyWindow:
-    """Replies of one server that its clients may not have taken. Thread: any.
+    """Flow control of one server: counts the replies that its clients may not have taken. Thread: any.
 
-    `have_arrived` returns True if every client has acknowledged all replies; it is None if the transport cannot tell.
+    `have_arrived` returns True if every client has acknowledged all replies; None if the transport cannot tell.
     """
 
     def __init__(self, have_arrived: Callable[[], bool] | None, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
@@ -72,13 +76,13 @@ class ReplyWindow:
         self._is_released = False
         self._clients: dict[Hashable, _Client] = {}
         self._in_flight: list[tuple[int, _Client]] = []
-        """When each reply was sent, and to whom; oldest first."""
+        """Time in ns at which each reply in flight was sent, and the client it was sent to; oldest first."""
         self._hold_s = HOLD_S
         self._timeout_s = ACK_TIMEOUT_S
         self._lock = threading.RLock()  # a signal handler may send a reply in the middle of another one
 
     def set_readers(self, readers: Iterable[QoSProfile]) -> None:
-        """Set the limit for clients with these profiles."""
+        """Set the limit from the QoS profiles of the reply readers of all clients."""
         depths = [max(1, qos.depth) for qos in readers if qos.history is not History.KEEP_ALL]
         if depths and not self._is_released:
             self.limit = min(MAX_REPLIES, *depths)
@@ -89,11 +93,11 @@ class ReplyWindow:
             self._forget_clients()
 
     def release(self) -> None:
-        """Remove the limit for good: the server closes, and replies that wait must be sent before."""
+        """Remove the limit for good, because the server closes, and waiting replies must be sent before that."""
         self.limit, self._is_released = 0, True
 
     def on_request(self, key: Hashable) -> None:
-        """Record a request of a client."""
+        """Record that the client `key` has sent a request."""
         with self._lock:
             client, now_ns = self._client(key), self._clocks.steady_ns()
             quiet_s = (now_ns - client.last_ns) / NS_PER_S
@@ -107,7 +111,7 @@ class ReplyWindow:
                 self._have_taken(client)
 
     def is_open(self, key: Hashable) -> bool:
-        """Return True if a reply may be sent to that client now."""
+        """Return True if a reply may be sent to the client `key` now."""
         with self._lock:
             client, now_ns = self._client(key), self._clocks.steady_ns()
             if self._has_room(client):
@@ -123,7 +127,7 @@ class ReplyWindow:
         return not self.limit or (client.in_flight < share and len(self._in_flight) < self.limit)
 
     def _drop_older(self, now_ns: int) -> None:
-        """Forget replies that count as taken."""
+        """Forget the replies that count as taken, because they were sent long enough ago."""
         age_s = self._hold_s
         if self._have_arrived is not None:
             if self._have_arrived():
@@ -137,7 +141,7 @@ class ReplyWindow:
                 self._timeout_s = self._hold_s
 
     def on_sent(self, key: Hashable) -> None:
-        """Record a reply to a client."""
+        """Record that a reply was sent to the client `key`."""
         with self._lock:
             client = self._client(key)
             client.last_ns = self._clocks.steady_ns()

@@ -34,7 +34,7 @@ def no_conversion(service_hash: str) -> ServiceConversion | None:
 
 @dataclass(frozen=True, slots=True)
 class ServiceSpec:
-    """Service as its clients and servers announce it.
+    """Name, type, hashes and QoS of a service, from which a transport creates a client or server.
 
     Attributes:
         name: fully qualified.
@@ -59,14 +59,14 @@ class ServiceSpec:
 
     @property
     def topic_keys(self) -> tuple[TopicKey, TopicKey]:
-        """Topics of the requests and of the replies."""
+        """Topic of the requests and topic of the replies."""
         if self.qos.avoid_ros_namespace_conventions:
             return TopicKey("unmangled", f"{self.name}Request"), TopicKey("unmangled", f"{self.name}Reply")
         return TopicKey("request", self.name), TopicKey("reply", self.name)
 
     @property
     def endpoints(self) -> tuple[EndpointSpec, EndpointSpec]:
-        """Endpoints for the requests and for the replies."""
+        """Specifications of the endpoints on the request topic and on the reply topic."""
         requests, replies = self.topic_keys
         hash = self.type_hash
         return (
@@ -76,7 +76,7 @@ class ServiceSpec:
 
 
 class NoReply(NamedTuple):
-    """Replaces the response of a request that no server will answer.
+    """Replacement for the response to a request that no server will answer.
 
     `reason` completes the sentence "the server of /add ...".
     """
@@ -85,22 +85,22 @@ class NoReply(NamedTuple):
 
 
 class IncompatiblePeer(NamedTuple):
-    """Endpoint of a peer that cannot be used, and the reason."""
+    """GUID of an endpoint of a client or server that cannot be used, and the reason."""
 
     guid: bytes
     reason: str
     has_topics: bool = True
-    """Topics of the peer work, and services may work with another DDS library."""
+    """True if topics of the peer work, and its services may work with another DDS library."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServerAvailability:
-    """Servers of a client.
+    """Availability of the servers that one client can call.
 
     Attributes:
         is_available: a server is matched in both directions.
         request_queue_depth: this participant's share of the smallest request queue of the servers; 0 if unlimited.
-        incompatible_server: a server that cannot be used, if there are no usable ones.
+        incompatible_server: a server that cannot be used, if no server can be used.
     """
 
     is_available: bool = False
@@ -112,13 +112,17 @@ class ServerAvailability:
 
 
 Reply: TypeAlias = "tuple[int, Payload | NoReply | DecodeError, bytes | None]"
-"""Number of the request, response or the error in its bytes, and GUID of the sender if known. A plain tuple, because it
-is created for each reply."""
+"""Number of the request; response, `NoReply`, or the error in the response's bytes; GUID of the sender if known.
+
+A plain tuple, because one is created for each reply.
+"""
 RequestId: TypeAlias = "Any"
 """Origin of a request, opaque outside of the transport that created it."""
 Request: TypeAlias = "tuple[RequestId, Payload | IncompatiblePeer | DecodeError, bytes | None, int, int]"
-"""Origin, request, GUID of the sender if known, and the times of sending and reception in ns since the epoch. The
-request is replaced by the peer that cannot be served, or by the error in its bytes."""
+"""Origin of a request; the request; GUID of the sender if known; times of sending and reception in ns since the epoch.
+
+If the request cannot be served, an `IncompatiblePeer` or the error in the request's bytes replaces it.
+"""
 
 
 class _ServiceEndpoint(Protocol):
@@ -138,19 +142,19 @@ class _ServiceEndpoint(Protocol):
 
     @property
     def endpoints(self) -> tuple[bytes, bytes]:
-        """GUIDs of the reader and the writer in the graph."""
+        """GUIDs under which the graph contains the reader and the writer of the client or server."""
 
     def connected(self) -> list[bytes]:
-        """Return the GUIDs of the matched writers of the other side."""
+        """Return the GUIDs of the matched writers: of the servers for a client, of the clients for a server."""
 
     def all_acknowledged(self) -> bool:
-        """Return True if the other side has acknowledged everything that was sent."""
+        """Return True if the other side has acknowledged all requests, or all replies, that were sent."""
 
     def accept_type_hash(self, type_hash: str) -> None:
         """Exchange data with peers of that hash of the service, too, for which there is a conversion. Thread: loop."""
 
     def set_sink(self, sink: Sink | None) -> None:
-        """Call `sink` on the loop's thread when there is something to take."""
+        """Call `sink` on the loop's thread whenever a reply or request can be taken; None: stop calling."""
 
     def close(self) -> None:
         """Delete the client or server. May be called twice."""
@@ -173,32 +177,36 @@ class TransportClient(_ServiceEndpoint, Protocol):
         """Forget a request: its response arrived, or the caller no longer waits for it. Thread: loop."""
 
     def take(self) -> Reply | None:
-        """Return the next received reply, or None. Several servers may reply to one request."""
+        """Return the next received reply; None if there is none. Several servers may reply to one request."""
 
     def report_lost_requests(self) -> None:
-        """Add a `NoReply`, after all received replies, for each request whose servers are all gone."""
+        """Make `take` return a `NoReply`, after all received replies, for each request whose servers are all gone."""
 
     def servers(self) -> ServerAvailability:
-        """Return the availability of servers; cached while discovery does not change."""
+        """Return the availability of servers; the result is cached until discovery changes."""
 
     def server_endpoints(self) -> frozenset[bytes]:
-        """Return the GUIDs of all endpoints of servers, matched or not; the same object until they change."""
+        """Return the GUIDs of all endpoints of servers, matched or not; the same object until an endpoint changes."""
 
 
 class TransportServer(_ServiceEndpoint, Protocol):
     """Server of a service."""
 
     def take(self) -> Request | None:
-        """Return the next received request, or None."""
+        """Return the next received request; None if there is none."""
 
     def send(self, to: RequestId, data: bytes) -> bool:
-        """Send a response; return False if the caller must retry later, also because the client might lose it now."""
+        """Send a response to the request with origin `to`.
+
+        Returns:
+            False if the caller must retry later: the transport is busy, or the client might lose a response now.
+        """
 
     def release(self) -> None:
-        """Send without flow control from now on, because the server closes."""
+        """Send responses without flow control from now on, because the server closes."""
 
     def can_reach_client(self, to: RequestId) -> bool:
-        """Return False if a response would not arrive, as far as the transport can tell."""
+        """Return False if a response to the request with origin `to` would not arrive; True if unknown."""
 
     def request_origin(self, to: RequestId) -> tuple[bytes, int]:
-        """Return the GID of the client, 16 bytes, and the number of the request, as introspection reports them."""
+        """Return the client's GID (16 bytes) and the number of the request, for service introspection events."""

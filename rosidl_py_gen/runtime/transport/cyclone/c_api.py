@@ -1,6 +1,7 @@
 """Public C functions of Cyclone DDS as Python callables: prototypes, structures and return codes.
 
-Only what the headers of Cyclone promise; `private_layout.py` has the rest. Handles and addresses are plain integers.
+This module uses only what the headers of Cyclone promise; `private_layout.py` uses private structures. Handles and
+addresses are plain integers.
 
 The Python classes of `cyclonedds` are not used: they do not tell which reader triggered a WaitSet, hold the GIL in
 write and take, and are never deleted if they are part of a reference cycle (docs/internals/protocol.md 11.4).
@@ -21,16 +22,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.runtime.transport.api import TransportError
 
 _set_handler = import_module("_signal").signal
-"""`signal.signal` without its Python wrapper, which costs 7 us for each reply."""
+"""Set a signal handler: `signal.signal` without its Python wrapper, which costs 7 us for each reply."""
 
 TIMEOUT = -10
 PRECONDITION_NOT_MET = -4
 NOT_ALLOWED_BY_SECURITY = -13
 SAMPLE_NOT_CONSUMED = frozenset({-3, -9, -12})
-"""Return codes of `dds_writecdr` if it did not reach the writer: the caller still owns its reference to the sample."""
+"""Return codes of `dds_writecdr` after which the caller still owns its reference to the sample."""
 SAMPLE_WITH_DATA = 2
 DCPS_PARTICIPANT = 0x7FFF0001
-"""Pseudo handle of a builtin topic, like the following two."""
+"""Pseudo handle of the builtin topic of participants; DCPS_PUBLICATION and DCPS_SUBSCRIPTION are for endpoints."""
 DCPS_PUBLICATION = 0x7FFF0003
 DCPS_SUBSCRIPTION = 0x7FFF0004
 
@@ -39,7 +40,7 @@ _is_windows = sys.platform == "win32"
 
 
 class Iov(ct.Structure):
-    """ddsrt_iovec_t: address and size of a memory block."""
+    """C structure ddsrt_iovec_t: address and size of a memory block."""
 
     _fields_ = (
         *((("size", ct.c_uint32),) if _is_windows else ()),
@@ -53,13 +54,16 @@ def _windows_iov(address: int, size: int) -> bytes:
 
 
 pack_iov: Callable[[int, int], bytes] = _windows_iov if _is_windows else struct.Struct("@PN").pack
-"""Pack an `Iov` in a third of the time; the caller must keep the memory block alive."""
+"""Return the bytes of an `Iov` with an address and a size, in a third of the time of its class.
+
+The caller must keep the memory block alive.
+"""
 address_of = ct.PYFUNCTYPE(ct.c_void_p, ct.py_object)(("PyBytes_AsString", ct.pythonapi))
-"""Return the address of the content of a bytes object."""
+"""Return the address of the content of a bytes object, which the caller must keep alive."""
 
 
 class DdsMatchedStatus(ct.Structure):
-    """dds_publication_matched_status_t and dds_subscription_matched_status_t, which have the same layout."""
+    """C structures dds_publication_matched_status_t and dds_subscription_matched_status_t; both have this layout."""
 
     _fields_ = (
         *(("total", ct.c_uint32), ("total_change", ct.c_int32)),
@@ -69,13 +73,13 @@ class DdsMatchedStatus(ct.Structure):
 
 
 class BuiltinParticipant(ct.Structure):
-    """dds_builtintopic_participant_t."""
+    """C structure dds_builtintopic_participant_t: a discovered participant."""
 
     _fields_ = (("key", ct.c_ubyte * 16), ("qos", ct.c_void_p))
 
 
 class BuiltinEndpoint(ct.Structure):
-    """dds_builtintopic_endpoint_t."""
+    """C structure dds_builtintopic_endpoint_t: a discovered writer or reader."""
 
     _fields_ = (
         *(("key", ct.c_ubyte * 16), ("participant_key", ct.c_ubyte * 16), ("participant_handle", ct.c_uint64)),
@@ -84,12 +88,12 @@ class BuiltinEndpoint(ct.Structure):
 
 
 def cast_loan(address: int, kind: type[_Loan]) -> _Loan:
-    """Return the structure at an address that Cyclone returned."""
+    """Return the structure of type `kind` at an address that Cyclone returned."""
     return ct.cast(address, ct.POINTER(kind)).contents
 
 
 class TopicDescriptor(ct.Structure):
-    """dds_topic_descriptor_t, from 0.10 on."""
+    """C structure dds_topic_descriptor_t of Cyclone 0.10 and later."""
 
     _fields_ = (
         *((name, ct.c_uint32) for name in ("size", "align", "flags", "key_count")),
@@ -106,7 +110,7 @@ _KINDS = dict(
         strict=True,
     )
 )
-"""C type for each letter of a signature: `i:up` is a function of a uint32 and a pointer that returns an int32."""
+"""C type for each letter of a function signature: `i:up` takes a uint32 and a pointer and returns an int32."""
 _FUNCTIONS = {
     "i:us": "dds_create_domain",
     "i:upp": "dds_create_participant",
@@ -145,7 +149,7 @@ _FUNCTIONS = {
     "b:psp": "dds_qget_prop",
     "b:pp": "dds_qget_durability dds_qget_lifespan dds_qget_deadline",
 }
-"""Functions by result and arguments, in letters of `_KINDS`. They release the GIL, because a DDS call may block."""
+"""C functions by signature in letters of `_KINDS`. Calls release the GIL, because a DDS call may block."""
 _WITH_GIL = {
     "p:pizpz": "ddsi_serdata_from_ser_iov",
     "p:pzzp": "ddsi_serdata_to_ser_ref",
@@ -154,13 +158,14 @@ _WITH_GIL = {
     "u:p": "ddsi_serdata_size",
     "-:pzzp": "ddsi_serdata_to_ser",
 }
-"""Functions for samples. They never block and keep the GIL, because reacquiring it costs more than their work."""
+"""C functions for samples by signature. Calls hold the GIL: they never block, and reacquiring it costs more than the
+call."""
 _WITHOUT_CONVERSION = ("dds_takecdr",)
 _SYMBOLS = ("ddsi_sertype_v0", "ddsi_serdata_from_ser", "ddsi_sertype_derive_sertype")
 _OPTIONAL = {"i:ip": "dds_get_entity_sertype", "-:pup": "dds_qset_psmx_instances", "-:pp": "dds_set_log_sink"}
-"""Functions that not every version has: 0.10 lacks the first two, 11.0 the last."""
+"""C functions that not every version of Cyclone has: 0.10 lacks the first two, 11.0 the last."""
 MIN_VERSION = "0.10"
-"""First version that has all required symbols."""
+"""First version of Cyclone DDS that has all of `REQUIRED_SYMBOLS`."""
 REQUIRED_SYMBOLS = (*" ".join([*_FUNCTIONS.values(), *_WITH_GIL.values()]).split(), *_WITHOUT_CONVERSION, *_SYMBOLS)
 
 
@@ -170,7 +175,7 @@ def _function(library: ct.CDLL, name: str, text: str, make: Any = ct.CFUNCTYPE) 
 
 
 class CycloneApi:
-    """Functions as attributes without their ``dds_`` or ``ddsi_`` prefix; a missing optional one is None."""
+    """C functions of libddsc as attributes without prefix ``dds_`` or ``ddsi_``; a missing optional one is None."""
 
     def __init__(self, library: ct.CDLL) -> None:
         self.library = library
@@ -189,7 +194,7 @@ class CycloneApi:
         self.copy_large = _function(library, "ddsi_serdata_from_ser_iov", "p:pizpz")
         self.drop_large = _function(library, "ddsi_serdata_unref", "-:p")
         self.sertype_version: int = ct.cast(library["ddsi_sertype_v0"], ct.c_void_p).value or 0
-        """First entry of the vtable of a sertype."""
+        """First entry of the vtable of every sertype (type object)."""
 
     if TYPE_CHECKING:
 
@@ -203,7 +208,7 @@ class CycloneApi:
 
     @contextmanager
     def locked_entity(self, entity: int) -> Iterator[int]:
-        """Yield the address of an entity, which cannot be deleted inside the block."""
+        """Yield the address of the structure of an entity, which cannot be deleted inside the block."""
         address = ct.c_void_p()
         self.check(self.entity_pin(entity, ct.byref(address)), "lock an entity")
         try:
@@ -212,17 +217,24 @@ class CycloneApi:
             self.entity_unpin(address)
 
     def counts(self, entity: int, status: str, number: int) -> tuple[int, ...]:
-        """Return the first numbers of a status, such as ``sample_lost``; all statuses begin with 32 bit numbers."""
+        """Return the first `number` counters of a DDS status of an entity, such as ``sample_lost``.
+
+        All statuses begin with 32 bit numbers.
+        """
         numbers = (ct.c_uint32 * 8)()
         self.check(getattr(self, f"get_{status}_status")(entity, numbers), f"read the status {status}")
         return tuple(numbers[:number])
 
     def disable_deletes(self) -> None:
-        """Make `delete` do nothing. In a forked child it would wait for threads that do not exist there."""
+        """Make `delete` do nothing: in a forked child it would wait for threads that do not exist there."""
         vars(self)["delete"] = lambda entity: 0
 
     def check(self, code: int, activity: str) -> int:
-        """Return a handle or a count; raise `TransportError` for a negative code."""
+        """Return `code`, the result of a call of Cyclone, if it is a handle or count.
+
+        Raises:
+            TransportError: the code is negative; the text says that Cyclone could not do `activity`, and why.
+        """
         if code < 0:
             reason = self.strretcode(code)
             raise TransportError(f"Cyclone DDS could not {activity}: {reason.decode()} ({code})")

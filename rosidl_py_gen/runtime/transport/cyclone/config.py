@@ -12,12 +12,14 @@ from rosidl_py_gen.runtime.transport.api import DiscoveryRange, DomainSettings
 
 MAX_PARTICIPANT_INDEX = 32
 IGNORE_TYPE_INFORMATION = "IgnoreTypeInformation"
-"""Element of Cyclone from 11 on."""
+"""Name of a configuration element that Cyclone has from 11 on."""
 OPTIONAL_ELEMENTS = frozenset(
     {"SocketReceiveBufferSize", "HeartbeatInterval", "NackDelay", IGNORE_TYPE_INFORMATION, "SPDPInterval"}
     | {"InitialLocatorPruneDelay", "SharedMemory"}
 )
-"""Elements that are omitted if the library does not know them. 0.10 lacks two; a build without iceoryx lacks the last.
+"""Configuration elements that are omitted if the loaded library does not know them.
+
+Cyclone 0.10 lacks two; a build without iceoryx lacks ``SharedMemory``.
 """
 DEFAULT_CONFIG = (
     '<Internal><SocketReceiveBufferSize max="32MiB"/><HeartbeatInterval>20ms</HeartbeatInterval>'
@@ -42,11 +44,11 @@ _LOOPBACK_INTERFACE = '<Interfaces><NetworkInterface address="127.0.0.1" multica
 def cyclone_xml(
     settings: DomainSettings, *, process_id: int, extra: str = "", last: str = "", unsupported: Collection[str] = ()
 ) -> str:
-    """Return the configuration: ours, then CYCLONEDDS_URI, whose elements override it. May be empty.
+    """Return the configuration of a domain: our XML, then CYCLONEDDS_URI, whose elements override ours. May be empty.
 
-    `extra` and `last` are XML below ``<Domain>`` before and after the user's XML, `unsupported` members of
-    `OPTIONAL_ELEMENTS`. In localhost and off mode multicast is disabled again at the end, so that a CYCLONEDDS_URI that
-    was written for another mode cannot enable it.
+    `extra` and `last` are XML below ``<Domain>`` before and after the user's XML. `unsupported` are the members of
+    `OPTIONAL_ELEMENTS` to omit. In localhost and off mode multicast is disabled again at the end, so that a
+    CYCLONEDDS_URI that was written for another mode cannot enable it.
     """
     fragments = []
     body = _domain_elements(settings, process_id, IGNORE_TYPE_INFORMATION not in unsupported) + extra
@@ -102,7 +104,9 @@ def _attribute(text: str) -> str:
 
 
 def _discovery(peers: tuple[str, ...]) -> str:
-    """Set the values that ROS peers expect; Cyclone 11 has other defaults than the 0.10 of ROS.
+    """Return the ``<Discovery>`` element with the values that ROS peers expect, and with static `peers`.
+
+    Cyclone 11 has other defaults than the Cyclone 0.10 of ROS.
 
     Cyclone announces a participant every 8 s to known participants, but to listed addresses without a known participant
     only once, at the start; after 30 s it removes them. A peer may start later and announce itself only by multicast,

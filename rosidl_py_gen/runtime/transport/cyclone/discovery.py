@@ -40,16 +40,16 @@ from rosidl_py_gen.runtime.transport.dds.correlation import (
 from rosidl_py_gen.runtime.transport.dds.names import parse_user_data, ros_type, topic_key_of
 
 _BATCH = 64
-"""Length of all arrays for a builtin reader, because 0.10 writes as many pointers as it has ever lent."""
+"""Length of all arrays for samples of a builtin reader: Cyclone 0.10 writes as many pointers as it has ever lent."""
 _MAX_LOST_HANDLES = 4096
-"""Maximum number of handles of lost endpoints to retain: their last samples may still be in a queue."""
+"""Maximum number of handles of lost endpoints to retain: last samples of these endpoints may still be in a queue."""
 _ALIVE = 16
 _UNREAD = 2 | 4 | 8 | _ALIVE
 """State mask of samples that were not read yet, in any view state, of alive instances."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
-"""instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
+"""Unpack instance_state, valid_data and instance_handle from a dds_sample_info_t (64 bytes)."""
 _ADDRESSES = b"__NetworkAddresses"
-"""Property of a participant that Cyclone adds."""
+"""Property in which Cyclone stores the network addresses of a discovered participant."""
 _FAST_DDS = (b"PARTICIPANT_TYPE", b"fastdds.physical_data.host")
 """Properties that only participants on Fast DDS have."""
 _BUILTIN_PREFIX = "DCPS"
@@ -58,10 +58,11 @@ _TOPICS = (DCPS_PARTICIPANT, c_api.DCPS_PUBLICATION, c_api.DCPS_SUBSCRIPTION)
 
 
 class BuiltinTopicReaders:
-    """Readers of the three builtin topics of a participant.
+    """Readers of the three builtin topics of DDS (participants, writers, readers) for one participant.
 
     Args:
-        listener: writes the handles of endpoint readers into the pipe whose writing end is `stream`.
+        listener: Cyclone listener that writes the handle of a builtin reader into the pipe whose writing end is
+            `stream`.
         on_new_participant: called with GUID and addresses of each discovered Fast DDS participant.
         new_warnings: returns texts to log, each once.
     """
@@ -97,18 +98,21 @@ class BuiltinTopicReaders:
         fast_dds.on_participants_pending(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.report_lock = threading.RLock()
-        """Held from reading events until the sink has applied them: without a running loop, several threads report."""
+        """Lock held from reading events until the sink has applied them: without a loop, several threads report."""
         self._lock = threading.RLock()
-        """Guards the builtin readers; not held while the sink runs, which may call functions of the user."""
+        """Lock of the builtin readers; not held while the sink runs, because a sink may call functions of the user."""
         self._is_stopped = False
         self.guids: dict[int, bytes] = {}
-        """Known GUIDs by local handle; `endpoint_guid` finds others."""
+        """GUIDs of discovered endpoints by local handle; `endpoint_guid` finds those that are missing here."""
         self._lost_handles: deque[int] = deque()
 
     def _loaned_samples(
         self, reader: int, function: Callable[..., int], *states: int
     ) -> Iterator[tuple[int, int, bool, int]]:
-        """Yield address (valid until the next one), instance state, validity and handle of each sample of a reader."""
+        """Yield address, instance state, validity and instance handle of each sample of a builtin reader.
+
+        `function` is `dds_take` or `dds_read_mask`. An address is valid until the next sample is requested.
+        """
         count = _BATCH
         while count == _BATCH:
             pointers, infos = (ct.c_void_p * _BATCH)(), (ct.c_ubyte * (64 * _BATCH))()  # null pointers request loans
@@ -121,7 +125,7 @@ class BuiltinTopicReaders:
                     self._api.return_loan(reader, pointers, count)
 
     def _on_participants(self, reader: int, stream: int) -> None:
-        """Called by Cyclone in its own thread, before it processes anything else of a new participant."""
+        """Record new participants. Called by Cyclone's thread, before it processes anything else of a participant."""
         self._fast_dds.on_participants_pending(reader)
         try:
             for pointer, *_ in self._loaned_samples(reader, self._api.read_mask, _UNREAD):
@@ -130,7 +134,10 @@ class BuiltinTopicReaders:
             putw(reader, stream)
 
     def _record_participant(self, participant: BuiltinParticipant, reader: int) -> None:
-        """Store the addresses of a Fast DDS participant, and report a new one."""
+        """Store the addresses of a Fast DDS participant, and call `on_new_participant` for a new one.
+
+        A secured participant on Fast DDS is only recorded as such.
+        """
         guid = bytes(participant.key)
         if guid.startswith(FAST_DDS_VENDOR):
             prefix = guid[:GUID_PREFIX_BYTES]
@@ -143,7 +150,7 @@ class BuiltinTopicReaders:
             add_secured_fast_dds(guid, reader)
 
     def report(self) -> None:
-        """Pass all new events to the sink."""
+        """Pass all new discovery events to the sink, and log new warnings."""
         with self.report_lock:
             with self._lock:
                 events = [] if self._is_stopped else list(self._read_events())
@@ -206,18 +213,21 @@ class BuiltinTopicReaders:
         )
 
     def stop(self) -> None:
-        """Stop reading and wait for a thread that reads: deleting the readers also frees the loaned samples."""
+        """Stop reading builtin topics, and wait for a thread that reads.
+
+        Deleting a builtin reader also frees the samples that such a thread has on loan.
+        """
         with self._lock:
             self._is_stopped = True
 
     def close(self) -> None:
-        """Forget the readers, which were deleted with the participant."""
+        """Forget the builtin readers, which were deleted with the participant, and what they reported."""
         reader = self._readers[DCPS_PARTICIPANT]
         self._fast_dds.forget_reader(reader)
         discard_secured_fast_dds(reader)
 
     def fast_dds_addresses(self, endpoint: bytes) -> str | None:
-        """Return the addresses of an endpoint's participant; None if it is not a known Fast DDS participant."""
+        """Return the network addresses of an endpoint's participant; None unless it is a known Fast DDS participant."""
         return self._addresses.get(endpoint[:GUID_PREFIX_BYTES])
 
     def matched(self, entity: int, *, is_writer: bool) -> list[bytes]:
@@ -235,7 +245,10 @@ class BuiltinTopicReaders:
         return [guid for guid in guids if guid is not None]
 
     def endpoint_guid(self, entity: int, handle: int, *, is_writer: bool) -> bytes | None:
-        """Return the GUID of a handle, from Cyclone if discovery was not read that far."""
+        """Return the GUID of the endpoint with a local handle, which is matched with `entity`; None if unknown.
+
+        If the endpoint's discovery event was not read yet, Cyclone is queried.
+        """
         guid = self.guids.get(handle)
         if guid is None:
             api = self._api

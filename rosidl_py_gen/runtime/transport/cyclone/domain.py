@@ -32,7 +32,7 @@ _OPS = (ct.c_uint32 * 3)(0x01010000, 0, 0)
 
 
 class Sertype(NamedTuple):
-    """Type object of a domain."""
+    """Type object of Cyclone for one type in one domain, by its address."""
 
     address: int
     payload_offset: int | None
@@ -40,7 +40,7 @@ class Sertype(NamedTuple):
 
 
 class Sertypes:
-    """Type objects of one domain; `prepare` is called with each new one and the name of its type."""
+    """Type objects of one domain; `prepare` is called with each new type object and the DDS name of its type."""
 
     def __init__(self, api: CycloneApi, prepare: Callable[[Sertype, str], None]) -> None:
         self._api = api
@@ -49,7 +49,11 @@ class Sertypes:
         self._known: dict[str, Sertype] = {}
 
     def create_topic(self, participant: int, topic: str, dds_type: str) -> int:
-        """Create a topic entity."""
+        """Create a topic entity of Cyclone and return its handle; topics of one type share one type object.
+
+        Raises:
+            TransportError: the type name is too long, Cyclone refused, or the type object was not found.
+        """
         if len(dds_type) > _MAX_TYPE_CHARS:
             raise TransportError(
                 f"DDS type {dds_type[:60]}...: expected at most {_MAX_TYPE_CHARS} characters, got {len(dds_type)}"
@@ -90,11 +94,11 @@ class Sertypes:
         return address.value
 
     def __getitem__(self, dds_type: str) -> Sertype:
-        """Return the sertype of a type that has topics."""
+        """Return the type object of a DDS type for which a topic was created."""
         return self._known[dds_type]
 
     def close(self) -> None:
-        """Release all sertypes. Called before the domain is deleted."""
+        """Release all type objects. Called before the domain is deleted."""
         with self._lock:
             for known in self._known.values():
                 self._api.sertype_unref(known.address)
@@ -104,9 +108,9 @@ class Sertypes:
 # -------------------------------------------------------------------------------------------------------------- domains
 
 _CLOSE_TIMEOUT_S = 5.0
-"""Maximum time that `leave` waits for other threads that write."""
+"""Maximum time that `Domain.leave` waits for other threads that write, in seconds."""
 _CLOSE_POLL_INTERVAL_S = 0.001
-"""Interval in which `leave` polls: a notification by each write would cost more than the write."""
+"""Interval in which `Domain.leave` polls, in seconds: a notification by each write would cost more than the write."""
 _FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250
 _FIRST_UNICAST_PORT = 10
@@ -114,7 +118,7 @@ _PORTS_PER_INDEX = 2
 
 
 class Domain:
-    """Configured domain; it exists while a participant of this process uses it."""
+    """DDS domain in this process, with its configuration; it exists while a participant of the process uses it."""
 
     _open: ClassVar[dict[int, Domain]] = {}
     _lock: ClassVar[threading.Lock] = threading.Lock()
@@ -129,9 +133,9 @@ class Domain:
         self._enclave_folder = enclave_folder
         self._users = 0
         self.is_closing = False
-        """No participant uses the domain; it is deleted when no thread writes."""
+        """True when no participant uses the domain any more; it is deleted when no thread writes."""
         self.writing: list[int] = []
-        """Threads that create or write a sample, or delete an endpoint, and so use types and memory of the domain."""
+        """Ids of threads that write a sample or delete an endpoint, and so use types and memory of the domain."""
         self._end_lock = threading.Lock()
         self._has_ended = False
         self.types = Sertypes(api, fast_dds.prepare)
@@ -153,10 +157,11 @@ class Domain:
     def join(
         cls, api: c_api.CycloneApi, fast_dds: FastDdsInterop, domain_id: int, xml: str, enclave_folder: str
     ) -> Domain:
-        """Return the domain with that configuration. Every `join` needs a `leave`.
+        """Return the domain, configured with `xml` unless it is open already. Every `join` needs a `leave`.
 
         Raises:
-            SecurityError: the domain is open with another enclave, or is secured and must not be, or the opposite.
+            SecurityError: the domain is open with another enclave, or only one of the open domain and this call is
+                secured.
             TransportError: the domain is open with another configuration or cannot be configured, or this process was
                 forked from one that has a domain open.
         """
@@ -188,7 +193,7 @@ class Domain:
             return domain
 
     def leave(self) -> None:
-        """Undo one `join`; the last one waits for other threads that write, and deletes the domain."""
+        """Undo one `join`; the last `leave` waits for other threads that write, and deletes the domain."""
         with Domain._lock:
             self._users -= 1
             if self._users == 0:
@@ -241,7 +246,7 @@ def _diagnose_failure(domain_id: int, xml: str) -> str:
 
 
 def has_free_index(domain_id: int) -> bool:
-    """Return True if one of the UDP ports that participants of this machine share can be bound."""
+    """Return True if this machine has a free participant index in a domain: one of its UDP ports can be bound."""
     # Source: docs/internals/protocol.md 10.6.
     first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
     for index in range(MAX_PARTICIPANT_INDEX):

@@ -1,7 +1,7 @@
-"""Writers and readers of the DDS transport. The rules of `participant.py` hold here, too.
+"""Writers and readers of the DDS transport, by plain C calls of Cyclone DDS.
 
-A write creates a sample from bytes and writes it. Samples are taken in batches; their payloads are copied, or, if they
-are large, exposed as views. Source: docs/internals/dds.md 9.
+A write creates a sample of Cyclone from bytes and writes it. A reader takes samples in batches; payloads are copied,
+large ones are exposed as views. Source: docs/internals/dds.md 9.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.dds.correlation import SampleIdentity
 
 LARGE_BYTES = 500_000
-"""Size from which a message needs large buffers."""
+"""Size from which a message needs large socket buffers."""
 ENOUGH_SOCKET_BYTES = 4 << 20
-"""With a buffer of 4 MiB, 6 MB images at 30 Hz arrived completely; with 1 MiB a fifth of them did not (loopback)."""
+"""Size of a socket buffer that is enough for large messages: with 4 MiB, 6 MB images at 30 Hz arrived completely on
+loopback; with 1 MiB a fifth of them did not."""
 _LIMIT_FILE = Path("/proc/sys/net/core/rmem_max")
 
 _has_warned = False
@@ -43,7 +44,7 @@ _has_warned = False
 def warn_about_socket_buffers(size_bytes: int) -> None:
     """Warn at the first large message if Linux limits socket buffers to less than `ENOUGH_SOCKET_BYTES`.
 
-    Such a message is a burst of packets. Those that do not fit the buffer are lost, or sent again if it is reliable.
+    Such a message is a burst of packets. Packets that do not fit the buffer are lost, or sent again if reliable.
     """
     global _has_warned
     if _has_warned:
@@ -62,11 +63,11 @@ def warn_about_socket_buffers(size_bytes: int) -> None:
 
 
 _BATCH = 32
-"""Maximum number of samples per take. A larger one helps only with deeper queues; each costs 72 bytes."""
+"""Maximum number of samples per take. A larger number helps only with deeper queues; each sample costs 72 bytes."""
 _ANY_STATE = 127
 _LARGE_SAMPLE_BYTES = 65536
-"""Size from which samples are copied into Cyclone without the GIL, and not copied out of it: they are freed with their
-last view."""
+"""Size from which a written sample is copied into Cyclone without the GIL, and a received sample is not copied but
+exposed as a view; the sample is freed with its last view."""
 
 _OFFERED = {
     "deadline": ("offered_deadline_missed", 1),
@@ -79,7 +80,7 @@ _REQUESTED = {
     "message_lost": ("sample_lost", 1),
     "matched": ("subscription_matched", 1),
 }
-"""DDS status of each event, and the number of its totals."""
+"""DDS status for each event of a reader, and number of its total counts; `_OFFERED` has the events of a writer."""
 
 _by_reference = ct.byref
 _address = ct.c_void_p
@@ -88,14 +89,14 @@ _one = ct.c_size_t(1)
 _time_ns = time.time_ns
 _get_thread_id = threading.get_ident
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
-"""valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
+"""Unpack valid_data, source timestamp and publication handle from a dds_sample_info_t (64 bytes)."""
 _local_lock = threading.Lock()
 local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
-"""Readers of this process by domain and topic, for `CycloneWriter.write`."""
+"""Readers of this process by domain id and DDS topic; `CycloneWriter.write` makes them take the sample at once."""
 
 
 class _CycloneEndpoint:
-    """Common part of writers and readers; `entity` is 0 after `close`, names are names of DDS."""
+    """Common part of writers and readers; `entity` is 0 after `close`, `topic` and `type` are names of DDS."""
 
     _statuses: Mapping[str, tuple[str, int]]
 
@@ -118,7 +119,7 @@ class _CycloneEndpoint:
         return self._api.counts(self.entity, *self._statuses[event])
 
     def _delete(self, entity: int) -> None:
-        """Delete the endpoint, unless another thread has deleted the participant; the domain waits for this."""
+        """Delete the endpoint, unless the domain is closing; the deletion of the domain waits for this call."""
         domain, thread_id = self._owner.domain, _get_thread_id()
         # Announced before `is_closing` is read, so that either this call sees it, or `Domain.leave` waits.
         domain.writing.append(thread_id)
@@ -231,10 +232,10 @@ class CycloneWriter(_CycloneEndpoint):
 
 
 class TakeBuffers:
-    """Arrays of one take, shared by all readers of a participant. Lock: `lock` must be held.
+    """Arrays into which Cyclone takes samples, shared by all readers of a participant. Lock: `lock` must be held.
 
     A signal handler or a finalizer of the user may run during a take, in the same thread, and publish or close. So the
-    lock is reentrant, and `active_reader` is the reader that takes.
+    lock is reentrant, and `active_reader` is the reader that is taking.
     """
 
     def __init__(self) -> None:
@@ -243,7 +244,7 @@ class TakeBuffers:
         self.samples: ct.Array[Any] = (ct.c_void_p * _BATCH)()
         self.infos = (ct.c_ubyte * (64 * _BATCH))()
         self.arguments: tuple[Any, ...] = (ct.byref(self.samples), _BATCH, ct.byref(self.infos), _ANY_STATE)
-        """Arguments of a take after the reader; converted once, because that takes longer than the call."""
+        """Arguments of `dds_takecdr` after the reader; converted once: the conversion takes longer than a take."""
         self.info_bytes = memoryview(self.infos)
 
 
@@ -251,7 +252,8 @@ class CycloneReader(_CycloneEndpoint):
     """Reader of the DDS transport.
 
     Args:
-        first: the reader whose queue and sink the samples go to, for the reader of a second topic.
+        first: for a reader of the second topic, to which publishers of Lyrical send buffers: the reader of the first
+            topic, whose queue and sink receive the samples.
     """
 
     _statuses = _REQUESTED
@@ -272,7 +274,7 @@ class CycloneReader(_CycloneEndpoint):
         self.first = first
         self.sink: Sink | None = None
         self.buffer_spec: EndpointSpec | None = None
-        """Specification of the endpoint if `second` is created as soon as a writer of buffers is discovered."""
+        """Specification for creating `second` as soon as a publisher that sends buffers is discovered; else None."""
         self.second: CycloneReader | None = None
         """Reader of the topic to which publishers of Lyrical send buffers. Source: docs/internals/dds.md 14."""
         self._take = owner.api.bare_take
@@ -346,7 +348,7 @@ class CycloneReader(_CycloneEndpoint):
         return has_samples
 
     def _view(self, sample: int, address: int, size: int) -> memoryview:
-        """Return a read-only view of a payload; the sample is freed with its last view."""
+        """Return a read-only view of a sample's payload; the sample is freed with its last view."""
         if size > LARGE_BYTES:
             self._large_bytes = size
         array = payload_array(address, size)

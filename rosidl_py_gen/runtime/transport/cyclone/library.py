@@ -1,7 +1,7 @@
-"""Finds and loads the C library of Cyclone DDS, libddsc, or states what to install.
+"""Search for the C library of Cyclone DDS, libddsc, and advice on what to install if there is none.
 
-The first candidate that loads and has all of `c_api.REQUIRED_SYMBOLS` is used. It is loaded once. Another libddsc in
-this process has its own symbols; the two do not discover each other in the process.
+The first candidate that loads and has all of `c_api.REQUIRED_SYMBOLS` is used, and loaded once. Another libddsc that
+this process loads has its own symbols; participants of the two do not discover each other in the process.
 
 Source: docs/internals/dds.md 7.
 """
@@ -32,36 +32,36 @@ _PATTERN = {"win32": "ddsc*.dll", "darwin": "libddsc*.dylib"}.get(sys.platform, 
 _NAMES = {"win32": ("ddsc.dll",), "darwin": ("libddsc.dylib",)}.get(
     sys.platform, ("libddsc.so.11", "libddsc.so.0", "libddsc.so.0debian", "libddsc.so")
 )
-"""Names for the loader. The plain name exists only with the headers; Debian's name has a special suffix."""
+"""Names of libddsc for the system's loader. The plain name exists only with the headers; Debian's has a suffix."""
 _WHEELS = {
     "rosidl_libddsc": ("lib",),
     "cyclonedds": (".dylibs", "../cyclonedds.libs", "../cyclonedds_nightly.libs"),
 }
-"""Packages that contain the library, and the folders. cyclonedds has another copy elsewhere, for compilers."""
+"""Python packages that contain libddsc, and its folders in them. cyclonedds has another copy, for compilers."""
 LIBRARY_COMMAND = "rosidl-py-gen libddsc"
-"""Command that takes the library from a wheel of another Python."""
+"""Command that installs libddsc from a wheel for another Python version."""
 _DEBIAN = "apt install libddsc0debian (Debian from 12, Ubuntu from 24.04, Raspberry Pi OS)"
 _SECURITY_SYMBOL = "DDS_Security_Exception_set"
-"""Function that exists only in builds with DDS Security."""
+"""Function of libddsc that exists only in builds with DDS Security."""
 
 
 @dataclass(frozen=True, slots=True)
 class LibraryWheel:
     """Wheel of cyclonedds on the package index that contains libddsc for a platform.
 
-    The library does not depend on the Python that the wheel is for.
+    The library works with every Python version, also with others than the version that the wheel is for.
     """
 
     platform: str
-    """Tag of the platform in the name of the wheel."""
+    """Platform tag in the file name of the wheel."""
     sha256: str
     """SHA-256 of the wheel, hexadecimal."""
     member: str
-    """Path of the library in the wheel."""
+    """Path of libddsc in the wheel."""
     library: str
-    """Name of the library in the environment.
+    """File name of libddsc after it was installed.
 
-    On Windows the name has a version: programs that load ``ddsc.dll`` by name would get a library of this process.
+    On Windows the name has a version: code that loads ``ddsc.dll`` by name would get the library of this process.
     """
 
     VERSION: ClassVar[str] = "11.0.1"
@@ -69,7 +69,7 @@ class LibraryWheel:
 
     @property
     def abi(self) -> str:
-        """Tag of the ABI; it must be named, because pip of a free-threaded Python selects wheels for such a Python."""
+        """ABI tag of the wheel for pip, which would select wheels for free-threaded Python if it runs on one."""
         return f"cp{self.PYTHON.replace('.', '')}"
 
     @property
@@ -105,7 +105,7 @@ _LIBRARY_WHEELS = {
         "ddsc-11.0.1.dll",
     ),
 }
-"""Wheels by `sys.platform` and `platform.machine()`; pyproject.toml has the same platforms."""
+"""Wheels that contain libddsc by `sys.platform` and `platform.machine()`; pyproject.toml has the same platforms."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class DdscLibrary:
 
     @property
     def version(self) -> str:
-        """Version from the file name, for people; no code depends on it."""
+        """Version of Cyclone DDS from the file name, for people; no code depends on it."""
         match = re.search(r"(\d+\.\d+[\w.]*?)(\.dylib)?$", Path(self.file).name)
         return match[1] if match else "of unknown version"
 
@@ -132,7 +132,10 @@ class DdscLibrary:
 
     @cached_property
     def unsupported_elements(self) -> frozenset[str]:
-        """Members of `config.OPTIONAL_ELEMENTS` that the library does not know; one of them makes a domain fail."""
+        """Members of `config.OPTIONAL_ELEMENTS` that the library does not know.
+
+        A configuration with one of them makes the creation of a domain fail.
+        """
         missing, last = OPTIONAL_ELEMENTS, b""
         try:
             with open(self.file, "rb") as file:
@@ -146,10 +149,10 @@ class DdscLibrary:
 
 
 def find() -> DdscLibrary:
-    """Return the library of this process.
+    """Return the libddsc of this process; the first call searches and loads it.
 
     Raises:
-        BackendMissingError: no library was found; the text contains what was tried, and what to install.
+        BackendMissingError: no usable libddsc was found; the text contains what was tried, and what to install.
     """
     library = _load_cached()
     if isinstance(library, str):
@@ -158,7 +161,7 @@ def find() -> DdscLibrary:
 
 
 def is_found() -> bool:
-    """Return True if the library was found."""
+    """Return True if a usable libddsc was found; the first call searches and loads it."""
     return isinstance(_load_cached(), DdscLibrary)
 
 
@@ -168,9 +171,9 @@ def _load_cached() -> DdscLibrary | str:
 
 
 def load(environ: Mapping[str, str]) -> DdscLibrary | str:
-    """Return the first usable candidate, or the text of the error.
+    """Load and return the first usable libddsc, or return the text of an error if none is usable.
 
-    With ROS_SECURITY_ENABLE=true, a library with security precedes those without it.
+    With ROS_SECURITY_ENABLE=true, a library with security is preferred.
     """
     tried, without_security = [], None
     for name in candidates(environ):
@@ -201,7 +204,7 @@ def load(environ: Mapping[str, str]) -> DdscLibrary | str:
 
 
 def candidates(environ: Mapping[str, str]) -> Iterator[str]:
-    """Yield paths, and names for the loader, in the order in which they are tried."""
+    """Yield paths of libddsc, and names for the system's loader, in the order in which they are tried."""
     if environ.get(VARIABLE):
         yield environ[VARIABLE]
         return
@@ -222,7 +225,11 @@ def _files(below: Path, folder: str) -> list[str]:
 
 
 def file_of(library: ct.CDLL, name: str) -> str:
-    """Return the real path of the libddsc that a handle leads to; `name` if the system does not report it."""
+    """Return the real path of a loaded libddsc, or of the libddsc that a loaded library is linked to.
+
+    Returns:
+        `name` if the system does not report the path.
+    """
     try:
         dladdr = ct.CDLL(None).dladdr
     except (AttributeError, OSError, TypeError):  # Windows
@@ -240,7 +247,7 @@ def library_wheel() -> LibraryWheel | None:
 
 
 def has_wheel() -> bool:
-    """Return True if cyclonedds has a wheel for this Python; pyproject.toml has the same markers."""
+    """Return True if cyclonedds has a wheel for this Python and platform; pyproject.toml has the same markers."""
     is_supported = sys.version_info < (3, 14) and sys.implementation.name == "cpython"
     return is_supported and has_gil_build() and library_wheel() is not None
 
@@ -261,7 +268,7 @@ def has_gil_build() -> bool:
 
 
 def security_advice() -> str:
-    """Return how to get a library with DDS Security on this system."""
+    """Return advice for people on how to get a libddsc with DDS Security on this system."""
     if sys.platform == "linux":
         return (
             f"use a libddsc with security: {_DEBIAN}, then {VARIABLE}=libddsc.so.0debian; or source a ROS installation "
@@ -271,7 +278,7 @@ def security_advice() -> str:
 
 
 def install_advice() -> str:
-    """Return the command that installs the library, or other advice for this system."""
+    """Return the command that installs libddsc, or other advice for people on this system."""
     if has_wheel():
         return install_command("node")
     if library_wheel() is not None:

@@ -1,6 +1,6 @@
 """Participant of the DDS transport, and the transport that opens it.
 
-They use plain C calls of Cyclone DDS, with the libddsc that `library.py` finds. Entities are integers. The creator of
+Both use plain C calls of Cyclone DDS, with the libddsc that `library.py` finds. Entities are integers. The creator of
 an entity deletes it in `close`; nothing depends on the garbage collector.
 """
 
@@ -67,16 +67,18 @@ from rosidl_py_gen.runtime.transport.service_api import ServiceSpec
 
 _MAX_IDLE_TOPICS = 256
 _MATCH_DELAY_S = 0.002
-"""Delay of the request for early samples after a writer was discovered. Cyclone matches it after some 50 us without
-notification, later on a busy machine; after 10 ms it sends a request of its own, and Fast DDS ignores later ones."""
+"""Delay of the request for early samples after a Fast DDS writer was discovered, in seconds. Cyclone matches the writer
+after some 50 us without notification, later on a busy machine. After 10 ms Cyclone sends a request of its own, and Fast
+DDS ignores later requests."""
 
 _NO_ENDPOINTS_DELAY_S = 6.0
-"""Delay of the check; a handshake takes a second, on a busy machine several."""
+"""Delay of the check whether a secured Fast DDS peer has announced endpoints, in seconds. The security handshake takes
+a second, on a busy machine several."""
 _NO_ENDPOINTS = (
     "security: a peer on Fast DDS was found, but no endpoints of it; probably a message of its handshake with Cyclone "
     "DDS was lost, which is sent once. Restart this process or the peer"
 )
-"""Source: docs/internals/dds.md 12."""
+"""Warning about a secured Fast DDS peer without endpoints. Source: docs/internals/dds.md 12."""
 
 _library = library.find()
 _api = c_api.CycloneApi(_library.handle)
@@ -91,15 +93,15 @@ class CycloneTransport:
     has_security = True
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
-        """Join the domain; all participants of a process must configure it alike (`domain.py`)."""
+        """Join the domain of `settings`; all participants of a process in one domain need the same configuration."""
         return CycloneParticipant(settings, enclave)
 
 
 def _usable_security(enclave: SecurityEnclave | None) -> SecurityEnclave | None:
-    """Return the enclave of a secured context; None, with a warning, if the library permits no security.
+    """Return `enclave` if the DDS library supports security; otherwise warn and return None.
 
     Raises:
-        SecurityError: security is enforced, and the library has none.
+        SecurityError: security is enforced, and the library does not support it.
     """
     plugins = find_plugins(_library) if enclave is not None else {}
     if enclave is None or not isinstance(plugins, str):
@@ -144,16 +146,19 @@ class CycloneParticipant:
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
         self.readers: dict[int, CycloneReader] = {}
-        """Readers by entity, which is the handle that `pipe` contains."""
+        """Readers by entity, which is the handle that Cyclone writes into `pipe`."""
         self._buffer_writers: dict[bytes, tuple[str, str]] = {}
-        """Topics and types whose publishers send buffers to a second topic, by the GUIDs of that topic's writers."""
+        """Topics and types whose publishers of Lyrical send buffers to a second topic.
+
+        The keys are the GUIDs of the writers of the second topic.
+        """
         self._buffer_lock = threading.Lock()
         self.buffers = TakeBuffers()
         self._is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         self._security = security = _usable_security(settings.security)
         self._governance: Governance | None = None
         self._only_data_reason = ""
-        """Reason why peers on Fast DDS do not receive some topics, until it was logged."""
+        """Reason why secured Fast DDS peers do not receive some topics; empty if there is none, or it was logged."""
         with ExitStack() as undo:
             self.pipe = WakeupPipe()
             undo.callback(self.pipe.close)
@@ -205,7 +210,10 @@ class CycloneParticipant:
         return code
 
     def _report_soon(self) -> None:
-        """Make the loop call `BuiltinTopicReaders.report`. Called by Cyclone; must not raise, block or log."""
+        """Make the loop log new texts of the security log, by a call of `BuiltinTopicReaders.report`.
+
+        Called by Cyclone; must not raise, block or log.
+        """
         if "discovery" in vars(self):
             putw(self.discovery.entities[0], self.pipe.stream)
 
@@ -223,7 +231,7 @@ class CycloneParticipant:
         return _fast_dds.refusal
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
-        """Return why servers of one service on Fast DDS cannot be used; None if they can."""
+        """Return the reason why Fast DDS servers of a service cannot be used; None if they can be used."""
         rule = self._governance and self._governance.only_data_reason(wire_name(service.topic_keys[0]))
         return rule or _fast_dds.refusal
 
@@ -274,7 +282,11 @@ class CycloneParticipant:
             return self._early.create_reader(create, is_reliable=spec.qos.reliability is Reliability.RELIABLE)
 
     def _create_buffer_reader(self, spec: EndpointSpec, names: tuple[str, str]) -> int | None:
-        """Return a reader of the second topic, or log a warning and return None."""
+        """Create a reader of the topic to which publishers of Lyrical send buffers, and return its handle.
+
+        Returns:
+            None, with a warning, if the reader cannot be created.
+        """
         try:
             return self._create_reader(spec, names)
         except (TransportError, ClosedError) as error:
@@ -283,7 +295,10 @@ class CycloneParticipant:
             return None
 
     def read_buffers(self, reader: CycloneReader) -> None:
-        """Create the reader of buffers of a topic, once. Each message is sent to one of the two topics."""
+        """Create a reader for the second topic, to which publishers of Lyrical send buffers, unless it exists.
+
+        Each message is sent to one of the two topics.
+        """
         with self._buffer_lock:
             if reader.second is not None or reader.buffer_spec is None or reader.is_closed:
                 return
@@ -299,7 +314,7 @@ class CycloneParticipant:
             self.pipe.notify(second.entity)
 
     def _follow_buffers(self, events: list[DiscoveryEvent]) -> None:
-        """Add readers of buffers for topics with writers of buffers."""
+        """Record writers of topics to which publishers of Lyrical send buffers, and create readers of these topics."""
         for event in events:
             if isinstance(event, EntityLost):
                 self._buffer_writers.pop(event.guid, None)
@@ -311,7 +326,7 @@ class CycloneParticipant:
                         self.read_buffers(reader)
 
     def next_gid(self) -> bytes:
-        """Return the 16 bytes that rmw_get_gid_for_client returns."""
+        """Return the GID of a new client or server, the 16 bytes that rmw_get_gid_for_client returns."""
         with self._lock:  # without the GIL, `next` of CPython 3.13 may return a number twice
             return self.guid[:GUID_PREFIX_BYTES] + next(self._entity_numbers).to_bytes(4, "big")
 
@@ -327,7 +342,7 @@ class CycloneParticipant:
 
     @contextmanager
     def _naming_denied(self, topic: str, *, is_writer: bool) -> Iterator[None]:
-        """Raise `SecurityError` with the topic if security denies an endpoint."""
+        """Raise `SecurityError`, which names the topic, if security denies the endpoint created in the block."""
         try:
             yield
         except TransportError as error:
@@ -358,9 +373,9 @@ class CycloneParticipant:
             return entry[0]
 
     def release_topic(self, topic: str, type: str) -> None:
-        """Release a topic after its endpoint was deleted.
+        """Release a topic entity after one of its endpoints was deleted.
 
-        Up to `_MAX_IDLE_TOPICS` unused topics are cached.
+        Up to `_MAX_IDLE_TOPICS` unused topic entities are cached.
         """
         with self._lock:
             entry = self._topics[topic, type]
@@ -390,7 +405,7 @@ class CycloneParticipant:
         self.pipe.notify(self.discovery.entities[0])
 
     def _schedule_sample_request(self, events: list[DiscoveryEvent]) -> None:
-        """Request early samples of new Fast DDS writers, after Cyclone had time to match them."""
+        """Schedule a request for the early samples of new Fast DDS writers, so that Cyclone matches them before."""
         new = [
             event
             for event in events
@@ -404,14 +419,14 @@ class CycloneParticipant:
             loop.call_later(_MATCH_DELAY_S, self._request_samples, new)
 
     def _schedule_endpoint_check(self, events: list[DiscoveryEvent]) -> None:
-        """Warn later if a secured peer on Fast DDS announces no endpoints, as every ROS participant does."""
+        """Schedule a warning for new secured Fast DDS peers that will not have announced endpoints until then."""
         new = [one.guid for one in events if isinstance(one, ParticipantDiscovered) and is_secured_fast_dds(one.guid)]
         loop = current_loop()
         if new and loop is not None:
             loop.call_later(_NO_ENDPOINTS_DELAY_S, self.warn_without_endpoints, new)
 
     def warn_without_endpoints(self, participants: list[bytes]) -> None:
-        """Warn if a secured peer on Fast DDS has no endpoints; `participants` are the GUIDs of such peers."""
+        """Warn if a secured Fast DDS peer has announced no endpoints; `participants` are the GUIDs of the peers."""
         prefixes = {guid[:GUID_PREFIX_BYTES] for guid in [*self.discovery.guids.values()]}
         if not self._closed and any(
             is_secured_fast_dds(one) and one[:GUID_PREFIX_BYTES] not in prefixes for one in participants

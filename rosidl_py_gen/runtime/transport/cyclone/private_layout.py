@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 Vtable: TypeAlias = "ct.Array[ct.c_void_p]"
 WORD = ct.sizeof(ct.c_void_p)
 TYPE_FUNCTIONS = 0
-"""Offset of the address of a sertype's own vtable."""
+"""Offset in a sertype (type object of Cyclone) of the address of the sertype's own vtable."""
 SAMPLE_FUNCTIONS = WORD
 """Offset in a sertype of the address of the vtable of its samples."""
 _VTABLE_WORDS = 17
-"""Number of functions to copy. Some vtables are shorter; the words after them do no harm."""
+"""Number of functions of a vtable to copy. Some vtables are shorter; the words after them do no harm."""
 _PROBED_SLOTS = 20
 _TYPE_DOMAIN = 40
 """Offset in a sertype of the address of its domain."""
@@ -44,7 +44,7 @@ _DOMAIN_BYTES = 16384
 _PAGE = 4096
 _PROBE_SAMPLE = bytes.fromhex("00010000") + bytes(range(65, 81))
 DATA = 0x15
-"""Kind of a submessage of RTPS, like the following three."""
+"""Kind of an RTPS submessage; DATA_FRAG, INFO_SRC and INFO_DST are others."""
 DATA_FRAG = 0x16
 INFO_SRC = 0x0C
 INFO_DST = 0x0E
@@ -52,10 +52,10 @@ DATA_BYTES = 24
 DATA_FRAG_BYTES = 36
 INLINE_QOS_FLAG = 2
 _received_fragment = struct.Struct("=Q16xHH")
-"""Address of the packet, offsets of the submessage and of the payload in it."""
+"""Fields of a received fragment of Cyclone: address of the packet, offsets of submessage and payload in the packet."""
 _RECEIVED_HEAD_BYTES = 48
 _packet_head = struct.Struct("=8xQQi4xQ")
-"""Capacity, size of the submessages, presence of parameters, message or null; the iov follows."""
+"""Fields before the iovec in a packet that Cyclone builds: capacity, size, presence of parameters, message or null."""
 _PACKET_SIZE = 16
 """Offset of the size of the submessages in a packet that is being built."""
 _PACKET_DATA_HEAD_BYTES = 40
@@ -63,14 +63,14 @@ _sequence_number = struct.Struct("<iI").unpack_from
 _SEQUENCE_NUMBER_OFFSET = 15
 """Distance of a sample's sequence number from the flags of its submessage."""
 _POINTER_OFFSETS = range(16, 472, WORD)
-"""Distances from the iov at which the address of the packet's data may be stored."""
+"""Distances from the iovec at which Cyclone may store the address of the data of a packet that is being built."""
 _READER_KIND = (5).to_bytes(4, "little")
 _RELIABLE_FLAG = 1
 _REQUESTS_HISTORY_FLAG = 2
 _AnyFunction = ct.PYFUNCTYPE(ct.c_void_p, *[ct.c_void_p] * 4)
 
 bytes_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
-"""`ctypes.string_at` without its Python wrapper."""
+"""Return a copy of the memory at an address: `ctypes.string_at` without its Python wrapper."""
 _immortal_vtables: dict[tuple[int, int, int | None], Vtable] = {}
 _direct_reader = nullcontext(bytes_at)
 """Replaces a `SafeMemoryReader` where an object of the same kind was read through one before."""
@@ -79,8 +79,8 @@ _direct_reader = nullcontext(bytes_at)
 class SafeMemoryReader:
     """Reader of memory that may be unmapped. For one thread, in a `with` block.
 
-    It writes the memory into a pipe: `write` fails with EFAULT where an access would crash the process. Without POSIX
-    it reads nothing.
+    The reader writes the memory into a pipe: `write` fails with EFAULT where an access would crash the process. Without
+    POSIX it reads nothing.
     """
 
     def __enter__(self) -> Self:
@@ -92,7 +92,7 @@ class SafeMemoryReader:
         os.close(self._write_end)
 
     def __call__(self, address: int, size: int) -> bytes:
-        """Return the bytes at an address, up to the first unmapped one."""
+        """Return the `size` bytes at an address, or fewer: up to the first unmapped byte."""
         data = b""
         while len(data) < size and os.name == "posix":
             begin = address + len(data)
@@ -105,13 +105,13 @@ class SafeMemoryReader:
         return data
 
     def words(self, address: int, size: int) -> tuple[int, ...]:
-        """Return these bytes as integers of the size of an address."""
+        """Return the `size` bytes at an address as integers of pointer size, up to the first unmapped one."""
         data = self(address, size)
         count = len(data) // WORD
         return struct.unpack(f"={count}{'Q' if WORD == 8 else 'I'}", data[: count * WORD])
 
     def word(self, address: int) -> int:
-        """Return the integer at an address; 0 if unmapped."""
+        """Return the integer of pointer size at an address; 0 if the memory is unmapped."""
         return next(iter(self.words(address, WORD)), 0)
 
 
@@ -119,7 +119,10 @@ class SafeMemoryReader:
 
 
 def _find_type(peek: SafeMemoryReader, words: Iterable[int], name: bytes, version: int) -> int | None:
-    """Return the word that is the address of the sertype of that name; its vtable begins with `version`."""
+    """Return the word that is the address of the sertype `name`; None if there is none.
+
+    The vtable of a sertype begins with `version`.
+    """
     for address in words:
         head = () if address % WORD or address < _PAGE else peek.words(address, 8 * WORD)
         is_type = len(head) == 8 and peek.word(head[0]) == version
@@ -129,7 +132,10 @@ def _find_type(peek: SafeMemoryReader, words: Iterable[int], name: bytes, versio
 
 
 def probe_sertype(entity: int, name: bytes, version: int) -> int | None:
-    """Return the address of the sertype of that name, to which an entity has a pointer; None if not found."""
+    """Return the address of the sertype `name`, to which an entity has a pointer; None if not found.
+
+    `entity` is the address of the entity; the vtable of a sertype begins with `version`.
+    """
     with SafeMemoryReader() as peek:
         return _find_type(peek, peek.words(entity, _ENTITY_BYTES), name, version)
 
@@ -141,23 +147,26 @@ def find_type_of_domain(neighbour: int, name: bytes, version: int) -> int | None
 
 
 def vtable_address(type_object: int, which: int) -> int:
-    """Return the address of a vtable; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
+    """Return the address of a vtable of a sertype; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
     return ct.c_void_p.from_address(type_object + which).value or 0
 
 
 def copy_vtable(type_object: int, which: int) -> Vtable:
-    """Return a copy of a vtable."""
+    """Return a copy of a vtable of a sertype; `which` is TYPE_FUNCTIONS or SAMPLE_FUNCTIONS."""
     with SafeMemoryReader() as peek:
         return (ct.c_void_p * _VTABLE_WORDS)(*peek.words(vtable_address(type_object, which), WORD * _VTABLE_WORDS))
 
 
 def set_vtable(type_object: int, which: int, table: Vtable) -> None:
-    """Replace a vtable. The caller must keep the new one alive until the process ends."""
+    """Replace a vtable of a sertype. The caller must retain the new vtable until the process ends."""
     ct.c_void_p.from_address(type_object + which).value = ct.addressof(table)
 
 
 def replace_vtable_function(type_object: int, which: int, slot: int, function: int | None) -> None:
-    """Replace a vtable by an immortal copy with another function in a slot; sertypes that shared it share the copy."""
+    """Replace a vtable of a sertype by a copy with another function in a slot.
+
+    The copy is never freed. Sertypes that had the same vtable get the same copy.
+    """
     key = vtable_address(type_object, which), slot, function
     table = _immortal_vtables.setdefault(key, copy_vtable(type_object, which))
     table[slot] = function
@@ -168,7 +177,7 @@ def replace_vtable_function(type_object: int, which: int, slot: int, function: i
 
 
 class VtableSlots(NamedTuple):
-    """Slots of functions in the vtables."""
+    """Indexes of the functions that hooks replace in Cyclone's vtables of samples and sertypes."""
 
     from_ser: int
     to_ser_ref: int
@@ -176,7 +185,10 @@ class VtableSlots(NamedTuple):
 
 
 def probe_vtable_slots(api: CycloneApi) -> VtableSlots | None:
-    """Find the slots of functions by calls with a fake object, whose vtables record them; None if not found."""
+    """Return the slots of the functions that hooks replace in vtables of Cyclone; None if not found.
+
+    Cyclone is called with a fake object, whose vtables record which slot is called.
+    """
     called: list[tuple[int, int]] = []
     recorders = [
         [_AnyFunction(lambda *_, at=(table, slot): called.append(at)) for slot in range(_PROBED_SLOTS)]
@@ -199,13 +211,13 @@ def probe_vtable_slots(api: CycloneApi) -> VtableSlots | None:
 
 
 def new_sample(api: CycloneApi, type_object: int, data: bytes) -> int:
-    """Create a sample; return 0 if the bytes are not a serialized message."""
+    """Create a sample from serialized bytes; return its address, or 0 if the bytes are not a serialized message."""
     iov = pack_iov(address_of(data), len(data))
     return api.serdata_from_ser_iov(type_object, SAMPLE_WITH_DATA, 1, iov, len(data)) or 0
 
 
 def probe_payload_offset(api: CycloneApi, type_object: int) -> int | None:
-    """Find the offset of the payload in samples; None if it is not constant.
+    """Return the offset of the payload in samples of a sertype; None if it is not constant.
 
     Calls functions of the sample, so it must be called before they are replaced.
     """
@@ -226,9 +238,10 @@ def probe_payload_offset(api: CycloneApi, type_object: int) -> int | None:
 
 
 def probe_size_offset(api: CycloneApi, type_object: int, payload_offset: int) -> int | None:
-    """Find the one word that equals the payload size minus 4 in a small and a large sample; return its offset.
+    """Return the offset of the size field in samples of a sertype; None if not found.
 
-    Returns None if there is not exactly one, or if samples do not have the vtable of their type.
+    The size field is the only word that equals the payload size minus 4 in a small and in a large sample. It is not
+    found either if samples do not have the vtable of their sertype.
     """
     candidates = []
     for data in (_PROBE_SAMPLE, _PROBE_SAMPLE * 40):
@@ -254,7 +267,7 @@ def hide_sample_tail(api: CycloneApi, sample: int, size_offset: int, count: int)
 
 
 def payload_array(address: int, size: int) -> ct.Array[ct.c_ubyte]:
-    """Return a payload as an array. The caller must keep the sample alive."""
+    """Return the payload at an address as an array, without a copy. The caller must keep the sample alive."""
     return (ct.c_ubyte * size).from_address(address)
 
 
@@ -267,17 +280,22 @@ def write_iovec(iov: int, address: int, size: int) -> None:
 
 
 class ReaderOffsets(NamedTuple):
-    """Offset of the DDSI reader's address in a reader entity, and of the flags in the DDSI reader."""
+    """Offsets in private structures of a reader.
+
+    Attributes:
+        entity: offset of the DDSI reader's address in the reader entity.
+        flags: offset of the flags in the DDSI reader.
+    """
 
     entity: int
     flags: int
 
 
 def probe_reader_offsets(entity: int, guid: bytes) -> ReaderOffsets | None:
-    """Find the offsets by a reader that is reliable and transient local, as builtin readers are; None if not found.
+    """Return the offsets in a reader that is reliable and transient local, as builtin readers are; None if not found.
 
-    The pointer leads to the reader kind and the GUID. The word before the pointer is repeated in the DDSI reader, two
-    words before the flags.
+    The address of the DDSI reader leads to the reader kind and the GUID. The word before this address is repeated in
+    the DDSI reader, two words before the flags.
     """
     with SafeMemoryReader() as peek:
         words = peek.words(entity, _ENTITY_BYTES)
@@ -292,9 +310,14 @@ def probe_reader_offsets(entity: int, guid: bytes) -> ReaderOffsets | None:
 
 
 def set_requests_history(entity: int, offsets: ReaderOffsets, guid: bytes, is_reliable: bool | None) -> str | None:
-    """Set the flag that makes a reliable reader request the history of writers; return the first unexpected value.
+    """Set the flag that makes a reliable reader request the history of writers.
 
-    `is_reliable` is None if the reliability of the reader is unknown.
+    Args:
+        entity: address of the reader entity.
+        is_reliable: None if the reliability of the reader is unknown.
+
+    Returns:
+        A text about the first unexpected value in memory, after which nothing was changed; else None.
     """
     with SafeMemoryReader() as peek:
         reader = peek.word(entity + offsets.entity)
@@ -318,15 +341,18 @@ def _head_of_reader(guid: bytes) -> bytes:
 
 
 class PacketAccess:
-    """Access to received packets and to packets that are being built; the first of each is read through the pipe."""
+    """Access to received RTPS packets and to packets that Cyclone builds.
+
+    The first packet of each kind is read through the pipe of a `SafeMemoryReader`.
+    """
 
     def __init__(self) -> None:
         self._pointer_offset: int | None = None
-        """Distance from the iov to the address of the data of a packet that is being built."""
+        """Distance from the iovec to the address of the data of a packet that is being built; None if unknown."""
         self._has_received = False
 
     def read_received(self, fragment: int) -> tuple[bytes, bytes]:
-        """Return the part of a packet before the payload of a fragment, and its last submessage.
+        """Return the part of a received packet before the payload of a fragment, and the last submessage of this part.
 
         Raises:
             ValueError: the memory does not contain a packet.
@@ -341,11 +367,14 @@ class PacketAccess:
         return head, head[begin:]
 
     def append_inline_qos(self, iov: int, writer_id: bytes, inline_qos: bytes) -> bool:
-        """Append inline QoS to the packet that `iov` belongs to; return False if no packet is being built.
+        """Append inline QoS to the packet that the iovec at address `iov` belongs to.
 
         The packet ends with the header of the submessage. The address of its data is stored at an unknown distance from
-        the iov. The first time, all words there are tested as pointers; if exactly one leads to a packet of the writer,
-        its distance is cached. Later packets are compared before anything is changed.
+        the iovec. The first time, all words there are tested as pointers; if exactly one leads to a packet of the
+        writer, its distance is cached. Later packets are compared before anything is changed.
+
+        Returns:
+            False if no packet is being built, or if the packet has parameters already.
 
         Raises:
             ValueError: the memory does not contain a packet of that writer, or the packet has no room.
@@ -376,7 +405,7 @@ class PacketAccess:
 
 
 def find_packet_pointers(peek: SafeMemoryReader, iov: int, size: int, writer_id: bytes) -> list[int]:
-    """Return the distances from the iov to addresses of packets of that writer, the newest packet last.
+    """Return the distances from an iovec to addresses of packets of a writer, the newest packet last.
 
     The address of the packet that is being built is stored once. Others remain from earlier use of the memory; they may
     be equal. Addresses of earlier packets are recognized by a lower sequence number.
@@ -392,7 +421,7 @@ def find_packet_pointers(peek: SafeMemoryReader, iov: int, size: int, writer_id:
 
 
 def _find_flags(data: bytes, writer_id: bytes) -> int:
-    """Return the offset of the flags of the last submessage; 0 if the data is not a packet of that writer."""
+    """Return the offset of the flags of the last submessage in a packet; 0 if `data` is not a packet of the writer."""
     if len(data) >= _PACKET_DATA_HEAD_BYTES + DATA_BYTES and data[0] == INFO_SRC and data[24] == INFO_DST:
         for kind, length in ((DATA, DATA_BYTES), (DATA_FRAG, DATA_FRAG_BYTES)):
             submessage = data[-length:]

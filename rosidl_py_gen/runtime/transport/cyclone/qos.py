@@ -1,6 +1,6 @@
 """Conversion of ROS QoS profiles to Cyclone QoS objects and back.
 
-All other policies have the default of DDS. Source: docs/internals/protocol.md 7.3 and 6.4.
+Policies of DDS that ROS does not have keep the default of DDS. Source: docs/internals/protocol.md 7.3 and 6.4.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _HISTORY = {History.KEEP_LAST: 0, History.KEEP_ALL: 1}
 _DURABILITY = {Durability.VOLATILE: 0, Durability.TRANSIENT_LOCAL: 1}
 _RELIABILITY = {Reliability.BEST_EFFORT: 0, Reliability.RELIABLE: 1}
 _LIVELINESS = {Liveliness.AUTOMATIC: 0, Liveliness.MANUAL_BY_TOPIC: 2}
-"""Numbers of DDS for the members of each policy."""
+"""Cyclone's number of each liveliness kind; the dicts above contain the numbers of the other policies."""
 _UNLIMITED = -1
 _XCDR1 = (ct.c_int16 * 1)(0)
 
@@ -33,7 +33,7 @@ rmw_cyclonedds has infinity; the value does not influence matching (docs/interna
 
 @contextmanager
 def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes, bytes]] = ()) -> Iterator[int]:
-    """Yield default QoS with that USER_DATA, and with names and values of properties."""
+    """Yield a Cyclone QoS object with default policies, `user_data` as USER_DATA, and `properties` (name, value)."""
     qos = api.create_qos()
     try:
         if user_data:
@@ -47,7 +47,7 @@ def new_qos(api: CycloneApi, user_data: bytes, properties: Iterable[tuple[bytes,
 
 @contextmanager
 def endpoint_qos(api: CycloneApi, spec: EndpointSpec, *, is_writer: bool) -> Iterator[int]:
-    """Yield the QoS of a writer or reader, whose profile is a result of `qos.effective`."""
+    """Yield a Cyclone QoS object for a writer or reader; `spec.qos` must be a result of `effective`."""
     profile, history = spec.qos, _HISTORY[spec.qos.history]
     depth = profile.depth or 1  # 0 with KEEP_ALL, where DDS ignores it
     ids = {"client_id": spec.client_id, "service_id": spec.service_id, "service_hash": spec.service_hash}
@@ -74,21 +74,21 @@ def endpoint_qos(api: CycloneApi, spec: EndpointSpec, *, is_writer: bool) -> Ite
 
 
 def read_user_data(api: CycloneApi, qos: int) -> bytes:
-    """Return the USER_DATA of a discovered entity."""
+    """Return the USER_DATA in the QoS object of a discovered entity; empty if there is none."""
     pointer, size = ct.c_void_p(), ct.c_size_t()
     exists = api.qget_userdata(qos, ct.byref(pointer), ct.byref(size))
     return _take_copy(api, pointer, size.value) if exists else b""
 
 
 def read_property(api: CycloneApi, qos: int, name: bytes) -> str:
-    """Return a property of a discovered participant; empty if it does not exist."""
+    """Return a property from the QoS object of a discovered participant; empty if the property does not exist."""
     pointer = ct.c_void_p()
     exists = api.qget_prop(qos, name, ct.byref(pointer))
     return _take_copy(api, pointer, -1).decode(errors="replace") if exists else ""
 
 
 def _take_copy(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
-    """Return and free bytes that the library has allocated; with a size of -1 they end with a NUL."""
+    """Return a copy of bytes that the library has allocated, and free them; with a size of -1, they end with a NUL."""
     try:
         return ct.string_at(pointer, size) if pointer else b""
     finally:
@@ -96,7 +96,7 @@ def _take_copy(api: CycloneApi, pointer: ct.c_void_p, size: int) -> bytes:
 
 
 def read_profile(api: CycloneApi, qos: int, *, is_writer: bool) -> QoSProfile:
-    """Return the profile of a discovered endpoint; a missing policy has the default of DDS."""
+    """Return the ROS profile in the QoS object of a discovered endpoint; a missing policy has the default of DDS."""
     kind, depth, lease, period = ct.c_int(), ct.c_int32(), ct.c_int64(INFINITE_NS), ct.c_int64()
 
     def number_of(policy: str, *others: object) -> int:

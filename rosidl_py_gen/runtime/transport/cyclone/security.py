@@ -1,7 +1,7 @@
 """DDS Security of a participant: plugins, properties, errors with a cause, governance rules, and rejected peers.
 
-Properties tell Cyclone DDS where the files of the enclave and the plugins are. While secured participants exist, a sink
-receives the lines of Cyclone's log. Patterns are texts, which `re` compiles when a secured participant needs them.
+Properties tell Cyclone DDS where the files of the enclave and the plugins are. While secured participants exist, a log
+sink receives the lines of Cyclone's log. Patterns are texts, which `re` compiles when a secured participant needs them.
 
 Source: docs/internals/dds.md 10 to 12.
 """
@@ -29,9 +29,9 @@ from rosidl_py_gen.runtime.transport.cyclone.library import DdscLibrary
 from rosidl_py_gen.runtime.transport.dds.names import topic_key_of
 
 CAPABILITY = "DDS Security (SROS 2)"
-"""Name in `Context.library_capabilities`."""
+"""Name of DDS Security in `Context.library_capabilities`."""
 _PLUGINS = {"auth": ("auth", "authentication"), "crypto": ("crypto", "crypto"), "access": ("ac", "access_control")}
-"""Name of a plugin in properties, in its file, and in its functions."""
+"""Names of each security plugin: in properties, in the name of its file, and in the names of its functions."""
 _FILE = {"win32": "dds_security_{}.dll", "darwin": "libdds_security_{}.dylib"}.get(
     sys.platform, "libdds_security_{}.so"
 )
@@ -79,12 +79,15 @@ _CAUSES = {
     "Failed to read CRL": "{folder}/crl.pem is not a list of revoked certificates; create it again",
     "Could not load": "the plugins of this library do not load; reinstall the package of the library",
 }
-"""Cause and fix of a failed creation by pattern of a line of Cyclone; ``{folder}`` is the folder of the enclave."""
+"""Cause and fix of the failed creation of a secured participant, by pattern of a line that Cyclone logs.
+
+``{folder}`` is the folder of the enclave.
+"""
 
 
 @cache
 def find_plugins(ddsc: DdscLibrary) -> dict[str, str] | str:
-    """Return the file of each plugin by its name in properties, or the reason why there are none."""
+    """Return the file of each security plugin by its name in properties; a text with the reason if there are none."""
     if not ddsc.has_security:
         return f"{ddsc} was built without security; {library.security_advice()}"
     folder = Path(ddsc.file).parent
@@ -111,7 +114,11 @@ def find_plugins(ddsc: DdscLibrary) -> dict[str, str] | str:
 
 
 def security_properties(enclave: SecurityEnclave, plugins: dict[str, str]) -> Iterator[tuple[bytes, bytes]]:
-    """Yield names and values of the properties of a secured participant."""
+    """Yield names and values of the properties of a secured participant.
+
+    Raises:
+        SecurityError: the list of revoked certificates is a link to a missing file.
+    """
     folder = Path(enclave.folder)
     properties = {name: f"file:{folder / file}" for name, file in _FILES.items()}
     for name, (_, function) in _PLUGINS.items():
@@ -129,7 +136,7 @@ def security_properties(enclave: SecurityEnclave, plugins: dict[str, str]) -> It
 
 
 def creation_error(enclave: SecurityEnclave, domain: int, code_text: str, lines: Iterable[str]) -> SecurityError:
-    """Return the error of a participant that Cyclone refused, with the cause in the lines that it logged."""
+    """Return the error about a secured participant that Cyclone refused; the cause is found in its log `lines`."""
     reasons = [printable(" ".join(line.split()), _MAX_REASON_CHARS) for line in lines]
     causes = [text for pattern, text in _CAUSES.items() if any(re.search(pattern, reason) for reason in reasons)]
     cause = causes[0].format(folder=enclave.folder, domain=domain) if causes else f"a file in {enclave.folder} is wrong"
@@ -140,7 +147,7 @@ def creation_error(enclave: SecurityEnclave, domain: int, code_text: str, lines:
 
 
 def denied_error(enclave: SecurityEnclave, topic: str, *, is_writer: bool) -> SecurityError:
-    """Return the error of an endpoint that permissions or governance deny."""
+    """Return the error about a writer or reader of a DDS topic that the enclave's permissions or governance deny."""
     key = topic_key_of(topic)
     kind = {"topic": "", "request": "requests of ", "reply": "replies of ", "unmangled": ""}[key.kind]
     activity = "publish to" if is_writer else "subscribe to"
@@ -166,7 +173,10 @@ _PLAIN_METADATA = r"<metadata_protection_kind>\s*NONE\s*<"
 
 
 class Governance:
-    """Topic rules of one domain. The file is S/MIME with readable XML; Cyclone has verified its signature."""
+    """Topic rules of one domain in the governance file of an enclave.
+
+    The file is S/MIME with readable XML. Cyclone has verified its signature.
+    """
 
     def __init__(self, folder: str, domain_id: int) -> None:
         text = ""
@@ -178,12 +188,12 @@ class Governance:
             for rule in re.findall(_TOPIC_RULE, next(rules, ""))
             if (expression := re.search(_EXPRESSION, rule))
         ]
-        """Expression of each rule, and True if it protects the data of a topic, but not the metadata."""
+        """Topic expression of each rule, and True if the rule protects the data of a topic, but not the metadata."""
 
     def only_data_reason(self, topic: str = "") -> str:
-        """Return why peers on Fast DDS get no data of a DDS topic, because its rule protects nothing but the data.
+        """Return the reason why Fast DDS peers receive no data of a DDS topic: its rule protects only the data.
 
-        Without a topic, the reason is about the first such rule. It is empty if there is none.
+        Without a topic, the reason is about the first such rule. The reason is empty if no such rule applies.
         """
         rules = (rule for rule in self._rules if (fnmatchcase(topic, rule[0]) if topic else rule[1]))
         expression, is_only_data = next(rules, ("", False))
@@ -215,13 +225,16 @@ _MAX_PEERS = 100
 _MAX_RECORD_CHARS = 300
 _SUBJECT = r"; subject: (.*?)(?:\(code: \d+\))?$"
 _OPENSSL = r":?\s*(?<![0-9A-F])[0-9A-F]{8,}:error:.*"
-"""Errors of OpenSSL, which contain an address that changes."""
+"""Pattern of OpenSSL errors, which contain an address that changes."""
 _CODE = r"\s*\(code: \d+\)\s*$"
 _GUID = r"\b[0-9a-f]{1,8}(?::[0-9a-f]{1,8}){3}\b"
 _SECURITY_FILES = ("security", "handshake")
 """Parts of the names of Cyclone's source files that log about security."""
 _EARLY_PEER = "Remote secure participant"
-"""Line about a peer that was received before the participant of this process exists; the peer is discovered later."""
+"""Text in a log line about a peer that was received before the participant of this process exists.
+
+The line is ignored, because the peer is discovered later.
+"""
 _EXPLANATIONS = {
     "Failed to convert octet sequence to ASN1 integer": (
         "a limitation between Cyclone DDS and Fast DDS: they authenticate each other only if Cyclone DDS begins the "
@@ -234,11 +247,11 @@ _EXPLANATIONS = {
         "the certificate of the peer was issued by another CA"
     ),
 }
-"""Reason of a rejection by pattern of a line of Cyclone."""
+"""Reason why a secured peer was rejected, by pattern of a line that Cyclone logs."""
 
 
 class LogData(ct.Structure):
-    """dds_log_data_t."""
+    """C structure dds_log_data_t: one line of Cyclone's log."""
 
     _fields_ = (
         *(("kind", ct.c_uint32), ("domain_id", ct.c_uint32), ("file", ct.c_char_p), ("line", ct.c_uint32)),
@@ -250,22 +263,25 @@ _Sink = ct.CFUNCTYPE(None, ct.c_void_p, ct.POINTER(LogData))
 
 
 class SecurityLog:
-    """Sink of Cyclone's log; one object for the process. Without `dds_set_log_sink` it receives nothing."""
+    """Receiver of Cyclone's log lines about security; one object for the process.
+
+    If the library has no `dds_set_log_sink`, no lines are received.
+    """
 
     def __init__(self, api: CycloneApi) -> None:
         self._api = api
         self._sink = _Sink(self._on_line)
         self._lock = threading.Lock()
-        """Guards `_wakeups`; never held by the sink."""
+        """Lock of `_wakeups`; never held by the log sink."""
         self._wakeups: tuple[Callable[[], None], ...] = ()
         """One function for each secured participant, which makes its loop call `new_records`."""
         self._captures: dict[int, list[str]] = {}
-        """Lines by the thread that creates a participant."""
+        """Log lines by the id of the thread that logged them while it creates a participant."""
         self._peers: set[str] = set()
         self._records: deque[str] = deque()
 
     def open(self, wakeup: Callable[[], None]) -> None:
-        """Receive lines, and call `wakeup` after a new record, until `close` with the same function."""
+        """Receive Cyclone's log lines, and call `wakeup` after a new record, until `close` with the same function."""
         with self._lock:
             if not self._wakeups:
                 self._peers.clear()
@@ -275,7 +291,7 @@ class SecurityLog:
             self._wakeups = (*self._wakeups, wakeup)
 
     def close(self, wakeup: Callable[[], None]) -> None:
-        """Undo one `open`."""
+        """Undo `open` with the same function; after the last `close`, no lines are received."""
         with self._lock:
             self._wakeups = tuple(one for one in self._wakeups if one != wakeup)
             if self._api.set_log_sink is not None:  # this also waits for a sink that still uses the old tuple
@@ -283,7 +299,7 @@ class SecurityLog:
 
     @contextmanager
     def captured(self) -> Iterator[list[str]]:
-        """Yield a list of the lines that Cyclone logs in this thread."""
+        """Yield a list to which the lines are added that Cyclone logs in this thread inside the block."""
         thread_id = threading.get_ident()
         lines = self._captures[thread_id] = []
         try:
@@ -292,7 +308,7 @@ class SecurityLog:
             del self._captures[thread_id]
 
     def new_records(self) -> list[str]:
-        """Return texts to log, each once."""
+        """Return the new texts about rejected peers, each once."""
         records = []
         for _ in range(len(self._records)):  # threads of Cyclone may append, and other participants read
             with suppress(IndexError):
@@ -300,7 +316,10 @@ class SecurityLog:
         return records
 
     def _on_line(self, _: object, pointer: Any) -> None:
-        """Called by Cyclone with a lock of its log held; must not raise, block or log."""
+        """Capture, record, ignore or print a line of Cyclone's log.
+
+        Called by Cyclone with a lock of its log held; must not raise, block or log.
+        """
         try:
             data = pointer.contents
             text = ct.string_at(data.message, data.size).decode(errors="replace")
@@ -332,7 +351,7 @@ class SecurityLog:
 
 
 def _explain(text: str) -> str:
-    """Return a record about a rejected peer, with its subject if Cyclone names it."""
+    """Return a text for people about a rejected peer, from a log line of Cyclone."""
     subject = re.search(_SUBJECT, text)
     name = f" with subject {subject[1].strip()}" if subject else ""
     reason = next((reason for pattern, reason in _EXPLANATIONS.items() if re.search(pattern, text)), "")

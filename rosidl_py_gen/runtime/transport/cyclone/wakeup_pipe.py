@@ -1,7 +1,8 @@
 """Pipe by which DDS wakes up an event loop: it contains the handles of readers that have samples.
 
-The reader is the loop that watches `fileno`, or a thread where loops cannot watch pipes (Windows). A wake-up may be
-spurious: a writer of this process takes the samples that it delivers, and a loop may be late.
+The loop that watches `fileno` reads the pipe, or a thread where loops cannot watch pipes (Windows). A wake-up may be
+spurious: a writer of this process moves the samples that it delivers into the reader's queue, maybe before the loop
+does.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from collections.abc import Callable, Iterable
 from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 
 LOOPS_CAN_WATCH = os.name == "posix"
-"""Event loops can watch pipes. Elsewhere a thread reads, which keeps the pipe empty, so it may be a blocking one."""
+"""True where event loops can watch pipes. Elsewhere a thread reads the pipe and keeps it empty, so it may block."""
 _MIN_PIPE_BYTES = 512
 """Minimum capacity of a pipe (PIPE_BUF of POSIX): a pipe with less content was not full."""
 _READ_BYTES = 4096
-"""Maximum size of a read. Python allocates as much for each; a pipe with more content remains readable."""
+"""Maximum size of a read. Python allocates as much for each read; a pipe with more content remains readable."""
 _handle = struct.Struct("i")
 
 # The C library that Python itself uses. On Windows the functions of POSIX have an underscore.
@@ -31,16 +32,16 @@ _fdopen = ct.CFUNCTYPE(_file, _int, ct.c_char_p)((f"{_prefix}fdopen", _libc))
 _setbuf = ct.CFUNCTYPE(None, _file, ct.c_void_p)(("setbuf", _libc))
 _fclose = ct.CFUNCTYPE(_int, _file)(("fclose", _libc))
 ferror = ct.CFUNCTYPE(_int, _file)(("ferror", _libc))
-"""Return non-zero if a handle did not fit into `WakeupPipe.stream`, which the next `drain` reports."""
+"""Return non-zero if a reader's handle did not fit into `WakeupPipe.stream`; the next `drain` reports that."""
 _clearerr = ct.CFUNCTYPE(None, _file)(("clearerr", _libc))
 # Used as a listener of Cyclone, so that Cyclone's threads call the C library directly, without Python and the GIL.
 putw = ct.CFUNCTYPE(_int, _int, _file)((f"{_prefix}putw", _libc))
-"""Write a handle into `WakeupPipe.stream`. Unlike a listener of Cyclone it returns an int; the calling conventions of
-all platforms of Cyclone allow that."""
+"""Write a reader's handle into `WakeupPipe.stream`. Unlike a listener of Cyclone, `putw` returns an int; the calling
+conventions of all platforms of Cyclone allow that."""
 
 
 class WakeupPipe:
-    """Pipe of one participant. Thread: any."""
+    """Pipe by which Cyclone wakes up the loop of one participant; its content is handles of readers. Thread: any."""
 
     def __init__(self) -> None:
         self._read_end, self._write_end = os.pipe()
@@ -49,13 +50,13 @@ class WakeupPipe:
             # that some are missing.
             self._set_blocking(False)
         self.stream: int = _fdopen(self._write_end, b"wb")
-        """Writing end, as an unbuffered C `FILE *`."""
+        """Writing end of the pipe, as an unbuffered C `FILE *`."""
         _setbuf(self.stream, None)
         self._lock = threading.Lock()
         self._closed = False
         self._thread: threading.Thread | None = None
         self._handles: ReadyItems[int] = ReadyItems(has_pipe=False)
-        """Handles that the thread has read."""
+        """Handles that the thread has read from the pipe."""
         if not LOOPS_CAN_WATCH:
             self.read_in_thread(None)
 
@@ -64,7 +65,7 @@ class WakeupPipe:
             os.set_blocking(end, blocking)
 
     def fileno(self) -> int | None:
-        """Return the descriptor to watch; None if a thread reads."""
+        """Return the descriptor that an event loop must watch; None if a thread reads the pipe."""
         return self._read_end if self._thread is None else None
 
     def notify(self, handle: int) -> None:
@@ -74,7 +75,7 @@ class WakeupPipe:
                 putw(handle, self.stream)
 
     def drain(self) -> Iterable[int] | None:
-        """Return the handles written since the last call; None if some may be missing. Never blocks."""
+        """Return the handles of readers written since the last call; None if some may be missing. Never blocks."""
         if self._thread is not None:
             return self._handles.take()
         with self._lock:
@@ -93,7 +94,7 @@ class WakeupPipe:
         return _unique_handles(data)
 
     def read_in_thread(self, notify: Callable[[], None] | None) -> None:
-        """Read in a thread from now on, which calls `notify` when `drain` has handles."""
+        """Read the pipe in a thread from now on; the thread calls `notify` when `drain` has handles."""
         self._handles.set_wakeup(notify)
         if self._thread is None:
             if LOOPS_CAN_WATCH:
@@ -107,7 +108,7 @@ class WakeupPipe:
                 self._handles.put(handle)
 
     def close(self) -> None:
-        """Close the pipe and end the thread. No listener may use the stream any more."""
+        """Close the pipe, and wait for the end of the thread that reads. No listener may use the stream any more."""
         # Cyclone deletes an entity only after its listener has returned, so callers delete the participant before.
         with self._lock:
             self._closed = True

@@ -1,7 +1,7 @@
 """Identification of requests and replies on DDS, and discovery of a client's servers: works on bytes and GUIDs.
 
-There are two formats: the header of rmw_cyclonedds, and the `SampleIdentity` of Fast DDS. Here both are a client and a
-number; the type of the client (`int` or `bytes`) tells the format.
+There are two formats: the header of rmw_cyclonedds, and the `SampleIdentity` of Fast DDS. This module represents both
+as a client and a number; the type of the client (`int` or `bytes`) tells the format.
 
 Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 """
@@ -21,40 +21,42 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.transport.service_api import IncompatiblePeer, ServerAvailability
 
 SampleIdentity: TypeAlias = "tuple[bytes, int]"
-"""GUID of a client and number of its request; sent with the request and with its reply."""
+"""GUID of a client and number of a request; Fast DDS sends both with the request and with its reply."""
 ClientId: TypeAlias = "int | bytes"
-"""Number of a client of rmw_cyclonedds; or the GUID of a client, of its reply reader or its request writer."""
+"""Client of a request: its number on rmw_cyclonedds, the GUID of its reply reader or request writer on Fast DDS."""
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """RTPS vendor id of Fast DDS, with which its GUIDs begin."""
 _HASHED_BIT = 0x80
-"""First bit of a secured participant's GUID, a hash of the subject of its certificate (docs/internals/dds.md 12)."""
+"""Bit that is set in the first byte of a secured participant's GUID, which is a hash of the subject of its certificate
+(docs/internals/dds.md 12)."""
 _secured_fast_dds: dict[bytes, set[int]] = {}
-"""Builtin readers that have reported a secured participant on Fast DDS, by GUID prefix (docs/internals/dds.md 12)."""
+"""Handles of the builtin readers that have reported a secured Fast DDS participant, by the participant's GUID prefix
+(docs/internals/dds.md 12)."""
 _secured_lock = threading.Lock()
-"""Guards changes of `_secured_fast_dds`."""
+"""Lock of changes of `_secured_fast_dds`."""
 SERVICE_HEADER_BYTES = 16
 IDENTITY_BYTES = 24
 _READER_BIT = 0x04
-"""Bit in the last byte of a GUID: the endpoint is a reader."""
+"""Bit that is set in the last byte of the GUID of a reader."""
 _IDENTITY_OPTIONS = b"\xfd\x5d"
-"""Option bytes of the encapsulation header (otherwise zero) that mark an embedded identity."""
+"""Option bytes of the encapsulation header (otherwise zero) that mark an embedded sample identity."""
 _LITTLE = struct.Struct("<Qq")
 _BIG = struct.Struct(">Qq")
 _identity = struct.Struct("<16sq")
 _MASK = 2**64 - 1
 _FILL = PADDING[NETWORK_ALIGN]
 _LARGE_BYTES = 1024
-"""Size from which a memoryview is cheaper than another copy."""
+"""Size from which a memoryview of a message is cheaper than another copy."""
 
 
 def uses_sample_identity(guid: bytes) -> bool:
-    """Return True if a client or server with that endpoint uses sample identities, and not headers."""
+    """Return True if a client or server with the endpoint `guid` uses sample identities (Fast DDS), and not headers."""
     return guid.startswith(FAST_DDS_VENDOR) or (bool(_secured_fast_dds) and is_secured_fast_dds(guid))
 
 
 def has_hashed_guid(guid: bytes) -> bool:
-    """Return True if a GUID belongs to a secured participant, so that it does not begin with the vendor."""
+    """Return True if a GUID belongs to a secured participant; such a GUID does not begin with the vendor id."""
     return bool(guid[0] & _HASHED_BIT)
 
 
@@ -64,18 +66,21 @@ def is_secured_fast_dds(guid: bytes) -> bool:
 
 
 def add_secured_fast_dds(guid: bytes, reader: int) -> None:
-    """Record that a participant with a hashed GUID is on Fast DDS, as a builtin reader has reported."""
+    """Record that a secured participant is on Fast DDS, as the builtin reader with handle `reader` has reported."""
     with _secured_lock:
         _secured_fast_dds.setdefault(guid[:GUID_PREFIX_BYTES], set()).add(reader)
 
 
 def has_secured_fast_dds() -> bool:
-    """Return True if there are secured participants on Fast DDS."""
+    """Return True if a secured participant on Fast DDS is known."""
     return bool(_secured_fast_dds)
 
 
 def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
-    """Forget a participant that a builtin reader has lost, or all of a reader that was deleted."""
+    """Forget a secured Fast DDS participant that a builtin reader has lost.
+
+    Without `guid`, forget all participants that only this reader, which was deleted, has reported.
+    """
     with _secured_lock:
         for prefix in [guid[:GUID_PREFIX_BYTES]] if guid else [*_secured_fast_dds]:
             readers = _secured_fast_dds.get(prefix, set())
@@ -85,14 +90,14 @@ def discard_secured_fast_dds(reader: int, guid: bytes = b"") -> None:
 
 
 def embed_identity(data: Payload, identity: SampleIdentity) -> bytes:
-    """Insert the identity after the encapsulation header, with a mark."""
+    """Return a sample with a sample identity between encapsulation header and message, marked in the header."""
     # Fast DDS sends the identity as RTPS inline QoS, which is not part of a sample; `sample_identity.py` calls this.
     # The 24 bytes replace the header of rmw_cyclonedds. They are a multiple of 8, so the alignment does not change.
     return b"".join((data[:2], _IDENTITY_OPTIONS, _identity.pack(*identity), data[HEADER_BYTES:]))
 
 
 def extract_identity(data: Payload) -> SampleIdentity | None:
-    """Return the identity that `embed_identity` inserted; None if there is none."""
+    """Return the sample identity that `embed_identity` inserted into a sample; None if there is none."""
     if data[2:4] != _IDENTITY_OPTIONS or len(data) < HEADER_BYTES + IDENTITY_BYTES:
         return None
     guid, sequence = _identity.unpack_from(data, HEADER_BYTES)
@@ -100,7 +105,7 @@ def extract_identity(data: Payload) -> SampleIdentity | None:
 
 
 def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
-    """Insert the header into an encoded message (little-endian), and pad it for DDS in the same copy."""
+    """Return an encoded message (little-endian) with the header of rmw_cyclonedds, padded for DDS in the same copy."""
     # The header of rmw_cyclonedds is between the 4 encapsulation bytes and the message: 8 bytes number of the client, 8
     # bytes number of the request (docs/internals/protocol.md 5.1).
     rest = message[HEADER_BYTES:] if len(message) < _LARGE_BYTES else memoryview(message)[HEADER_BYTES:]
@@ -110,7 +115,11 @@ def add_request_header(message: Payload, client: int, sequence: int) -> bytes:
 
 
 def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
-    """Return the client, the number of the request and the offset of the message; raise `DecodeError`."""
+    """Return client, number of the request, and offset of the message from a request or reply of either format.
+
+    Raises:
+        DecodeError: the data is too short for a header.
+    """
     identity = extract_identity(data)
     if identity is not None:
         return *identity, HEADER_BYTES + IDENTITY_BYTES
@@ -122,13 +131,16 @@ def parse_request_header(data: Payload) -> tuple[ClientId, int, int]:
 
 
 def strip_request_header(data: Payload, begin: int) -> bytes:
-    """Return a copy of the message without the header, which ends at `begin`."""
+    """Return a copy of a request or reply without the header of rmw_cyclonedds or identity, which ends at `begin`."""
     rest = data[begin:] if len(data) < _LARGE_BYTES else memoryview(data)[begin:]
     return b"".join((data[:2], b"\0\0", rest))
 
 
 def client_gid(client: ClientId, handle: int) -> bytes:
-    """Return the GID of a client in a server: its GUID, or its number and the local handle of its writer."""
+    """Return the GID under which a server knows a client.
+
+    The GID is the GUID of the client's endpoint, or else the client's number and the local `handle` of its writer.
+    """
     if isinstance(client, bytes):
         return client
     return (client & _MASK).to_bytes(8, "little") + (handle & _MASK).to_bytes(8, "little")
@@ -151,7 +163,8 @@ def find_servers(
         writers: reply writers that are matched with the client.
         announced: all discovered request readers.
         clients: all discovered request writers, the client's included.
-        refusal: reason why Fast DDS servers cannot be used; None if they can.
+        refusal: reason why Fast DDS servers cannot be used; None if they can be used.
+        is_compatible: returns False for an endpoint with another definition of the service, which must not be used.
 
     Returns:
         The availability, and True if requests need a sample identity, because a matched server is on Fast DDS.
@@ -179,27 +192,27 @@ def find_servers(
 
 
 class ClientCorrelation:
-    """Builds the requests of one client and recognizes its replies.
+    """Encoder of one client's requests, which also recognizes the client's replies.
 
     Args:
         handle: number that no other client has (docs/internals/protocol.md 5.1).
         reader: GUID of the client's reply reader.
-        writer: GUID of its request writer.
+        writer: GUID of the client's request writer.
     """
 
     def __init__(self, handle: int, reader: bytes, writer: bytes) -> None:
         self._handle = handle
         self._reader = reader
         self._own_ids: tuple[ClientId, ...] = (handle, reader, writer)
-        """Ids by which replies may name the client."""
+        """Ids by which a reply may identify this client."""
         self.uses_sample_identity = False
-        """True while a matched server is on Fast DDS."""
+        """True while a matched server is on Fast DDS, so that requests need a sample identity."""
         self._request_readers: set[bytes] = set()
         self._servers: frozenset[bytes] = frozenset()
         self._answered: set[bytes] = set()
 
     def update_servers(self, readers: set[bytes], *, uses_sample_identity: bool) -> None:
-        """Set the GUIDs of all readers that get requests, or will after they are matched."""
+        """Set `readers`, the GUIDs of the request readers of all servers, matched already or not."""
         self.uses_sample_identity = uses_sample_identity
         if not readers <= self._request_readers:
             # A new server, which may be a restarted one, does not know the client's reply reader.
@@ -210,14 +223,20 @@ class ClientCorrelation:
         self._answered &= self._servers
 
     def all_answered(self) -> bool:
-        """Return True if all servers have replied; False if a participant has several, whose replies look alike."""
+        """Return True if every server has replied once.
+
+        If a participant has several servers of the service, their replies cannot be distinguished: the result is False.
+        """
         readers, servers = self._request_readers, self._servers
         return bool(readers) and self._answered == servers and len(servers) == len(readers)
 
     def request(
         self, message: bytes, number: int, *, always_identified: bool = False
     ) -> tuple[bytes, SampleIdentity | None]:
-        """Return the payload, and the identity to send as inline QoS, if one is needed, or `always_identified`."""
+        """Return the payload of a request, and the sample identity to send as inline QoS.
+
+        The identity is None if no Fast DDS server is matched, or if servers need none and `always_identified` is False.
+        """
         if not self.uses_sample_identity:
             return add_request_header(message, self._handle, number), None
         # Without an identity a Fast DDS server identifies the request by the writer and the sequence number, so
@@ -227,7 +246,14 @@ class ClientCorrelation:
         return message, (self._reader, number) if is_needed else None
 
     def reply(self, data: Payload, server: bytes | None) -> tuple[int, bytes] | None:
-        """Return the number of the request and the message of a reply, None for another client; raise `DecodeError`."""
+        """Return the number of the request and the message of a reply; None if the reply is for another client.
+
+        Args:
+            server: GUID of the server's reply writer, if known.
+
+        Raises:
+            DecodeError: the data is too short for a header.
+        """
         client, number, begin = parse_request_header(data)
         if client not in self._own_ids:  # all clients of a service receive all replies
             return None
@@ -244,9 +270,15 @@ def is_reply_reader_matched(
     matched: Callable[[], Iterable[bytes]],
     find: Callable[[bytes], DiscoveredEndpoint | None],
 ) -> bool:
-    """Return True if the reply reader of a client is matched, or if the client does not tell which reader that is.
+    """Return True if the reply reader of a client is matched with a server, or if the reply reader is unknown.
 
-    `writer` is the request writer of the client; None if unknown or gone. Source: docs/internals/protocol.md 5.2, 5.3.
+    Args:
+        client: id of the client in its request.
+        writer: request writer of the client; None if unknown or gone.
+        matched: returns the GUIDs of the reply readers that are matched with the server's reply writer.
+        find: returns a discovered endpoint by GUID.
+
+    Source: docs/internals/protocol.md 5.2, 5.3.
     """
     if isinstance(client, bytes):
         # The GUID of the request writer or of the client does not tell the reader.

@@ -41,16 +41,16 @@ if TYPE_CHECKING:
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _PARTICIPANT = bytes.fromhex("000001c1")
-"""Entity id of every participant. The last bytes of the GUID in a message may be others."""
+"""Entity id at the end of every participant's GUID; the GUID in a message may end with other bytes."""
 GID_BYTES = 16
 HUMBLE_GID_BYTES = 24
 """Size of a GID in Humble and earlier: a GUID, then zeros."""
 _MAX_ITEMS = 1 << 20
-"""Maximum number of nodes or endpoints of a participant; a larger number means that the layout is wrong."""
+"""Maximum number of nodes or endpoints in a message; a larger number means that the layout is wrong."""
 
 
 def encode_message(participant_guid: bytes, nodes: Iterable[NodeEntities], *, is_humble: bool = False) -> bytes:
-    """Encode a message; with `is_humble`, in the layout of Humble."""
+    """Encode the message by which a participant announces its nodes; with `is_humble`, in the layout of Humble."""
     gid_bytes = HUMBLE_GID_BYTES if is_humble else GID_BYTES
     out = bytearray(HEADER)
     out += participant_guid.ljust(gid_bytes, b"\0")
@@ -75,10 +75,10 @@ def _append_count(out: bytearray, count: int) -> None:
 def decode_message(data: Payload, sender_prefix: bytes) -> NodesAnnounced:
     """Decode the message of the participant whose GUID begins with `sender_prefix` (12 bytes).
 
-    `is_humble` of the result tells the layout.
+    `is_humble` of the result is True if the message has the layout of Humble.
 
     Raises:
-        DecodeError: the bytes have neither layout.
+        DecodeError: the bytes have neither the layout of Humble nor the later one.
     """
     raw = bytes(data)
     is_humble = False
@@ -96,7 +96,7 @@ def decode_message(data: Payload, sender_prefix: bytes) -> NodesAnnounced:
 
 @dataclass(slots=True)
 class _MessageCursor:
-    """Decoder of one layout; `position` counts from the start of the header."""
+    """Decoder of a message in one layout; `position` counts from the start of the header."""
 
     data: bytes
     gid_bytes: int
@@ -151,9 +151,9 @@ DISCOVERY_TOPIC = "ros_discovery_info"
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
 _RETRY_DELAYS_S = (0.05, 0.2, 0.5)
-"""Delays after which the reader is recreated while a discovered writer has sent nothing. The topic is transient local,
-and Cyclone often loses the first sample of a Fast DDS writer, because it does not know the writer yet. Fast DDS would
-repeat it after 3 s, but sends its history to a new reader at once."""
+"""Delays, in seconds, after which the reader of `ros_discovery_info` is recreated while a discovered writer has sent
+nothing. The topic is transient local, and Cyclone often loses the first sample of a Fast DDS writer that it does not
+know yet. Fast DDS would repeat the sample after 3 s, but sends its history to a new reader at once."""
 _HUMBLE = "humble"
 _MAX_UNDECIDED = 1000
 _MAX_LOST_WRITERS = 1000
@@ -167,16 +167,16 @@ _WARNINGS = {
     True: "Set ROS_DISTRO=humble to announce the nodes of this process in the format of Humble, or another "
     "ROS_DOMAIN_ID",
 }
-"""Warnings about a participant of Humble; True if another distribution is selected."""
+"""Second half of the warning about a participant of Humble, by whether another distribution is selected here."""
 
 
 class DiscoveryInfoTopic:
-    """Writer and reader of `ros_discovery_info` of a participant.
+    """Writer and reader of the topic `ros_discovery_info` for one participant.
 
     A node of Humble on Fast DDS reads numbers from names and GIDs in the usual layout, and may allocate all memory.
     Later distributions read no nodes in the layout of Humble (docs/internals/protocol.md 6.5). So without a selected
-    distribution, announcements have the layout of Humble until a participant of a later one is present, and while one
-    of Humble is: a new participant gets the last announcement before its own arrives here.
+    distribution, announcements have the layout of Humble until a participant of a later distribution is present, and
+    while one of Humble is: a new participant gets our last announcement before its own arrives here.
     """
 
     def __init__(
@@ -192,21 +192,21 @@ class DiscoveryInfoTopic:
         self._sink = sink
         self._ros_distro = ros_distro
         self._nodes: tuple[NodeEntities, ...] = ()
-        """The nodes that were announced last."""
+        """Nodes of our participant that were announced last."""
         self._writer_has_hash: dict[bytes, bool] = {}
-        """Discovered writers of the topic."""
+        """True for each discovered writer of the topic that announces a type hash, by GUID."""
         self._undecided: dict[bytes, NodesAnnounced] = {}
-        """Announcements in the layout of Humble, by writer, that were read before the discovery of their writer."""
+        """Announcements in the layout of Humble that were read before the discovery of their writer, by its GUID."""
         self._layouts: dict[bytes, bool | None] = {}
-        """True if the reader beside a writer needs the layout of Humble; None if it reads both, as ours does."""
+        """Layout that a peer's reader needs, by GUID of the peer's writer: True for Humble's, None if it reads both."""
         self._wrote_humble = False
         self._has_warned = False
         self._closed = False
         self._unheard_writers: set[bytes] = set()
-        """Discovered writers of which no sample was received when they were discovered."""
+        """GUIDs of discovered writers of which no sample was received when they were discovered."""
         self._heard_writers: set[bytes] = set()
         self._lost_writers: dict[bytes, None] = {}
-        """Lost writers of the topic, whose last samples may be read later; the oldest are forgotten."""
+        """GUIDs of lost writers of the topic, whose last samples may be read later; the oldest are forgotten."""
         self._writer = participant.create_writer(_spec(_WRITER_QOS))
         self._reader = self._new_reader()
 
@@ -216,7 +216,7 @@ class DiscoveryInfoTopic:
         return reader
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
-        """Announce all nodes of the participant."""
+        """Announce all nodes of our participant, given by number, to peers."""
         self._nodes = tuple(nodes.values())
         self._write()
 
@@ -231,12 +231,15 @@ class DiscoveryInfoTopic:
         self._writer.write(encode_message(self._participant.guid, self._nodes, is_humble=is_humble))
 
     def read(self) -> None:
-        """Report the received announcements."""
+        """Pass the received announcements of peers' nodes to the discovery sink."""
         if self._reader.fetch() or self._reader.queue.items:  # a writer of this process may have fetched already
             self._on_messages()
 
     def forward_events(self, events: list[DiscoveryEvent]) -> None:
-        """Pass discovery events to the sink, and expect a sample of each new writer of the topic."""
+        """Pass discovery events to the sink.
+
+        If a new writer of the topic sends no sample for a while, the reader is recreated.
+        """
         writers = {
             event.guid: bool(event.type_hash)
             for event in events
@@ -273,9 +276,9 @@ class DiscoveryInfoTopic:
             self._set_layout(guid, not has_hash)
 
     def _is_humble(self, writer: bytes, message: NodesAnnounced) -> bool | None:
-        """Return True if a participant is of Humble, None if it is unknown.
+        """Return True if the participant that sent `message` is of Humble, None if that is unknown.
 
-        Contexts of this package may write the layout of Humble, too, but with a type hash.
+        Contexts of this package may use the layout of Humble, too, but their `writer` announces a type hash.
         """
         if not message.is_humble:
             return False
@@ -349,7 +352,7 @@ class DiscoveryInfoTopic:
         self._sink(events)
 
     def close(self) -> None:
-        """Delete the endpoints. May be called twice."""
+        """Delete the reader and the writer of the topic. May be called twice."""
         self._closed = True
         self._reader.close()
         self._writer.close()

@@ -36,14 +36,14 @@ _AFFIXES: Mapping[Literal["topic", "request", "reply"], tuple[str, str]] = {
     "request": ("rq", "Request"),
     "reply": ("rr", "Reply"),
 }
-"""Prefix and suffix of a name in DDS."""
+"""Prefix and suffix that a topic name has in DDS, by kind of topic."""
 BUFFER_SUFFIX = "/_buf_cpu"
 """Suffix of the topic to which publishers of Lyrical send buffers. Source: docs/internals/dds.md 14, zenoh.md 9.2."""
 _PAIR = re.compile(rb"([A-Za-z0-9]+)=([^;]*);")
 
 
 def wire_name(topic_key: TopicKey) -> str:
-    """Return the name in DDS: ``rt/chatter`` for topic ``/chatter``, ``rq/addRequest`` for requests of ``/add``."""
+    """Return the DDS name of a topic: ``rt/chatter`` for ``/chatter``, ``rq/addRequest`` for requests of ``/add``."""
     if topic_key.kind == "unmangled":
         return topic_key.name
     prefix, suffix = _AFFIXES[topic_key.kind]
@@ -51,7 +51,7 @@ def wire_name(topic_key: TopicKey) -> str:
 
 
 def topic_key_of(dds_name: str) -> TopicKey:
-    """Return the topic that has this name in DDS: the inverse of `wire_name`."""
+    """Return the key of the topic that has a name in DDS: the inverse of `wire_name`."""
     for kind, (prefix, suffix) in _AFFIXES.items():
         if dds_name.startswith(f"{prefix}/") and dds_name.endswith(suffix):
             return TopicKey(kind, dds_name[len(prefix) : len(dds_name) - len(suffix)])
@@ -64,13 +64,13 @@ def participant_user_data(enclave: str = "/") -> bytes:
 
 
 def endpoint_user_data(type_hash: str, *, client_id: str = "", service_id: str = "", service_hash: str = "") -> bytes:
-    """Return the USER_DATA of an endpoint. An empty hash is omitted, because peers warn about malformed ones."""
+    """Return the USER_DATA of an endpoint. Empty values are omitted, because peers warn about malformed hashes."""
     pairs = {"clientid": client_id, "serviceid": service_id, "typehash": type_hash, "sertypehash": service_hash}
     return "".join(f"{key}={value};" for key, value in pairs.items() if value).encode()
 
 
 def parse_user_data(data: bytes) -> dict[str, str]:
-    """Return the ``key=value;`` pairs before the first malformed one; trailing NULs are ignored.
+    """Return the ``key=value;`` pairs of USER_DATA before the first malformed pair; trailing NULs are ignored.
 
     rmw reads nothing of a text with a malformed pair: an enclave with ``;`` would hide all nodes of its participant.
     """
@@ -84,7 +84,7 @@ def parse_user_data(data: bytes) -> dict[str, str]:
 
 
 def entity_id(gid: bytes) -> str:
-    """Return the value of ``clientid`` and ``serviceid``: 16 bytes in hex, joined by dots.
+    """Return a GID as text for ``clientid`` or ``serviceid`` in USER_DATA: 16 bytes in hex, joined by dots.
 
     There are no leading zeros, but the first byte is padded to two columns by a space.
     """

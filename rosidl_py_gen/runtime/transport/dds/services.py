@@ -1,4 +1,4 @@
-"""Clients and servers on DDS and in memory: a reader and a writer each, without calls of the DDS library.
+"""Clients and servers of services on DDS and in memory: a reader and a writer each, without calls of the DDS library.
 
 `correlation.py` identifies requests and replies. A client finds its servers among the discovered endpoints, and reports
 the requests that are lost: those that were sent to servers of which none is left.
@@ -42,8 +42,8 @@ from rosidl_py_gen.runtime.transport.service_api import (
 )
 
 _RequestOrigin: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
-"""Contents of a `RequestId`: client, number of its request, GUID of its request writer (None if it disappeared before
-it was known) and local handle of that writer."""
+"""Contents of a `RequestId`: client, number of the request, GUID of the client's request writer (None if the writer
+disappeared before its GUID was known), and local handle of the request writer."""
 
 
 class ServiceWriter(Writer, Protocol):
@@ -53,12 +53,12 @@ class ServiceWriter(Writer, Protocol):
 
 
 class ServiceParticipant(Participant, Protocol):
-    """Participant whose clients and servers these are."""
+    """Participant that can create the reader and writer of a `DdsClient` or `DdsServer`."""
 
     service_peers: ServicePeers
 
     def service_refusal(self, service: ServiceSpec) -> str | None:
-        """Return why servers of one service on Fast DDS cannot be used; None if they can."""
+        """Return the reason why Fast DDS servers of a service cannot be used; None if they can be used."""
 
     def next_gid(self) -> bytes:
         """Return the 16 bytes that identify a new client or server in ROS."""
@@ -101,7 +101,7 @@ class _EndpointPair:
 
 
 class DdsClient(_EndpointPair):
-    """Client of a service."""
+    """Client of a service on DDS or in memory."""
 
     def __init__(self, participant: ServiceParticipant, service: ServiceSpec) -> None:
         gid, (request, reply) = participant.next_gid(), service.endpoints
@@ -110,11 +110,11 @@ class DdsClient(_EndpointPair):
             writer = participant.create_writer(replace(request, client_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
         self._servers_version = -1
-        """Version of the peers whose servers `_correlation` has; -1 to find the servers with each request."""
+        """Version of the discovered peers at which `servers` was called; -1: the next request calls it again."""
         self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
         self._sent = 0
         self._in_flight: dict[int, frozenset[bytes]] = {}
-        """Endpoints of the servers that existed when a request was sent, by the number of the request."""
+        """GUIDs of the endpoints of servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()
         self._servers: MatchCache[ServerAvailability] = MatchCache(self._peers, self._find_servers)
         """Server availability, cached per refusal reason."""
@@ -207,7 +207,7 @@ class DdsClient(_EndpointPair):
 
 
 class DdsServer(_EndpointPair):
-    """Server of a service."""
+    """Server of a service on DDS or in memory."""
 
     def __init__(self, participant: ServiceParticipant, service: ServiceSpec) -> None:
         gid, (request, reply) = participant.next_gid(), service.endpoints
@@ -216,7 +216,7 @@ class DdsServer(_EndpointPair):
             reader = participant.create_reader(replace(request, service_id=entity_id(gid)))
         super().__init__(participant, service, reader, writer, gid)
         self._reachable_clients: MatchCache[bool] = MatchCache(self._peers, self._is_reachable)
-        """Results by client and the GUID of its request writer."""
+        """Cached results of `can_reach_client`, by client and the GUID of the client's request writer."""
         self._window = ReplyWindow(writer.all_acknowledged)
         self._window_version = -1
 
@@ -289,7 +289,7 @@ class DdsServer(_EndpointPair):
 
 @contextmanager
 def _closed_on_failure(endpoint: Reader | Writer) -> Iterator[None]:
-    """Close an endpoint if the other one of its pair cannot be created, because permissions may allow only one."""
+    """Close `endpoint` if the other endpoint of its pair cannot be created: permissions may allow only one of them."""
     try:
         yield
     except BaseException:

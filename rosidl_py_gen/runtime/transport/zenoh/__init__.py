@@ -1,4 +1,4 @@
 """Zenoh transport with the wire formats of rmw_zenoh_cpp; only this package knows Zenoh.
 
-The formats are used by Jazzy and Kilted; where Humble or Lyrical differ, the modules state it.
+Jazzy and Kilted use these formats; the modules state the differences of Humble and Lyrical.
 """

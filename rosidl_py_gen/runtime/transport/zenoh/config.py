@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.transport.matching import FORMAT_VARIABLE
 ROUTER_PORT = 7447
 _MAX_QUOTED_CHARS = 200
 _MAX_DEPTH = 100
-"""Maximum nesting of brackets: some thousands crash Zenoh's parser."""
+"""Maximum nesting of brackets in a configuration: some thousands crash Zenoh's parser."""
 _BRACKET = re.compile(r"[\[{}\]]")
 _SOURCE_LOCATION = re.compile(r" at \S+\.rs:\d+\.?")
 _MESSAGE = re.compile(r'(?:msg: |Str\()"((?:[^"\\]|\\.)*)"')
@@ -46,8 +46,8 @@ _COMMON: dict[str, object] = {
     "adminspace/enabled": True,
 }
 _MAX_CONGESTION_WAIT_US = 250_000
-"""Maximum time that a large message waits for a congested link before it is dropped. With the 50 ms of rmw_zenoh_cpp a
-busy machine lost one image of ten. After the first drop Zenoh does not wait any more."""
+"""Maximum time that a large message waits for a congested link before it is dropped, in microseconds. With the 50 ms of
+rmw_zenoh_cpp a busy machine lost one image of ten. After the first drop Zenoh does not wait any more."""
 _STRATEGY = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 _SESSION: dict[str, object] = {
     "mode": "peer",
@@ -60,15 +60,18 @@ _SESSION: dict[str, object] = {
 }
 _ROUTER: dict[str, object] = {"mode": "router", "listen/endpoints": [f"tcp/[::]:{ROUTER_PORT}"]}
 IPV4_ONLY = f"tcp/0.0.0.0:{ROUTER_PORT}"
-"""Endpoint of a router on machines without IPv6, which refuse the default."""
+"""Endpoint of a router on machines without IPv6, which refuse the default endpoint."""
 
 
 class ZenohConfigError(RosidlError, ValueError):
-    """The configuration of Zenoh is not usable; the text names the variable or key, and quotes its value."""
+    """Raised if a configuration of Zenoh is not usable; the text names the variable or key, and quotes its value."""
 
 
 def session_config(environ: Mapping[str, str], warn: Callable[[str], None]) -> zenoh.Config:
-    """Return the configuration of the session of a context; `warn` is called for each skipped pair of an override.
+    """Return the configuration of a context's Zenoh session.
+
+    Args:
+        warn: called with a text for each skipped pair of ZENOH_CONFIG_OVERRIDE.
 
     Raises:
         ZenohConfigError: a variable or file is not usable.
@@ -79,7 +82,16 @@ def session_config(environ: Mapping[str, str], warn: Callable[[str], None]) -> z
 def router_config(
     environ: Mapping[str, str], warn: Callable[[str], None], *, listen: Iterable[str] = (), connect: Iterable[str] = ()
 ) -> zenoh.Config:
-    """Return the configuration of a router; `listen` and `connect` override file and variables."""
+    """Return the configuration of a Zenoh router.
+
+    Args:
+        warn: called with a text for each skipped pair of ZENOH_CONFIG_OVERRIDE.
+        listen: endpoints that replace the configured ones, if any are given.
+        connect: endpoints of other routers that replace the configured ones, if any are given.
+
+    Raises:
+        ZenohConfigError: a variable, file or endpoint is not usable.
+    """
     config = _configuration(environ, "ZENOH_ROUTER_CONFIG_URI", {**_COMMON, **_ROUTER}, warn)
     for key, endpoints in (("listen/endpoints", list(listen)), ("connect/endpoints", list(connect))):
         if endpoints:
@@ -88,7 +100,11 @@ def router_config(
 
 
 def router_attempts(environ: Mapping[str, str]) -> float:
-    """Return how often a new session checks for a router, once a second; `math.inf`: until there is one."""
+    """Return how often a new session checks for a router, from ZENOH_ROUTER_CHECK_ATTEMPTS; `math.inf`: until found.
+
+    Raises:
+        ZenohConfigError: the variable is not a whole number.
+    """
     text = environ.get("ZENOH_ROUTER_CHECK_ATTEMPTS", "")
     try:
         attempts = int(text) if text else 1
@@ -101,7 +117,11 @@ def router_attempts(environ: Mapping[str, str]) -> float:
 
 
 def is_humble(environ: Mapping[str, str]) -> bool:
-    """Return True if keys and tokens must have the format of Humble, not the format of later distributions."""
+    """Return True if keys and tokens must have the format of Humble, not the format of later distributions.
+
+    Raises:
+        ZenohConfigError: the variable `FORMAT_VARIABLE` has another value than ``humble``.
+    """
     text = environ.get(FORMAT_VARIABLE, "")
     if text not in ("", "humble"):
         raise ZenohConfigError(
@@ -111,7 +131,11 @@ def is_humble(environ: Mapping[str, str]) -> bool:
 
 
 def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
-    """Set `key` to a JSON5 text; `where` names its origin for errors."""
+    """Set a key of a configuration to a JSON5 text.
+
+    Raises:
+        ZenohConfigError: Zenoh refuses the key or value; the text begins with `where`, the origin of the value.
+    """
     _require_shallow(value, f"{where}: {key}")
     try:
         config.insert_json5(key, value)
@@ -120,7 +144,7 @@ def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:
 
 
 def endpoints_of(config: zenoh.Config, kind: Literal["listen", "connect"]) -> list[str]:
-    """Return the endpoints of a configuration that apply in its mode."""
+    """Return the endpoints to listen on, or to connect to, that apply in the mode of a configuration."""
     endpoints = json.loads(config.get_json(f"{kind}/endpoints"))
     if isinstance(endpoints, dict):  # one list for each mode
         endpoints = endpoints.get(json.loads(config.get_json("mode")) or "peer") or []
@@ -166,7 +190,7 @@ def _quoted(text: str) -> str:
 
 
 def error_text(error: Exception) -> str:
-    """Return the text of a Zenoh error without locations in its sources and names of its types."""
+    """Return the text of a Zenoh error without locations in Zenoh's sources and names of its types."""
     text = _SOURCE_LOCATION.sub("", str(error))
     message = _MESSAGE.search(text)
     if message is None:

@@ -55,11 +55,11 @@ from rosidl_py_gen.runtime.transport.zenoh.wire_formats import (
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
 _NO_NODE_NAME = "_"
-"""Name of the node of endpoints without one, which have no token."""
+"""Node name in the tokens of endpoints that belong to no node; these tokens give a GID and are not announced."""
 
 
 class ZenohParticipant:
-    """Participant of the Zenoh transport; with `is_humble`, keys and tokens have no hashes."""
+    """Participant of the Zenoh transport: one session; with `is_humble`, its keys and tokens have no type hashes."""
 
     middleware = "Zenoh"
     library = ""
@@ -76,18 +76,18 @@ class ZenohParticipant:
         self.guid = participant_guid(self._zid)
         self._closed = False
         self._ids = itertools.count()
-        """Ids of nodes and endpoints, as in rmw_zenoh_cpp."""
+        """Counter that numbers nodes and endpoints, as in rmw_zenoh_cpp."""
         self._nodes: dict[int, NodeToken] = {}
         self._no_node = NodeToken(domain_id, self._zid, 0, _NO_NODE_NAME)
         self._node_tokens: dict[int, Any] = {}
         self._local_endpoints: dict[bytes, ZenohReader | ZenohWriter] = {}
-        """Own endpoints by GUID."""
+        """Readers, writers, clients and servers of this participant by GUID."""
         self.ready_sinks: ReadyItems[Sink] = ReadyItems()
         self.set_wakeup, self.fileno = self.ready_sinks.set_wakeup, self.ready_sinks.fileno
         self.take_ready_sinks = self.ready_sinks.take
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._report_lock = threading.RLock()
-        """Held until the sink has applied the events: without a running loop, several threads report."""
+        """Lock that is held until the sink has applied the events: without a running loop, several threads report."""
         self.graph = TokenGraph(self._zid, enclave)
         self._liveliness = session.liveliness()
         self._listener = self._liveliness.declare_subscriber(
@@ -117,7 +117,7 @@ class ZenohParticipant:
         spec: EndpointSpec | ServiceSpec,
         **options: Any,
     ) -> _EndpointT:
-        """Create an endpoint, then announce it."""
+        """Create a reader, writer, client or server, and then announce its token, if it belongs to a node."""
         if self._closed:
             raise ClosedError("this participant is closed")
         name = f"/{name.removeprefix('/')}"  # Zenoh has no prefixes: an unmangled name is a topic's name
@@ -149,7 +149,7 @@ class ZenohParticipant:
         return endpoint
 
     def undeclare_token(self, guid: bytes) -> None:
-        """Stop announcing an endpoint that will be undeclared."""
+        """Undeclare the token of an endpoint, before the endpoint itself is undeclared."""
         endpoint = self._local_endpoints.pop(guid, None)
         if endpoint is not None:
             if endpoint.token is not None:
@@ -168,7 +168,7 @@ class ZenohParticipant:
                 self._node_tokens[number] = self._liveliness.declare_token(str(token))
 
     def _on_token(self, sample: Any) -> None:
-        """Called by Zenoh with each token that appears or disappears; must not block or log."""
+        """Record a liveliness token that appeared or disappeared. Called by Zenoh; must not block or log."""
         self.graph.on_token(sample.kind == zenoh.SampleKind.PUT, str(sample.key_expr))
         self.ready_sinks.put(self.report_discovery)
 

@@ -1,4 +1,4 @@
-"""Zenoh router like rmw_zenoh_cpp's `rmw_zenohd`: peers discover each other through it, clients exchange all data."""
+"""Zenoh router like rmw_zenoh_cpp's `rmw_zenohd`, through which peers discover each other and clients exchange data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class ZenohRouter:
-    """Router in this process until it is closed; a context manager.
+    """Zenoh router that runs in this process until it is closed; a context manager.
 
     Args:
         environ: environment with ZENOH_ROUTER_CONFIG_URI and ZENOH_CONFIG_OVERRIDE.
@@ -63,9 +63,9 @@ class ZenohRouter:
         self._session: zenoh.Session | None = session
         _routers.add(self)
         self.zid: str = str(session.info.zid())
-        """Id of the router, hexadecimal."""
+        """Zenoh id of the router, hexadecimal."""
         self.endpoints: list[str] = self._locators() or endpoints
-        """Endpoints that sessions can connect to; each address of this machine for a wildcard address."""
+        """Endpoints that sessions can connect to; a wildcard address is replaced by each address of this machine."""
 
     def __enter__(self) -> Self:
         return self
@@ -88,7 +88,7 @@ class ZenohRouter:
         self._session = None
 
     def _locators(self) -> list[str]:
-        """Return the locators from the router's admin space; empty if that is disabled."""
+        """Return the endpoints that the router's admin space lists; empty if the admin space is disabled."""
         assert self._session is not None
         for reply in self._session.get(f"@/{self.zid}/router"):
             if reply.ok is not None:
@@ -109,7 +109,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _has_ipv6() -> bool:
-    """Return True if the default endpoint, for IPv6 and IPv4, can be bound."""
+    """Return True if this machine has IPv6, which the router's default endpoint needs."""
     try:
         with socket.socket(socket.AF_INET6, socket.SOCK_STREAM) as trial:
             trial.bind(("::", 0))

@@ -42,12 +42,12 @@ _FLIPPED = (1 << 128) - 1
 
 
 def paired_gid(gid: bytes) -> bytes:
-    """Return the GUID of a client's or server's writer; its GID is the GUID of its reader."""
+    """Return the GUID of the writer of the client or server with a GID; the GID is the GUID of its reader."""
     return (int.from_bytes(gid, "big") ^ _FLIPPED).to_bytes(16, "big")
 
 
 def participant_guid(zid: str) -> bytes:
-    """Return the GUID of a session from its id as Zenoh prints it."""
+    """Return the GUID of the participant that a Zenoh session is, from the session's id as Zenoh prints it."""
     return int(zid, 16).to_bytes(16, "big")
 
 
@@ -55,17 +55,17 @@ def participant_guid(zid: str) -> bytes:
 class _Node:
     token: NodeToken
     tokens: set[str] = field(default_factory=set)
-    """Tokens of the node; peers may announce it by several texts."""
+    """Texts of the node's own tokens; peers may announce a node by several texts."""
     readers: set[bytes] = field(default_factory=set)
     writers: set[bytes] = field(default_factory=set)
 
 
 Infos: TypeAlias = tuple[DiscoveredEndpoint, ...]
-"""Endpoints in the graph of a publisher or subscription, which is one, or of a client or server, which is two."""
+"""Endpoints in the graph for one token: one for a publisher or subscription, two for a client or server."""
 
 
 def endpoints_of(token: EndpointToken, gid: bytes) -> Infos:
-    """Return the endpoints of a token: one of a topic, two of a client or server, the reader first."""
+    """Return the endpoints for a token: one of a topic, or the reader and the writer of a client or server."""
     participant, type_hash = participant_guid(token.node.zid), valid_hash_or_empty(token.type_hash)
     type, wire = ros_type(token.type), (token.name, token.type)
     if token.kind in (EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION):
@@ -82,7 +82,10 @@ def endpoints_of(token: EndpointToken, gid: bytes) -> Infos:
 
 
 class TokenGraph(EndpointIndex):
-    """Endpoints of a domain; `version` and the methods of the base class do not count unread tokens. Thread: any."""
+    """Graph of the nodes and endpoints of a domain, from liveliness tokens. Thread: any.
+
+    `version` and the methods of the base class ignore tokens that `read` has not applied yet.
+    """
 
     def __init__(self, own_zid: str, enclave: str) -> None:
         super().__init__()
@@ -90,30 +93,30 @@ class TokenGraph(EndpointIndex):
         self._unread: deque[tuple[bool, str]] = deque()
         self._lock = threading.RLock()
         self._sessions: dict[str, dict[int, _Node]] = {}
-        """Nodes by session and number."""
+        """Nodes of peers by session id and node number."""
         self._tokens: dict[str, Infos] = {}
         self._events: list[DiscoveryEvent] = [ParticipantDiscovered(participant_guid(own_zid), enclave)]
 
     def on_token(self, exists: bool, token: str) -> None:
-        """Record that a token appeared or disappeared, to be read later."""
+        """Record that a token appeared or disappeared; `read` applies it later."""
         self._unread.append((exists, token))
 
     def add_endpoints(self, endpoints: Infos) -> None:
-        """Add endpoints: own endpoints, or the endpoints of a token."""
+        """Add endpoints of our own session, or of a peer's token, and queue their discovery events."""
         with self._lock:
             for endpoint in endpoints:
                 self.add(endpoint)
             self._events += endpoints
 
     def remove_endpoints(self, endpoints: Infos) -> None:
-        """Remove endpoints: own endpoints, or the endpoints of a token."""
+        """Remove endpoints of our own session, or of a peer's token, and queue their discovery events."""
         with self._lock:
             for endpoint in endpoints:
                 self.remove(endpoint.guid)
                 self._events.append(EntityLost(endpoint.guid))
 
     def read(self) -> None:
-        """Apply all recorded tokens."""
+        """Apply all tokens that `on_token` has recorded."""
         if not self._unread:
             return
         with self._lock:
@@ -161,7 +164,7 @@ class TokenGraph(EndpointIndex):
         return True
 
     def _report_nodes(self, zid: str) -> None:
-        """Report the nodes of a session, or that it has disappeared."""
+        """Queue an event with the nodes of a session, or with its loss if no node is left."""
         guid, nodes = participant_guid(zid), self._sessions[zid]
         for number in [number for number, node in nodes.items() if not (node.tokens or node.readers or node.writers)]:
             del nodes[number]
@@ -176,14 +179,14 @@ class TokenGraph(EndpointIndex):
         self._events.append(NodesAnnounced(guid, entities))
 
     def events(self) -> list[DiscoveryEvent]:
-        """Return and clear the unreported events."""
+        """Return and clear the discovery events that were not returned before."""
         self.read()
         with self._lock:
             events, self._events = self._events, []
         return events
 
     def connected(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
-        """Return the endpoints that match an endpoint, by GUID."""
+        """Return the endpoints of the other direction that match an endpoint, by GUID."""
         return self._find(endpoint, writers=not endpoint.is_writer)
 
     def endpoints_on_same_side(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
@@ -203,10 +206,10 @@ def _announced_hash(endpoint: DiscoveredEndpoint) -> str:
 
 
 def incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> IncompatibilityKind | None:
-    """Return why two endpoints of one topic and type do not match, because their hashes differ; None if they match.
+    """Return the kind of difference between the hashes of two endpoints of one topic and type; None if they match.
 
-    Only requests of a service are reported, not replies, and not the topic that every node publishes and subscribes to:
-    there would be hundreds of reports.
+    None is also returned for replies, because requests are reported, and for ``/parameter_events``: every node
+    publishes and subscribes to this topic, and there would be hundreds of reports.
     """
     hashes = {_announced_hash(writer), _announced_hash(reader)}
     if len(hashes) == 1 or writer.topic_key == _TOPIC_OF_ALL_NODES or writer.topic_key.kind == "reply":

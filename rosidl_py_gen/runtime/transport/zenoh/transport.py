@@ -34,7 +34,7 @@ except ImportError as err:
     ) from err
 
 _ROUTER_RETRY_INTERVAL_S = 1.0
-"""Interval between two attempts of rmw_zenoh_cpp."""
+"""Interval between two checks for a router, in seconds; the same as in rmw_zenoh_cpp."""
 _ROUTER_POLL_INTERVAL_S = 0.001
 
 
@@ -47,11 +47,11 @@ class ZenohTransport:
     clocks = SYSTEM_CLOCKS
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> ZenohParticipant:
-        """Join the domain. Discovery range and static peers are ignored.
+        """Open a Zenoh session and join the domain of `settings`; discovery range and static peers are ignored.
 
         Raises:
-            ZenohConfigError: the configuration is not usable.
-            TransportError: Zenoh cannot open a session, or this process was forked from one that uses Zenoh.
+            ZenohConfigError: a configuration file or environment variable is not usable.
+            TransportError: Zenoh cannot open a session, or this process was forked from a process that uses Zenoh.
         """
         if ZenohTransport._is_forked:
             raise TransportError(

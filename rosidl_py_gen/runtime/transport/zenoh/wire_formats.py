@@ -43,27 +43,29 @@ from rosidl_py_gen.runtime.transport.qos import (
 # ----------------------------------------------------------------------------------------------------------------- keys
 
 HASH_NOT_SUPPORTED = "TypeHashNotSupported"
-"""Replaces the type hash in Humble, which has none, in its format, and where the hash is unknown."""
+"""Text that replaces the type hash in keys and tokens if the hash is unknown, and always in the format of Humble."""
 _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 
 
 def data_key(domain_id: int, name: str, type_name: str, type_hash: str) -> str:
-    """Return the key of the samples of a topic, or of the requests of a service.
+    """Return the Zenoh key of the samples of a topic, or of the requests of a service.
 
-    The type is ``std_msgs::msg::dds_::String_``, of a service without ``Request_`` and ``Response_``; the hash is that
-    of the message or *service*, or empty.
+    Args:
+        name: fully qualified name of the topic or service.
+        type_name: DDS type name, such as ``std_msgs::msg::dds_::String_``; for a service without ``Request_``.
+        type_hash: RIHS01 text of the message, or of the service; may be empty.
     """
     inner = name.removeprefix("/").removesuffix("/")
     return f"{domain_id}/{inner}/{type_name}/{type_hash or HASH_NOT_SUPPORTED}"
 
 
 def valid_hash_or_empty(chunk: str) -> str:
-    """Return the type hash of a key or token; empty if it is not a valid one, as in Humble."""
+    """Return `chunk`, the part of a key or token for the type hash; empty if it is not a valid hash, as in Humble."""
     return chunk if _TYPE_HASH.match(chunk) else ""
 
 
 def cpu_buffer_key(key: str) -> str:
-    """Return the key on which publishers of Lyrical and later send to endpoints with `CPU_BACKEND` in their tokens.
+    """Return the second key of a topic, on which publishers of Lyrical send to subscriptions that announce CPU_BACKEND.
 
     They do so for messages with an unbounded array of bytes that are not transient local (docs/internals/zenoh.md 9.2).
     """
@@ -79,16 +81,20 @@ _LEGACY_ATTACHMENT_BYTES = 77
 
 
 class AttachmentError(RosidlError, ValueError):
-    """An attachment does not have the format of rmw_zenoh_cpp."""
+    """Raised if an attachment of a sample, request or reply does not have the format of rmw_zenoh_cpp."""
 
 
 def pack_attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
-    """Encode an attachment: number of the sample from 1, time since the epoch, and a result of `gid_of`."""
+    """Encode an attachment: number of the sample from 1, time since the epoch, and the sender's GID (`gid_of`)."""
     return _ATTACHMENT.pack(sequence, stamp_ns, _GID_BYTES, gid)
 
 
 def unpack_attachment(data: bytes) -> tuple[int, int, bytes]:
-    """Return sequence number, time in ns and GID; raise `AttachmentError`."""
+    """Return sequence number, time in ns since the epoch and sender's GID of an attachment.
+
+    Raises:
+        AttachmentError: length or values are not valid.
+    """
     if len(data) != ATTACHMENT_BYTES:
         legacy = (
             "; that of rmw_zenoh_cpp before Jazzy's 0.2.4: update the peer"
@@ -109,7 +115,7 @@ def unpack_attachment(data: bytes) -> tuple[int, int, bytes]:
 # ------------------------------------------------------------------------------------------------------------------ QoS
 
 DEFAULT_DEPTH = 42
-"""Meaning of depth 0 in rmw_zenoh_cpp, also with KEEP_ALL."""
+"""Depth that a depth of 0 means in rmw_zenoh_cpp, also with KEEP_ALL."""
 
 _FOREVER_S, _FOREVER_NS = sec_nanosec(INFINITE_NS)
 _DEFAULTS = (
@@ -117,14 +123,18 @@ _DEFAULTS = (
     *(_FOREVER_S, _FOREVER_NS, _FOREVER_S, _FOREVER_NS, int(Liveliness.AUTOMATIC), _FOREVER_S, _FOREVER_NS),
 )
 _FIELD_SIZES = (1, 1, 2, 2, 2, 3)
-"""Number of numbers in each field between colons."""
+"""Number of values, separated by commas, in each field of a QoS text; fields are separated by colons."""
 _PERIODS = (4, 5, 6, 7, 9, 10)
-"""Indexes of seconds and nanoseconds."""
+"""Indexes in `_DEFAULTS` of the seconds and nanoseconds of deadline, lifespan and lease."""
 _NUMBER_OR_EMPTY = re.compile(r"[0-9]{0,20}\Z")  # as many digits as the greatest size_t of C++ has
 
 
 def qos_text(qos: QoSProfile) -> str:
-    """Return the text, ``::,10:,:,:,,`` for the default profile; raise `InvalidQoSError` for UNKNOWN policies."""
+    """Return the text of a profile in a token, ``::,10:,:,:,,`` for the default profile.
+
+    Raises:
+        InvalidQoSError: a policy is UNKNOWN.
+    """
     policies = (qos.reliability, qos.durability, qos.history, qos.liveliness)
     for policy in policies:
         if policy.name == "UNKNOWN":
@@ -145,7 +155,7 @@ def qos_text(qos: QoSProfile) -> str:
 
 
 def read_qos(text: str) -> QoSProfile | None:
-    """Parse the profile of a token; return None if rmw_zenoh_cpp would reject it.
+    """Return the profile that a QoS text in a token contains; None if rmw_zenoh_cpp would reject the text.
 
     A depth that is too large becomes the maximum, a period that is too long becomes infinite. Further numbers are
     ignored.
@@ -177,7 +187,7 @@ def read_qos(text: str) -> QoSProfile | None:
 
 TOKEN_PREFIX = "@ros2_lv"
 CPU_BACKEND = "backends:cpu:"
-"""Last chunk of a subscription that receives buffers of Lyrical in ordinary memory (`cpu_buffer_key`)."""
+"""Last chunk of the token of a subscription that receives buffers of Lyrical in ordinary memory (`cpu_buffer_key`)."""
 
 _NODE_CHUNKS = 9
 _ENDPOINT_CHUNKS = 13
@@ -200,7 +210,7 @@ _ENDPOINTS = {kind.value: kind for kind in EntityKind if kind is not EntityKind.
 
 @dataclass(frozen=True, slots=True)
 class NodeToken:
-    """Token of a node.
+    """Liveliness token of a node.
 
     Attributes:
         zid: id of the session, as Zenoh prints it: hex without leading zeros.
@@ -217,7 +227,7 @@ class NodeToken:
 
     @property
     def node(self) -> NodeToken:
-        """The node itself, as `EndpointToken.node`."""
+        """This token; the counterpart of `EndpointToken.node`."""
         return self
 
     def __str__(self) -> str:
@@ -226,14 +236,14 @@ class NodeToken:
 
 @dataclass(frozen=True, slots=True)
 class EndpointToken:
-    """Token of an endpoint.
+    """Liveliness token of an endpoint: publisher, subscription, client or server.
 
     Attributes:
-        entity_id: number of the session's counter.
+        entity_id: number of the session's counter, which counts nodes and endpoints from 0.
         name: fully qualified name of the topic or service.
         type: DDS name of the message, or of the service without Request and Response.
-        type_hash: text in the token, see `valid_hash_or_empty`; an empty one is written as in Humble.
-        backends: chunk of Lyrical and later; else empty.
+        type_hash: RIHS01 text, or another text in the token of a peer; an empty hash is written as in Humble.
+        backends: last chunk of the token of a subscription of Lyrical and later; else empty.
     """
 
     node: NodeToken
@@ -246,7 +256,7 @@ class EndpointToken:
     backends: str = ""
 
     def __str__(self) -> str:
-        """Return the text; raise `InvalidQoSError` for UNKNOWN policies."""
+        """Return the text of the token; raise `InvalidQoSError` if a QoS policy is UNKNOWN."""
         backends = f"/{self.backends}" if self.backends else ""
         type_hash = self.type_hash or HASH_NOT_SUPPORTED
         return (
@@ -256,17 +266,17 @@ class EndpointToken:
 
 
 def tokens_of(domain_id: int) -> str:
-    """Return the key expression of all tokens of a domain."""
+    """Return the Zenoh key expression that matches all liveliness tokens of a domain."""
     return f"{TOKEN_PREFIX}/{domain_id}/**"
 
 
 def gid_of(token: str) -> bytes:
-    """Return the GID, 16 bytes, of the entity of a token: XXH3-128 of its text, low half first."""
+    """Return the GID, 16 bytes, of the node or endpoint of a token: XXH3-128 of the token's text, low half first."""
     return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
 
 
 def read_token(text: str) -> NodeToken | EndpointToken | None:
-    """Parse a token; return None if it is not one of ROS, or not one that rmw_zenoh_cpp accepts.
+    """Return the parsed text of a liveliness token; None if it is not a token of ROS, or rmw_zenoh_cpp rejects it.
 
     Further chunks are ignored, as by rmw_zenoh_cpp: later distributions may add some.
     """

@@ -1,1 +1,1 @@
-"""Interoperation with Fast DDS peers beyond Cyclone: sample identities, and samples sent before Cyclone has matched."""
+"""Interoperation with Fast DDS peers that Cyclone lacks: sample identities, and samples sent before the match."""

@@ -22,29 +22,30 @@ from rosidl_py_gen.runtime.transport.cyclone import c_api, private_layout
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds_interop.interop import FastDdsInterop
 
 _HEADER = b"RTPS\x02\x01\x01\x10"
-"""Version 2.1, vendor Cyclone DDS; the prefix of our GUID follows."""
+"""RTPS header with version 2.1 and vendor Cyclone DDS; the prefix of our GUID follows."""
 _pack_info_dst = struct.Struct("<BBH12s").pack
 _pack_acknack = struct.Struct("<BBH4s4siIII").pack
-"""Kind, flags, length, reader, writer, base (two words), number of bits, count."""
+"""Pack an ACKNACK submessage: kind, flags, length, reader, writer, base (two words), number of bits, count."""
 _INFO_DST_KIND = 0x0E
 _ACKNACK_KIND = 0x06
 _LITTLE_ENDIAN = 1
 _ENDPOINT_TOPICS = ((b"\0\0\3\xc7", b"\0\0\3\xc2"), (b"\0\0\4\xc7", b"\0\0\4\xc2"))
-"""Builtin reader and writer of publications, and of subscriptions."""
+"""Entity ids of the builtin reader and writer of publications, and of those of subscriptions."""
 _ENDPOINT_PORT_OFFSET = 1
 """Difference between a participant's port for its endpoints and its announced discovery port."""
 _LOCATOR = re.compile(r"udp6?/\[?([0-9a-fA-F.:]+?)(?:%[^\]]*)?\]?:([0-9]{1,5})(?:@[0-9]+)?")
 _MAX_LOCATORS = 8
 _MAX_PACKET_WRITERS = 40
-"""Maximum number of writers in a packet, which has 1.2 kB then."""
+"""Maximum number of ACKNACKs, each for one writer, in a packet of then 1.2 kB."""
 _MAX_PACKETS = 8
-"""Maximum number of packets to an address; further writers get no request."""
+"""Maximum number of packets with ACKNACKs to one address; further writers get none."""
 
 
 def acknack_packet(own: bytes, peer: bytes, endpoints: Sequence[tuple[bytes, bytes]] = _ENDPOINT_TOPICS) -> bytes:
-    """Build the packet from `own` to `peer`, each a GUID of a participant or its prefix.
+    """Return an RTPS packet with ACKNACKs, each of which makes a Fast DDS writer send a heartbeat.
 
-    `endpoints` are readers of ours and writers of the peer, by the last four bytes of their GUIDs.
+    `own` and `peer` are GUIDs that begin with the prefixes of the sending and receiving participant. `endpoints` are
+    pairs of our reader and the peer's writer, by the last four bytes of their GUIDs.
     """
     # Base 0: Fast DDS then sends a heartbeat at once; the ACKNACKs of Cyclone begin with number 1. Count 0: Fast DDS
     # ignores ACKNACKs with a count that it has received, so nothing is lost if the ACKNACK of Cyclone, which is sent
@@ -75,12 +76,19 @@ def parse_locators(text: str) -> list[tuple[socket.AddressFamily, str, int]]:
 
 
 def request_endpoints(own: bytes, peer: bytes, addresses: str, *, is_local: bool) -> None:
-    """Request the endpoints of the participant `peer` on Fast DDS; `is_local` sends nothing to other machines."""
+    """Request that the Fast DDS participant `peer` announces its endpoints.
+
+    `own` is our participant's GUID, `addresses` is Cyclone's text about the peer; `is_local` sends nothing to other
+    machines.
+    """
     _send(acknack_packet(own, peer), parse_locators(addresses), is_local=is_local)
 
 
 def request_samples(pairs: Sequence[tuple[bytes, bytes]], addresses: str, *, is_local: bool) -> None:
-    """Request the samples of writers of one Fast DDS participant; `pairs` are GUIDs of our readers and the writers."""
+    """Request the earlier samples of writers of one Fast DDS participant.
+
+    `pairs` are GUIDs of our reader and the peer's writer; `is_local` sends nothing to other machines.
+    """
     locators = [(family, host, port + _ENDPOINT_PORT_OFFSET) for family, host, port in parse_locators(addresses)]
     for begin in range(0, min(len(pairs), _MAX_PACKETS * _MAX_PACKET_WRITERS), _MAX_PACKET_WRITERS):
         batch = pairs[begin : begin + _MAX_PACKET_WRITERS]
@@ -99,7 +107,10 @@ def _send(packet: bytes, locators: Iterable[tuple[socket.AddressFamily, str, int
 
 
 class EarlySampleReaders:
-    """Creates readers with a listener, which request early samples if the layout of readers is known."""
+    """Factory of Cyclone readers that request samples of Fast DDS writers that were sent before the match.
+
+    The readers do so only if the memory layout of readers in the loaded library is known.
+    """
 
     def __init__(self, api: c_api.CycloneApi, fast_dds: FastDdsInterop, listener: int) -> None:
         self._api = api
@@ -114,7 +125,7 @@ class EarlySampleReaders:
         api.lset_subscription_matched_arg(self._during_creation, ct.cast(self._on_matched, ct.c_void_p), None, True)
 
     def probe_layout(self, builtin_reader: int) -> None:
-        """Find the layout of readers in the reader of a builtin topic, which is not announced to peers."""
+        """Find the memory layout of readers by examining a builtin reader, which is not announced to peers."""
         fast_dds = self._fast_dds
         if fast_dds.reader_offsets is None and not fast_dds.early_refusal:
             with self._api.locked_entity(builtin_reader) as address:
@@ -124,7 +135,7 @@ class EarlySampleReaders:
                 fast_dds.early_refusal = "the layout of readers is unknown in this library"
 
     def create_reader(self, create: Callable[[int], int], *, is_reliable: bool) -> int:
-        """Return the handle of a new reader, which `create` creates with the listener that it gets."""
+        """Create a reader and return its handle; `create` creates the reader with the Cyclone listener it is passed."""
         if self._fast_dds.early_refusal:
             return create(self._listener)
         # Known writers are matched while the reader is created. Cyclone calls this listener before the first match, in
@@ -148,5 +159,5 @@ class EarlySampleReaders:
             self._fast_dds.early_refusal = f"unexpected data in Cyclone DDS: {unexpected}"
 
     def close(self) -> None:
-        """Delete the listener. Called after the readers were deleted."""
+        """Delete the listener of readers under creation. Called after the readers were deleted."""
         self._api.delete_listener(self._during_creation)

@@ -1,4 +1,4 @@
-"""State of the interoperation with Fast DDS: hooks, capabilities and refusals."""
+"""State of the interoperation with Fast DDS: hooks in Cyclone, capabilities, and reasons why some are missing."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _CAPABILITIES = (
 and `rosidl-py doctor`, and warning that is logged when a Fast DDS node is discovered."""
 _LOOKUP_REPLY = b"DDS::Builtin::TypeLookup_Reply"
 PROBE_TYPE = "rosidl_py_gen_neighbour"
-"""Type that is created in each domain in which `TypeLookup_Reply` must be found."""
+"""Name of a type that is created in a domain only to find the builtin type `TypeLookup_Reply` from its type object."""
 
 
 class FastDdsInterop:
@@ -54,21 +54,21 @@ class FastDdsInterop:
         self.api = api
         self.packets = private_layout.PacketAccess()
         self.refusal: str | None = _untested_platform()
-        """Reason why services of Fast DDS peers cannot be used; None if they can."""
+        """Reason why services of Fast DDS peers cannot be used; None if they can be used."""
         self.reader_offsets: private_layout.ReaderOffsets | None = None
         self.early_refusal = self.refusal or ""
-        """Reason why their early samples are not requested; empty if they are."""
+        """Reason why early samples of Fast DDS peers are not requested; empty if they are requested."""
         self.lookup_refusal = ""
-        """Reason why type lookups between them are not dropped; empty if they are, or need not be."""
+        """Reason why type lookups between Fast DDS peers are not dropped; empty if they are, or need not be."""
         self.loopback_refusal = _UNBOUND if IGNORE_TYPE_INFORMATION in unsupported else ""
-        """Reason why localhost mode uses other network interfaces; empty if it does not."""
+        """Reason why localhost mode uses other interfaces than loopback; empty if it uses loopback alone."""
         self._warned: set[str] = set()
         self._samples: dict[tuple[int, bool], SampleHooks] = {}
-        """Hooks by the address of Cyclone's vtable, and True for replies."""
+        """Sample hooks by the address of Cyclone's original vtable, and True for replies."""
         self._tables: dict[int, SampleHooks] = {}
-        """Hooks by the address of our vtable."""
+        """Sample hooks by the address of their vtable, which replaces Cyclone's."""
         self._lock = threading.Lock()
-        """Guards the following sets; never held during a call into Cyclone that takes a lock."""
+        """Lock of the hooks and of `_unread` and `_peers`; never held in a call into Cyclone that takes a lock."""
         self._unread: set[int] = set()
         """Builtin readers of participants with unread data."""
         self._peers: set[tuple[int, bytes]] = set()
@@ -79,7 +79,7 @@ class FastDdsInterop:
         return {name: getattr(self, reason) or "yes" for reason, name, _ in _CAPABILITIES}
 
     def new_warnings(self) -> list[str]:
-        """Return warnings about missing capabilities, each once, if there are Fast DDS peers."""
+        """Return warnings about missing capabilities that were not returned before; none without Fast DDS peers."""
         reasons = [(warning, getattr(self, reason)) for reason, _, warning in _CAPABILITIES if warning]
         warnings = [f"{warning}: {reason}" for warning, reason in reasons if reason] if self._peers else []
         new = [warning for warning in warnings if warning not in self._warned]
@@ -92,14 +92,17 @@ class FastDdsInterop:
 
     @cached_property
     def slots(self) -> private_layout.VtableSlots | None:
-        """Slots of the functions to replace; None if not found."""
+        """Slots in Cyclone's vtables of the functions that the hooks replace; None if not found."""
         slots = private_layout.probe_vtable_slots(self.api)
         if slots is None and self.refusal is None:
             self.refusal = "the functions for samples were not found in this library"
         return slots
 
     def _drop_type_lookups(self, neighbour: int) -> None:
-        """Make Cyclone drop replies of type lookups between peers, which crash some versions."""
+        """Make Cyclone drop replies of type lookups between peers, which crash some versions.
+
+        `neighbour` is the address of any type object of the domain.
+        """
         slots = self.slots
         # eclipse-cyclonedds/cyclonedds issue 2329, before 11: requests for types between two nodes of Kilted on Fast
         # DDS crash Cyclone in `ddsi_xt_type_init_impl` (docs/internals/dds.md 8).
@@ -112,7 +115,10 @@ class FastDdsInterop:
         )
 
     def prepare(self, type_object: Sertype, dds_type: str) -> None:
-        """Install the hooks in the sertype of requests or replies; other types are not changed."""
+        """Install the sample hooks in a new type object, if its type is one of requests or replies.
+
+        For `PROBE_TYPE`, make Cyclone drop type lookups of the domain instead.
+        """
         is_reply, address = dds_type.endswith("_Response_"), type_object.address
         if dds_type == PROBE_TYPE:
             self._drop_type_lookups(address)
@@ -142,19 +148,22 @@ class FastDdsInterop:
         private_layout.set_vtable(address, SAMPLE_FUNCTIONS, samples.table)
 
     def on_participants_pending(self, reader: int) -> None:
-        """Activate the receive hook, because a builtin reader of participants has unread data. Called by Cyclone."""
+        """Activate the receive hooks, because a builtin reader of participants has unread data. Called by Cyclone."""
         # Cyclone reports a new participant in its own thread, before it processes anything else of the participant.
         with self._lock:
             self._unread.add(reader)
             self._enable_receive_hooks(True)
 
     def begin_read(self, reader: int) -> None:
-        """Announce that all data of that reader will be taken, followed by `end_read`."""
+        """Record that the caller now takes all data of a builtin reader of participants, and then calls `end_read`."""
         with self._lock:
             self._unread.discard(reader)
 
     def end_read(self, reader: int, events: Iterable[DiscoveryEvent]) -> None:
-        """Update the Fast DDS participants with the data of that reader."""
+        """Update the set of Fast DDS participants by the events of a builtin reader of participants.
+
+        Without Fast DDS participants and unread data, the receive hooks are deactivated.
+        """
         with self._lock:
             for event in events:
                 if isinstance(event, EntityLost):
@@ -166,7 +175,7 @@ class FastDdsInterop:
                 self._enable_receive_hooks(False)
 
     def forget_reader(self, reader: int) -> None:
-        """Remove a deleted reader."""
+        """Forget a deleted builtin reader of participants, and the participants that only it has reported."""
         with self._lock:
             self._unread.discard(reader)
             self._peers = {peer for peer in self._peers if peer[0] != reader}
@@ -176,11 +185,14 @@ class FastDdsInterop:
             samples.enable_receive_hook(is_enabled)
 
     def hooks_of(self, type_object: int) -> SampleHooks | None:
-        """Return the hooks of a sertype; None if it has none."""
+        """Return the sample hooks that a type object (by its address) has; None if it has none."""
         return self._tables.get(private_layout.vtable_address(type_object, SAMPLE_FUNCTIONS))
 
     def append_inline_qos(self, iov: int, writer_id: bytes, inline_qos: bytes) -> None:
-        """Append inline QoS to the packet that `iov` belongs to, if a packet of that writer is being built."""
+        """Append inline QoS to the packet that an iovec belongs to, if a packet of the writer is being built.
+
+        On unexpected data, refuse services of Fast DDS peers from now on.
+        """
         try:
             self.packets.append_inline_qos(iov, writer_id, inline_qos)
         except Exception as err:  # must not reach Cyclone

@@ -46,7 +46,7 @@ _LITTLE = 1
 _PID_END = 1
 _PID_IDENTITY = 0x0083
 _PID_LEGACY_IDENTITY = 0x800F
-"""Parameter of Fast DDS up to 2.9; later versions send both."""
+"""Id of the parameter with which Fast DDS up to 2.9 sends a sample identity; later versions send both parameters."""
 _LEGACY_VENDORS = (FAST_DDS_VENDOR, b"\x01\x01")
 """Vendors whose parameters above 0x8000 have the meaning of Fast DDS (itself and RTI)."""
 _both = struct.Struct("<HH16siI HH16siI I")
@@ -55,7 +55,7 @@ _sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpa
 
 
 def encode_inline_qos(identity: SampleIdentity) -> bytes:
-    """Encode the identity as both parameters, little-endian, with the end of the list."""
+    """Encode a sample identity as inline QoS: both parameters and the end of the list, little-endian."""
     guid, sequence = identity
     high, low = sequence >> 32, sequence & 0xFFFFFFFF
     return _both.pack(
@@ -66,11 +66,17 @@ def encode_inline_qos(identity: SampleIdentity) -> bytes:
 
 
 def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> SampleIdentity | None:
-    """Return the sample identity of a request or reply; raise ValueError if the bytes are not a packet with one.
+    """Return the sample identity of a received request or reply.
 
     `packet` begins with the RTPS header. `submessage` is DATA or DATA_FRAG up to the payload, as Cyclone stores it: the
-    numbers of the header and the writer id in the byte order of this machine (little-endian). The result is None for a
-    sample of another middleware, and for a reply to a request without identity.
+    numbers of the header and the writer id in the byte order of this machine (little-endian).
+
+    Returns:
+        GUID and sequence number; None for a sample of another middleware, and for a reply to a request without
+        identity.
+
+    Raises:
+        ValueError: the bytes are not an RTPS packet with a DATA or DATA_FRAG submessage.
     """
     if packet[:4] != b"RTPS" or not submessage or submessage[0] not in (DATA, DATA_FRAG):
         raise ValueError(f"no RTPS data: {packet.hex()} {submessage[:DATA_BYTES].hex()}")
@@ -110,20 +116,20 @@ _BAD_PARAMETER = -3
 _DISCARDED = 1
 """Result of `from_ser` after 11.0.1 that, like NULL, means that no sample was created."""
 _IDENTITY_MAGIC = b"\0\1" + os.urandom(6)
-"""First bytes of the hidden prefix. They are random, so that received data cannot imitate them."""
+"""First bytes of the hidden prefix of a sample with identity. They are random, so received data cannot imitate them."""
 _INLINE_QOS_OFFSET = len(_IDENTITY_MAGIC) + 4
 _PREFIX_BYTES = _INLINE_QOS_OFFSET + INLINE_QOS_BYTES
-"""Length of the hidden prefix: magic, writer id, inline QoS."""
+"""Length of the hidden prefix of a sample with identity: magic, writer id, inline QoS."""
 
 _Ptr, _Size = ct.c_void_p, ct.c_size_t
 _FromSer = (_Ptr, _Ptr, ct.c_int, _Ptr, _Size)
 _ToSerRef = (_Ptr, _Ptr, _Size, _Size, _Ptr)
 create_no_sample = ct.CFUNCTYPE(*_FromSer)(lambda *_: None)
-"""Receive hook that drops all samples."""
+"""Replacement for Cyclone's `from_ser` that drops all received samples."""
 
 
 class SampleHooks:
-    """Vtable for samples of requests, or of replies: a copy of Cyclone's, with the hooks."""
+    """Copy of Cyclone's vtable for samples of requests, or of replies, with hooks for sample identities."""
 
     def __init__(
         self,
@@ -142,12 +148,12 @@ class SampleHooks:
         self.table = private_layout.copy_vtable(type_object.address, SAMPLE_FUNCTIONS)
         self._plain_from_ser = ct.PYFUNCTYPE(*_FromSer)(self.table[slots.from_ser] or 0)
         self.plain_to_ser_ref = ct.PYFUNCTYPE(*_ToSerRef)(self.table[slots.to_ser_ref] or 0)
-        """Function of Cyclone that the send hook calls."""
+        """Original `to_ser_ref` of Cyclone, which the send hook calls."""
         self._from_ser_hook = ct.CFUNCTYPE(*_FromSer)(self._from_ser)
         self._to_ser_ref_hook = ct.CFUNCTYPE(*_ToSerRef)(self._to_ser_ref)
         self._from_ser_functions = (self.table[slots.from_ser], ct.cast(self._from_ser_hook, _Ptr).value)
         self.sends = False
-        """Samples with an identity were written."""
+        """True once a sample with an identity was written."""
 
     def enable_receive_hook(self, is_enabled: bool) -> None:
         """Activate or deactivate the receive hook."""
@@ -181,7 +187,11 @@ class SampleHooks:
         return c_api.call_with_sigint_deferred(write, entity, sample) if self.sends else write(entity, sample)
 
     def with_embedded_identity(self, sample: int, size: int) -> bytes | None:
-        """Return the payload of a sample of this process with its identity embedded; None if it has no identity."""
+        """Return the payload of a sample that this process wrote, with the sample's identity embedded.
+
+        Returns:
+            None if the sample has no identity, or was received from another process.
+        """
         # Inside of a process a reader gets the sample that was written, with its hidden prefix, and no packet.
         if (
             size < len(_IDENTITY_MAGIC)
@@ -216,7 +226,10 @@ class SampleHooks:
         return sample
 
     def _to_ser_ref(self, sample: int, offset: int | None, size: int, iov: int) -> Any:
-        """Set the iovec of a fragment, and add inline QoS to the first one. Called by Cyclone; must not raise."""
+        """Set the iovec of a fragment of a sample that Cyclone sends, and add inline QoS to the first fragment.
+
+        Called by Cyclone; must not raise.
+        """
         result = self.plain_to_ser_ref(sample, offset or 0, size, iov)
         begin = sample + self.payload_offset
         if bytes_at(begin, len(_IDENTITY_MAGIC)) == _IDENTITY_MAGIC:
