@@ -1,1 +1,1 @@
-"""Between transport and asyncio: event loops, the binding of a context to one, and callbacks of the user."""
+"""Layer between transports and asyncio: event loops, the binding of a context to a loop, and callbacks of the user."""

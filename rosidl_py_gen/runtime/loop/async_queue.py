@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class AsyncQueue(Generic[T]):
-    """Queue of at most `depth` items, or all. Thread: any, except for iterating.
+    """Queue of at most `depth` items; None: of any number. Thread: any, except for iterating.
 
     A full queue drops its oldest item. Items are delivered even after `close`. Several readers share the items.
     Iterating has no blocking form, because items arrive on the event loop; `take` reads without waiting.
@@ -28,7 +28,7 @@ class AsyncQueue(Generic[T]):
         """Number of items that were dropped because the queue was full."""
 
     def _push(self, item: T) -> None:
-        """Add an item; ignored after `close`."""
+        """Add an item; a full queue drops its oldest item. After `close` the item is ignored."""
         if self.closed:
             return
         if len(self._items) == self._items.maxlen:
@@ -48,7 +48,7 @@ class AsyncQueue(Generic[T]):
         return None
 
     def close(self, error: BaseException | None = None) -> None:
-        """End the iteration after the remaining items, with an error if there is one."""
+        """End the iteration after the remaining items; with `error`, iterating then raises it."""
         if not self.closed:
             self._error = error
             self.closed = True

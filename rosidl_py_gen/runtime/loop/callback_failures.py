@@ -1,8 +1,9 @@
-"""Exceptions of callbacks: they are logged, and raised with ``on_error="raise"``.
+"""Exceptions of the user's callbacks: they are logged, and with ``on_error="raise"`` also raised in the program.
 
 The innermost `FailureGuard` of the node raises the exception: an `async with` on its node or context, or a blocking
-call; else the `run` or `spin` whose loop serves the node. Without a guard, `LoopRunner.wait` raises it, or the next
-guard. Only the first exception is raised, so that the program gets the same one each time; later ones are logged.
+call; else the `run` or `spin` whose loop serves the node. Without a guard, `LoopRunner.wait` raises the exception, or
+the next guard. Only the first exception is raised, so that the program gets the same exception each time; later ones
+are logged.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 OnError: TypeAlias = Literal["log", "raise"]
-"""Effect of a callback that raises: a log entry only, or also the exception in the program."""
+"""Effect of an exception of a callback: it is only logged, or logged and raised in the program."""
 
 _guards: list[FailureGuard] = []
-"""Entered guards of all threads, newest last."""
+"""Failure guards whose `with` blocks are entered, of all threads, newest last."""
 _with_pending_error: weakref.WeakSet[CallbackFailures] = weakref.WeakSet()
 
 
@@ -48,21 +49,23 @@ class CallbackFailedError(RosidlError):
 
 
 class CallbacksNeverRanError(RosidlError):
-    """Raised if no event loop has served a node with callbacks before it was closed, or its test ended."""
+    """Raised if no event loop has served a node with callbacks before the node was closed, or its test ended."""
 
 
 def require_on_error(value: object) -> OnError:
-    """Return a valid value; raises `ValueError`."""
+    """Return `value` if it is ``"log"`` or ``"raise"``; raise `ValueError` otherwise."""
     if value == "log" or value == "raise":
         return value
     raise ValueError(f"on_error must be {' or '.join(map(repr, get_args(OnError)))}, got {value!r:.100}")
 
 
 class CallbackFailures:
-    """Exceptions of the callbacks of one node.
+    """Exceptions of the callbacks of one node, which are logged or also raised.
 
     Attributes:
-        pending_error: exception that was not raised yet.
+        loop_binding: binding of the node's context to the loop that serves it.
+        on_error: ``"raise"`` if an exception is also raised in the program.
+        pending_error: first exception, until it is raised; None if there is none.
     """
 
     def __init__(self, loop_binding: LoopBinding, on_error: OnError) -> None:
@@ -71,7 +74,10 @@ class CallbackFailures:
         self.pending_error: BaseException | None = None
 
     def report(self, activity: str, logger: RosLogger) -> None:
-        """Log the exception being handled; with ``on_error="raise"`` also trigger a guard of this node."""
+        """Log the exception being handled; with ``on_error="raise"``, also make a guard of the node raise it.
+
+        Without a guard, the thread that waits in a `LoopRunner` and runs the loop raises it, or the next guard.
+        """
         if self.on_error == "log":
             report_failure(activity, logger)
             return
@@ -90,7 +96,7 @@ class CallbackFailures:
             self.pending_error = None
 
     def raise_pending(self) -> None:
-        """Raise the pending exception, if there is one."""
+        """Raise the first exception of a callback that was not raised yet, if there is one."""
         error, self.pending_error = self.pending_error, None
         if error is None:
             return
@@ -101,7 +107,7 @@ class CallbackFailures:
             error.__context__ = context  # so that the traceback does not show the cancellation
 
     async def run_guarded(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Await a coroutine; a failure cancels it and is raised instead."""
+        """Await a coroutine; the exception of a callback of the node cancels the coroutine and is raised instead."""
         try:
             with FailureGuard(lambda failures: failures is self):
                 return await coroutine
@@ -110,10 +116,11 @@ class CallbackFailures:
 
 
 class FailureGuard:
-    """Context manager that raises the failures of the nodes that it `covers`.
+    """Context manager in a task that raises exceptions of the callbacks of the nodes for which `covers` returns True.
 
-    The protocol is the same as in `asyncio.timeout`: a failure cancels the task once. On exit, the guard withdraws that
-    cancellation; unless there is another one, it replaces the CancelledError by the exception of the callback.
+    The protocol is the same as in `asyncio.timeout`: a failure of a callback cancels the task once. On exit, the guard
+    withdraws this cancellation. Unless there is another cancellation, the guard replaces the CancelledError by the
+    exception of the callback.
     """
 
     def __init__(self, covers: Callable[[CallbackFailures], bool]) -> None:
@@ -133,7 +140,7 @@ class FailureGuard:
                 self.trigger(failures)
 
     def trigger(self, failures: CallbackFailures) -> None:
-        """Cancel the task because of a failure. Thread: any."""
+        """Cancel the task of the guard, because a callback of a node has failed. Thread: any."""
         if self._failed is not None:
             return
         self._failed = failures

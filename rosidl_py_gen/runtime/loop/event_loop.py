@@ -1,4 +1,4 @@
-"""asyncio's event loop with a selector that handles priority descriptors inside of `select`; Linux only.
+"""asyncio's event loop with priority descriptors, whose functions its selector calls inside `select`; Linux only.
 
 With `add_reader`, one iteration of the loop finds a descriptor readable and completes a future, and only the next one
 runs the waiting task. Functions of priority descriptors are called inside `select`, before asyncio collects its
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 MAX_EVENTS = 16
-"""Maximum number of events per poll; the kernel returns the others first at the next poll."""
+"""Maximum number of events that one poll returns; the kernel returns the others first at the next poll."""
 
 
 def new_event_loop() -> asyncio.AbstractEventLoop:
@@ -37,7 +37,7 @@ def new_event_loop() -> asyncio.AbstractEventLoop:
 
 
 def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
-    """Cancel all tasks of a loop that does not run, run them to their end, and return them."""
+    """Cancel all tasks of a loop that does not run, run the tasks to their end, and return them."""
     tasks = asyncio.all_tasks(loop)
     for task in tasks:
         task.cancel()
@@ -47,7 +47,7 @@ def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
 
 
 class EventLoop(asyncio.SelectorEventLoop):
-    """asyncio's event loop with priority readers."""
+    """asyncio's event loop with priority readers: functions that its selector calls for readable descriptors."""
 
     def __init__(self, selector: PriorityReaderSelector | None = None) -> None:
         self._priority_selector = PriorityReaderSelector() if selector is None else selector
@@ -55,7 +55,7 @@ class EventLoop(asyncio.SelectorEventLoop):
         super().__init__(self._priority_selector)
 
     def add_priority_reader(self, descriptor: int, early: Callable[[], bool], callback: Callable[[], None]) -> None:
-        """Call `early` in `select` while `descriptor` is readable, then `callback` if it returned True.
+        """Call `early` inside `select` whenever `descriptor` is readable; if it returns True, call `callback` later.
 
         `early` must not raise.
         """
@@ -64,12 +64,16 @@ class EventLoop(asyncio.SelectorEventLoop):
         self.add_reader(descriptor, callback)
 
     def remove_priority_reader(self, descriptor: int) -> None:
-        """Undo `add_priority_reader`; without effect if the loop is closed."""
+        """Stop watching a descriptor that was passed to `add_priority_reader`; without effect if the loop is closed."""
         self._callbacks.pop(descriptor, None)
         self._priority_selector.unregister_priority(descriptor)
 
     def run_priority_readers(self, timeout: float | None) -> bool:
-        """Wait and call the `early` functions without an iteration of the loop; return True if one is necessary."""
+        """Wait for events and call the priority readers, without an iteration of the loop.
+
+        Returns:
+            True if an iteration of the loop is necessary.
+        """
         descriptors = self._priority_selector.select_priority(timeout)
         for descriptor in descriptors:
             if descriptor in self._callbacks:
@@ -81,7 +85,7 @@ class PriorityReaderSelector(selectors.DefaultSelector):
     """Selector that calls the functions of priority descriptors, and returns the events of all others.
 
     Attributes:
-        functions: by descriptor; a descriptor that is registered later has priority.
+        functions: function of each priority descriptor, which must be set before the descriptor is registered.
     """
 
     def __init__(self) -> None:
@@ -100,7 +104,7 @@ class PriorityReaderSelector(selectors.DefaultSelector):
         return key
 
     def unregister_priority(self, descriptor: int) -> None:
-        """Unregister a priority descriptor; without effect for others."""
+        """Unregister a priority descriptor; without effect for other descriptors."""
         if self.functions.pop(descriptor, None) is not None:
             del self._keys[descriptor]
             self._epoll.unregister(descriptor)
@@ -115,7 +119,11 @@ class PriorityReaderSelector(selectors.DefaultSelector):
         return events
 
     def select_priority(self, timeout: float | None) -> list[int]:
-        """Wait and call functions; return the descriptors that need an iteration of the loop."""
+        """Wait for events and call the functions of readable priority descriptors.
+
+        Returns:
+            The descriptors that need an iteration of the loop: ordinary ones, and those whose function returned True.
+        """
         remaining: list[int] = []
         for descriptor, _ in self._poll(timeout, MAX_EVENTS):
             function = self.functions.get(descriptor)

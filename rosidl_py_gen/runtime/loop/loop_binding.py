@@ -1,4 +1,4 @@
-"""The binding of a context to the event loop that serves it, and the way of samples from the transport onto that loop.
+"""Binding of a context to the event loop that serves it, and delivery of samples from the transport on that loop.
 
 A context is bound to one loop at a time: to the user's loop that it is used on, to the loop of a `LoopRunner`, or,
 while blocking calls are in progress and no loop of the user runs, to a `SharedLoop` of its own. States, transitions
@@ -35,11 +35,12 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _DRAIN_TIMEOUT_S = 5.0
-"""Longest time that another loop, or `close`, waits for the blocking calls in progress."""
+"""Maximum time that `attach` and `close` wait for the blocking calls in progress, in seconds."""
 _CHECK_INTERVAL_S = 0.1
-"""Time between two checks of whether a user's loop still runs, by a thread that waits for it."""
+"""Interval in which a thread that waits for the user's loop checks whether the loop still runs, in seconds."""
 _PAUSED_AFTER_S = 0.3
-"""A loop that has not run for this time has stopped. Shorter breaks are normal: a program may run a loop repeatedly."""
+"""Time without running after which the user's loop counts as stopped, in seconds. Shorter breaks are normal: a program
+may run a loop repeatedly."""
 _SINK = "an internal receive function"
 _MISMATCH = (
     "this context already belongs to another running event loop; create a Context for the nodes of each loop: "
@@ -56,12 +57,13 @@ class WrongEventLoopError(RosidlError, RuntimeError):
 
 
 class LoopBinding:
-    """Binds one participant to one event loop at a time.
+    """Binding of one participant to the event loop that its sinks run on; one loop at a time.
 
     Attributes:
-        bound_loop: the newest loop, closed or not; a plain attribute, because every publish reads it.
-        has_user_runner: True if the user passed a `LoopRunner`, whose loop is the only one.
-        shared: the user's shared loop, or the context's own; None before the first blocking call.
+        bound_loop: the loop that was bound last, closed or not; a plain attribute, because every publish reads it.
+        has_user_runner: True if the user passed a `LoopRunner`, whose loop is the only one that may be bound.
+        shared: loop that blocking calls run: the loop of the user's `LoopRunner`, or the context's own, which is None
+            before the first blocking call.
     """
 
     def __init__(self, participant: Participant, loop_runner: LoopRunner | None = None) -> None:
@@ -70,35 +72,35 @@ class LoopBinding:
         self.has_user_runner = loop_runner is not None
         self.shared: SharedLoop | None = None if loop_runner is None else loop_runner._shared_loop
         self._changed = threading.Condition()
-        """Its lock guards `shared` and the three attributes below; it is notified when one of the numbers falls."""
+        """Lock of `shared`, `_blocking_calls`, `_loops_to_bind` and `_paused_loop`; notified when a number falls."""
         self._blocking_calls = 0
         self._loops_to_bind = 0
         self._paused_loop: asyncio.AbstractEventLoop | None = None
-        """The user's loop that gets the context back after the last blocking call."""
+        """Loop of the user that is bound again after the last blocking call in progress; None if there was none."""
         self._closed_reason = ""
         self._watched: int | None = None
-        """A duplicate of the participant's descriptor, so that either side may close first."""
+        """Duplicate of the participant's descriptor, which the bound loop watches: either side may close first."""
         self._is_scheduled = False
         self._deferred_calls: deque[Callable[[], None]] = deque()
-        """Functions that sinks returned; they may call functions of the user."""
+        """Functions that sinks returned and that wait to be called; they may call functions of the user."""
         self._on_bind_hooks: RegistrationSet[Callable[[], None]] = RegistrationSet()
 
     # ----------------------------------------------------------------------------------------------------- the state
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop | None:
-        """The loop that sinks run on; None while there is none."""
+        """Event loop that sinks run on; None if no loop was bound, or if the bound loop is closed."""
         loop = self.bound_loop
         return None if loop is None or loop.is_closed() else loop
 
     @property
     def is_running(self) -> bool:
-        """True if a loop is bound and runs, in any thread."""
+        """True if an event loop is bound and runs, in any thread."""
         loop = self.bound_loop
         return loop is not None and loop.is_running()
 
     def in_loop_thread(self) -> bool:
-        """Return True if the caller runs on the bound loop's thread, while that loop runs."""
+        """Return True if the caller runs in the thread that runs the bound event loop at this moment."""
         # Not a comparison of thread numbers: one loop may be run by one thread after the other.
         loop = self.bound_loop
         return loop is not None and current_loop() is loop
@@ -111,11 +113,11 @@ class LoopBinding:
     # ------------------------------------------------------------------------------------------- loops of the user
 
     def running_loop(self) -> asyncio.AbstractEventLoop:
-        """Return the running loop, bound.
+        """Return the event loop that runs in this thread, after binding it if it is not bound.
 
         Raises:
             RuntimeError: no loop runs in this thread.
-            WrongEventLoopError: another one is bound and runs.
+            WrongEventLoopError: another loop is bound and runs.
             ClosedError: the context is closed.
         """
         loop = asyncio.get_running_loop()
@@ -124,7 +126,10 @@ class LoopBinding:
         return loop
 
     def adopt_running_loop(self) -> None:
-        """Bind the loop that this thread runs, if it runs one and no other loop is in charge."""
+        """Bind the event loop that runs in this thread, unless another loop of the user is bound and runs.
+
+        Does nothing if no loop runs in this thread, if the context is closed, or if the user passed a `LoopRunner`.
+        """
         loop = current_loop()
         if loop is None or self._closed_reason or loop is self.bound_loop or self.has_user_runner:
             return
@@ -133,12 +138,12 @@ class LoopBinding:
             self.attach(loop)
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Deliver on `loop` from now on. Thread: the thread of the loop, or any while the loop does not run.
+        """Bind `loop`: sinks run on it from now on. Thread: the thread of the loop, or any while the loop does not run.
 
         Waits until the blocking calls in progress have ended; calls that start in the meantime wait for the new loop.
 
         Raises:
-            WrongEventLoopError: another loop is bound and still runs, or is the only one.
+            WrongEventLoopError: another loop is bound and still runs, or only the loop of a `LoopRunner` may be bound.
             ClosedError: the context is closed.
         """
         if loop is self.bound_loop:
@@ -162,7 +167,7 @@ class LoopBinding:
                 self._changed.notify_all()
 
     def on_bind(self, function: Callable[[], None]) -> Registration:
-        """Call a function now if a loop is bound, and whenever one will be, until the registration is closed."""
+        """Call a function whenever a loop is bound, and now if one is, until the returned registration is closed."""
         registration = self._on_bind_hooks.add(function)
         if self.loop is not None:
             function()
@@ -198,7 +203,7 @@ class LoopBinding:
         return True
 
     def detach(self) -> None:
-        """Stop delivering; samples stay in the transport until another loop is bound."""
+        """Unbind the loop: sinks do not run, and samples stay in the transport, until another loop is bound."""
         loop, watched = self.bound_loop, self._watched
         self.bound_loop = self._watched = None
         self._participant.set_wakeup(None)
@@ -229,7 +234,7 @@ class LoopBinding:
         context's own shared loop, and the last one binds the user's paused loop again, if there was one.
 
         Raises:
-            ClosedError: the loop that had to run the coroutine ended.
+            ClosedError: the loop that had to run the coroutine has ended or was closed.
         """
         if self.has_user_runner:
             assert self.shared is not None
@@ -249,7 +254,10 @@ class LoopBinding:
             self._end_call()
 
     def _begin_call(self, before: asyncio.AbstractEventLoop | None) -> SharedLoop:
-        """Count a blocking call in; the first one binds the shared loop. Lock: _changed must be held."""
+        """Count the begin of a blocking call, and return the shared loop, which the first call binds.
+
+        Lock: _changed must be held.
+        """
         if self.shared is None:
             self.shared = SharedLoop()
         self._blocking_calls += 1
@@ -260,7 +268,7 @@ class LoopBinding:
         return self.shared
 
     def _end_call(self) -> None:
-        """Count a blocking call out; the last one binds the paused loop again."""
+        """Count the end of a blocking call; the last call in progress binds the user's paused loop again."""
         with self._changed:
             self._blocking_calls -= 1
             if self._blocking_calls == 0:
@@ -284,7 +292,7 @@ class LoopBinding:
     # -------------------------------------------------------------------------------------- functions for the loop
 
     def call_soon(self, function: Callable[[], None]) -> None:
-        """Run `function` on the loop later; dropped if there is no loop. Thread: any."""
+        """Call a function on the bound loop later; do nothing if no loop is bound. Thread: any."""
         loop = self.loop
         if loop is not None:
             with contextlib.suppress(RuntimeError):  # closed in the meantime
@@ -294,11 +302,13 @@ class LoopBinding:
                     loop.call_soon_threadsafe(function)
 
     def call_in_loop(self, function: Callable[[], T]) -> T:
-        """Call a function that needs a running loop: `run_on_loop`, where no loop runs in a blocking call.
+        """Call a function that needs a running loop on the loop's thread, and return its value.
+
+        If no loop runs, the context's shared loop is run for the call.
 
         Raises:
             ClosedError: the context is closed.
-            Exception: what the function raises.
+            Exception: the exception that the function raises.
         """
         if not self.has_user_runner and not self.is_running:
             if current_loop() is None:
@@ -311,7 +321,7 @@ class LoopBinding:
         return self.run_on_loop(function)
 
     def run_on_loop(self, function: Callable[[], T]) -> T:
-        """Run `function` on the loop's thread and return its value; in this thread if no loop runs (any more)."""
+        """Call a function on the bound loop's thread and return its value; in this thread if no loop runs."""
         loop, shared = self.loop, self.shared
         if shared is not None and loop is shared.loop and not shared.closed_reason:
             return shared.call(function)
@@ -337,7 +347,7 @@ class LoopBinding:
     # ------------------------------------------------------------------------------------------------------- samples
 
     def _on_transport_ready(self) -> None:
-        """Schedule `dispatch`, because something is ready to be collected. Thread: any."""
+        """Schedule `dispatch` on the bound loop, because the participant has ready sinks. Thread: any."""
         loop = self.bound_loop
         if loop is None or loop.is_closed() or self._is_scheduled:
             return
@@ -355,17 +365,17 @@ class LoopBinding:
             self.dispatch()
 
     def dispatch(self) -> None:
-        """Call every sink that has something to do, then the functions that sinks returned."""
+        """Call all ready sinks of the participant, then the functions that the sinks returned."""
         if self._run_sinks():
             self._run_deferred()
 
     def _dispatch_before_select(self) -> bool:
-        """Call `dispatch` inside the select of a shared loop; return True if `_run_deferred` has something to do."""
+        """Call `dispatch` inside the select of a shared loop; return True if functions for `_run_deferred` are left."""
         self.dispatch()
         return bool(self._deferred_calls)
 
     def _run_sinks(self) -> bool:
-        """Call every sink that has something to do; return True if that left something for `_run_deferred`."""
+        """Call all ready sinks of the participant; return True if they left functions for `_run_deferred`."""
         sinks: list[Sink] = []
         try:
             sinks = self._participant.take_ready_sinks()
@@ -393,10 +403,10 @@ class LoopBinding:
     # ----------------------------------------------------------------------------------------------------------- end
 
     def close(self) -> None:
-        """Stop delivering for good.
+        """Unbind the loop for good, and close the context's own shared loop.
 
-        Waits for the blocking calls in progress, which end because all they wait for is closed. Called in the own
-        shared loop, it does not: the last call closes the loop.
+        Waits for the blocking calls in progress, which end because all they wait for is closed. A call of `close` in
+        the context's own shared loop does not wait: the last blocking call closes the loop.
         """
         self._closed_reason = self._closed_reason or "this context is closed"
         shared = self.shared
@@ -407,12 +417,17 @@ class LoopBinding:
         self.detach()
 
     def abandon(self, reason: str) -> None:
-        """Mark as closed in a forked child without touching loop or transport; errors quote `reason`."""
+        """Mark the binding as closed in a forked child, without touching loop or transport; errors quote `reason`."""
         self._closed_reason, self._watched, self.bound_loop = reason, None, None
 
 
 def _run_on_user_loop(coroutine: Coroutine[Any, Any, T], loop: asyncio.AbstractEventLoop) -> T:
-    """Return the result of a coroutine that runs on a loop of another thread."""
+    """Run a coroutine on the user's loop, which another thread runs, and return its result.
+
+    Raises:
+        ClosedError: the loop has ended before the coroutine.
+        Exception: the exception that the coroutine raises.
+    """
     future = asyncio.run_coroutine_threadsafe(coroutine, loop)
     if not _wait_while_running(future, loop):
         future.cancel()
@@ -422,7 +437,7 @@ def _run_on_user_loop(coroutine: Coroutine[Any, Any, T], loop: asyncio.AbstractE
 
 
 def _wait_while_running(future: concurrent.futures.Future[Any], loop: asyncio.AbstractEventLoop) -> bool:
-    """Wait for a future that `loop` has to complete; return False if the loop has stopped before."""
+    """Wait for a future that another thread's `loop` completes; return False if the loop stops before that."""
     ran_s = time.monotonic()
     while not concurrent.futures.wait((future,), _CHECK_INTERVAL_S).done:
         if loop.is_running():

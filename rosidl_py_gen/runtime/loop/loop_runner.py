@@ -1,4 +1,4 @@
-"""Public interface of a `SharedLoop`, for programs that do not use asyncio."""
+"""Public event loop that waiting threads run, for programs that do not use asyncio: interface of a `SharedLoop`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class LoopRunner:
     def __init__(self) -> None:
         self._shared_loop = SharedLoop()
         self.loop: asyncio.AbstractEventLoop = self._shared_loop.loop
-        """Event loop; it runs while a thread waits."""
+        """Event loop of asyncio; it runs while a thread waits."""
 
     @overload
     def wait(self, until: None = None, timeout_s: float | None = None) -> None: ...
@@ -70,11 +70,11 @@ class LoopRunner:
         )
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the loop, and return or raise its outcome. The function must not wait."""
+        """Call a function in the loop, and return its value or raise its exception. The function must not wait."""
         return self._shared_loop.call(function)
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine in the loop to its end, and return or raise its outcome.
+        """Run a coroutine in the loop to its end, and return its value or raise its exception.
 
         Raises:
             WouldDeadlockError: called inside this runner's loop; use ``await`` there.
@@ -87,7 +87,7 @@ class LoopRunner:
         return self._shared_loop.run(coroutine)
 
     def wake(self) -> None:
-        """Make all waits call `until` again, after a change outside the loop. Signal handlers may call it, too."""
+        """Make all waits call their `until` again, after a change outside the loop. Signal handlers may call `wake`."""
         self._shared_loop.wake()
 
     def __enter__(self) -> Self:
@@ -102,7 +102,7 @@ class LoopRunner:
         return self._shared_loop.closed_reason != ""
 
     def close(self) -> None:
-        """End all waits with `ClosedError`, cancel the loop's tasks, and close it; may be called twice.
+        """End all waits with `ClosedError`, cancel the loop's tasks, and close the loop; may be called twice.
 
         A call inside the loop takes effect when the loop is left.
         """

@@ -1,4 +1,4 @@
-"""Queues of samples before a writer: of those that DDS did not accept, and of those that a reply precedes."""
+"""Queues of samples that are sent later: because DDS did not accept them, or because a reply must be sent before."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 RETRY_INTERVAL_S = 0.001
-"""Interval of retries while DDS does not accept a sample."""
+"""Interval of retries while DDS does not accept a sample, in seconds."""
 
 
 class SendQueue:
-    """Queue of samples that DDS did not accept, because a reliable reader is too slow: writes must not block.
+    """Queue of samples that DDS did not accept, because a reliable reader is too slow and writes never block.
 
     Writing is retried on the event loop until DDS accepts the sample. A full queue drops its oldest sample and counts
     it. Thread: any.
 
     Args:
-        report: logs the exception of a sample that could not be sent later.
+        depth: maximum number of waiting samples; None: any number.
+        report: logs the exception being handled, which a retry has raised; the sample is dropped.
 
     Attributes:
         waiting: functions that write a sample, and return False while DDS does not accept it.
@@ -43,7 +44,11 @@ class SendQueue:
         self._retrying_on: asyncio.AbstractEventLoop | None = None
 
     def send(self, write: Callable[[], bool]) -> None:
-        """Call `write` now, or later after all waiting ones; raises only if it is called now."""
+        """Send a sample by calling `write`, which returns False while DDS does not accept the sample.
+
+        If samples are waiting, or DDS does not accept the sample, it is queued. An exception of `write` is raised only
+        if `write` is called at once.
+        """
         if not self.waiting and write():
             return
         with self._lock:
@@ -53,7 +58,7 @@ class SendQueue:
             self._loop_binding.call_soon(self._retry)
 
     def flush(self) -> bool:
-        """Send what DDS accepts; return True if no sample is waiting."""
+        """Send waiting samples until DDS does not accept one; return True if no sample is waiting any more."""
         with self._lock:
             while self.waiting:
                 write = self.waiting[0]
@@ -81,9 +86,10 @@ class SendQueue:
 
 
 class DeferredSender(Generic[T]):
-    """Passes items to `send`, which must not raise, in the loop's next iteration, or at once outside of the loop.
+    """Queue that passes items to `send` in the loop's next iteration, or at once if they are added outside the loop.
 
-    So a reply that is being sent goes first. Items keep their order.
+    So a reply that a callback on the loop is sending is sent before the items. Items keep their order. `send` must not
+    raise.
     """
 
     def __init__(self, loop_binding: LoopBinding, send: Callable[[T], None]) -> None:
@@ -107,4 +113,4 @@ class DeferredSender(Generic[T]):
                 self._send(self._waiting.popleft())
 
     close = flush
-    """Send all waiting items; the writer is older, so it is still open."""
+    """Send all waiting items. The writer is closed later, because it was created earlier."""

@@ -1,4 +1,4 @@
-"""An asyncio event loop that no thread owns: the threads that wait for something lead it by turns (Leader/Followers).
+"""asyncio event loop that no thread owns: threads that wait for a condition run it by turns (Leader/Followers).
 
 The first thread that waits becomes the leader and runs the loop; the others are followers and sleep. The leader checks
 the conditions of all waits. When its own wait ends, the oldest follower becomes the next leader. While no thread waits,
@@ -43,14 +43,13 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 MAX_BLOCKING_S = 0.1 if sys.platform == "win32" else 1.0
-"""Longest time that a thread blocks in one call. On Windows neither a lock nor a select is interrupted by Ctrl-C, and
-elsewhere neither is by a signal that arrives just before, or that the kernel delivers to another thread. The handler
-runs after the call.
-"""
+"""Maximum time that a thread blocks in one call, in seconds: signal handlers run after the call. On Windows Ctrl-C
+interrupts neither a lock nor a select. Elsewhere, a signal that arrives just before the call, or that the kernel
+delivers to another thread, interrupts neither of them."""
 _MAX_ITERATIONS_AFTER_TIMEOUT = 10
-"""Iterations of the loop after the leader's time has passed, if it always has something to do."""
+"""Maximum number of iterations after the timeout of the thread that runs the loop, if callbacks are always ready."""
 _CLOSE_TIMEOUT_S = 5.0
-"""Longest time that `close` waits for the leader to leave the loop."""
+"""Maximum time that `SharedLoop.close` waits until the thread that runs the loop has left it, in seconds."""
 _FORKED = "this LoopRunner was created before the process was forked, and works only in the parent process"
 _shared_loops: weakref.WeakSet[SharedLoop] = weakref.WeakSet()
 
@@ -60,7 +59,7 @@ class WouldDeadlockError(RosidlError, RuntimeError):
 
 
 class _Outcome(Generic[T]):
-    """A value or an error that one thread stores and another one reads."""
+    """Value or exception that one thread stores and another thread reads; `is_done` is True once it is stored."""
 
     __slots__ = ("error", "is_done", "value")
 
@@ -70,7 +69,7 @@ class _Outcome(Generic[T]):
         self.is_done = False
 
     def result(self) -> T:
-        """Return the value, or raise the error."""
+        """Return the stored value, or raise the stored exception."""
         error, self.error = self.error, None
         if error is not None:
             try:
@@ -81,12 +80,13 @@ class _Outcome(Generic[T]):
 
 
 class ThreadWait(_Outcome[T]):
-    """Blocking wait of one thread for a condition.
+    """Wait of one thread until a condition is true, in a `SharedLoop`.
 
     Attributes:
-        end_s: loop time at which the wait ends; None: never.
-        iterations_left: iterations of the loop that the leader may still make after `end_s`.
-        wake_event: set when a follower has to check or to lead; None for a thread that leads.
+        end_s: loop time at which the wait times out; None: never.
+        iterations_left: iterations of the loop that the thread may still make after `end_s` if it runs the loop.
+        wake_event: event on which the thread sleeps while another thread runs the loop; set when it has to check the
+            condition or to run the loop. None if the thread has never slept.
     """
 
     __slots__ = ("_condition", "_lock", "end_s", "iterations_left", "wake_event")
@@ -100,7 +100,7 @@ class ThreadWait(_Outcome[T]):
         self.wake_event: threading.Event | None = None
 
     def become_follower(self) -> None:
-        """Allow the leader to check the condition, too."""
+        """Prepare for sleeping while another thread (the leader) runs the loop and checks the condition."""
         if self.wake_event is None:
             # Only the waiting thread checks a wait that does not follow, so that wait needs no lock. Reentrant, because
             # a signal handler may run inside the condition and check all waits.
@@ -108,9 +108,10 @@ class ThreadWait(_Outcome[T]):
             self.wake_event = threading.Event()
 
     def check(self, final: bool = False) -> bool:
-        """Return True if the wait is done, because its condition holds or raises; a `final` check ends it either way.
+        """Check the condition; return True if the wait is done, because the condition was true or has raised.
 
-        Thread: any, one at a time. A condition that was true is not called again, as it may have taken a message.
+        A `final` check ends the wait with any value. A condition that was true is not called again, because it may have
+        taken a message. Thread: any, one at a time.
         """
         lock = self._lock
         if lock is not None:
@@ -128,13 +129,16 @@ class ThreadWait(_Outcome[T]):
         return self.is_done
 
     def set_error(self, error: BaseException) -> None:
-        """End the wait with an error, unless it is done. Thread: the leader, or the thread that waits."""
+        """End the wait with an exception, unless it is done. Thread: the one that runs the loop, or that waits."""
         if not self.is_done:
             self.error, self.is_done = error, True
 
 
 class LoopCall(_Outcome[T]):
-    """A function that the leader calls in the loop, in the `contextvars` context of the thread that requested it."""
+    """Function that the thread that runs a `SharedLoop` calls in the loop on behalf of another thread.
+
+    The function is called in the `contextvars` context of the thread that requested the call.
+    """
 
     __slots__ = ("_context", "_function")
 
@@ -144,7 +148,10 @@ class LoopCall(_Outcome[T]):
         self._context = copy_context()
 
     def run(self) -> None:
-        """Call the function; `KeyboardInterrupt` and the like are raised here, too."""
+        """Call the function and store its value or exception.
+
+        `KeyboardInterrupt` and other exceptions that are not an `Exception` are also raised here.
+        """
         try:
             self.value = self._context.run(self._function)
         except BaseException as error:
@@ -156,13 +163,13 @@ class LoopCall(_Outcome[T]):
 
 
 class SharedLoop:
-    """An event loop, the thread that leads it, and the threads that follow.
+    """Event loop, the thread that runs it (the leader), and the waiting threads that sleep (the followers).
 
     Attributes:
         loop: the event loop.
         waits: the waits of all threads in order of arrival, the leader's among them.
         closed_reason: text of the `ClosedError` that waiting raises; empty while the loop is open.
-        is_polling_outside_loop: True while the leader polls the descriptors itself, outside run_forever().
+        is_polling_outside_loop: True while the leader polls descriptors itself, outside run_forever().
         is_selecting: True while the leader is in `select`, so that only a system call wakes it up.
     """
 
@@ -176,10 +183,10 @@ class SharedLoop:
         self._leader_thread = 0
         self._calls: deque[LoopCall[Any]] = deque()
         self._changed = threading.Condition()
-        """Its lock guards `_leader` and `closed_reason`; it is notified when a leader leaves a closed loop."""
+        """Lock of `_leader` and `closed_reason`; notified when the leader leaves a closed loop."""
         self._is_checking = False
         self._is_idle = False
-        """At its last select asyncio had nothing to do before `_due_s`."""
+        """True if asyncio had no callback to run before `_due_s` at its last select."""
         self._due_s: float | None = None
         self._stops_polling = False
         _shared_loops.add(self)
@@ -187,15 +194,15 @@ class SharedLoop:
     # ------------------------------------------------------------------------------------------------------- waiting
 
     def wait(self, condition: Callable[[], T], timeout_s: float | None = None) -> T:
-        """Run the loop, or follow the thread that does, until the condition is true or the time has passed.
+        """Run the loop, or sleep while another thread runs it, until the condition is true or the timeout is over.
 
         Returns:
             The condition's last value.
 
         Raises:
-            WouldDeadlockError: called in this loop.
+            WouldDeadlockError: the caller runs in this loop.
             ClosedError: the loop is closed, also while waiting.
-            Exception: what the condition raised.
+            Exception: the exception of the condition.
         """
         wait = ThreadWait(condition)
         # The most frequent case, for example a message that arrived before: needs no leader and no system call.
@@ -217,14 +224,23 @@ class SharedLoop:
         return wait.result()
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the loop, and return or raise what it does; at once if the caller is in the loop."""
+        """Call a function in the loop, and return its value or raise its exception; at once if called in the loop.
+
+        Raises:
+            ClosedError: the loop is closed, also while waiting for the call.
+        """
         if current_loop() is self.loop:
             return function()
         call = LoopCall(function)
         return self._finish(call, lambda: call.is_done)
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine in the loop to its end, and return or raise what it does; raises as `wait`."""
+        """Run a coroutine in the loop to its end, and return its value or raise its exception.
+
+        Raises:
+            WouldDeadlockError: the caller runs in this loop.
+            ClosedError: the loop is closed, also while the coroutine runs.
+        """
         call = LoopCall(lambda: start_task(self.loop, coroutine))
         try:
             task = self._finish(call, lambda: call.is_done and (call.error is not None or call.value.done()))
@@ -251,7 +267,11 @@ class SharedLoop:
             self.loop.call_soon_threadsafe(_do_nothing)
 
     def fail_leader(self, error: BaseException) -> bool:
-        """Make the leader's wait raise an error; return False if no thread leads. Thread: loop."""
+        """Make the wait of the thread that runs the loop raise `error`. Thread: loop.
+
+        Returns:
+            False if no thread runs the loop.
+        """
         leader = self._leader
         if leader is None:
             return False
@@ -260,7 +280,7 @@ class SharedLoop:
         return True
 
     def _finish(self, call: LoopCall[T], is_over: Callable[[], bool]) -> T:
-        """Queue a call, wait until it is over, and return or raise what the function did."""
+        """Queue a call for the thread that runs the loop, wait until it is over, and return or raise its outcome."""
         calls = self._calls
         calls.append(call)
         try:
@@ -273,13 +293,13 @@ class SharedLoop:
         return call.result()
 
     def _cancel(self, task: asyncio.Task[Any]) -> None:
-        """Cancel a task whose result no thread waits for any more."""
+        """Cancel a task of the loop whose result no thread waits for any more."""
         with contextlib.suppress(RuntimeError, RosidlError):  # closed
             self.loop.call_soon_threadsafe(task.cancel)
             self.wait(task.done, 0)
 
     def _wait_in_helper_thread(self, wait: ThreadWait[Any]) -> None:
-        """Wait in another thread: this one runs an asyncio loop already, and cannot enter a second one."""
+        """Wait in a new thread, because the calling thread runs another asyncio loop and cannot run a second one."""
         # Thread.join() interrupted by a signal may mark a live thread as stopped, so an event tells the end.
         ended = threading.Event()
 
@@ -308,7 +328,7 @@ class SharedLoop:
     # ------------------------------------------------------------------------------------------ leader and followers
 
     def _lead_or_follow(self, wait: ThreadWait[Any]) -> None:
-        """Run the loop, or sleep while another thread does, until the wait is done or its time has passed."""
+        """Run the loop, or sleep while another thread does, until the wait is done or its timeout is over."""
         try:
             # Inside of `try`: a signal handler may raise after the wait was added.
             self.waits.append(wait)
@@ -331,7 +351,13 @@ class SharedLoop:
             wait.check(final=True)
 
     def _try_lead(self, wait: ThreadWait[Any]) -> bool:
-        """Make the caller the leader; return False, with the wait prepared to follow, if there is one."""
+        """Make the caller the leader, which runs the loop; return False if another thread is the leader.
+
+        In this case the wait is prepared to follow: the leader checks its condition.
+
+        Raises:
+            ClosedError: the loop is closed.
+        """
         with self._changed:
             if self.closed_reason:
                 raise ClosedError(self.closed_reason)
@@ -342,7 +368,10 @@ class SharedLoop:
             return False
 
     def _hand_over(self, wait: ThreadWait[Any]) -> None:
-        """Remove a wait; if it led, wake up the oldest follower, and close the loop if that was requested."""
+        """Remove a wait; if no thread runs the loop then, wake up the oldest sleeping thread to run it.
+
+        If the loop was closed, the last wait ends it.
+        """
         with self._changed:
             if wait in self.waits:  # not interrupted before it was added
                 self.waits.remove(wait)
@@ -359,7 +388,7 @@ class SharedLoop:
                         self._end()
 
     def _lead(self) -> None:
-        """Run the loop until the leader's wait is over, or its user stops it."""
+        """Run the loop until the wait of the calling thread (the leader) is over, or the user stops the loop."""
         loop = self.loop
         # Entering and leaving `run_forever` costs more than handling one sample. So on Linux, while asyncio has nothing
         # to do, the leader polls the descriptors itself.
@@ -372,7 +401,11 @@ class SharedLoop:
             raise
 
     def _poll_outside_loop(self) -> bool:
-        """Wait as the loop would, and call priority readers; return False once asyncio has something to do."""
+        """Wait for events as the loop would, and call its priority readers, without an iteration of asyncio.
+
+        Returns:
+            True if the leader's wait is over; False once asyncio has callbacks to run.
+        """
         loop, run_priority_readers = self.loop, self.loop.run_priority_readers
         self._stops_polling, self.is_polling_outside_loop = False, True
         # Functions of `EventLoop.add_priority_reader` see the same running loop as inside `run_forever`. This function
@@ -394,16 +427,17 @@ class SharedLoop:
             self.is_polling_outside_loop = False
 
     def _stop(self) -> None:
-        """Make the leader leave the loop after this iteration."""
+        """Make the thread that runs the loop leave it after this iteration."""
         if self.is_polling_outside_loop:
             self._stops_polling = True
         else:
             self.loop.stop_from_shared_loop()
 
     def select(self, wait_for_events: Callable[[float | None], T], timeout_s: float | None) -> T:
-        """Wait for events on behalf of the loop, at most for `timeout_s`, which asyncio chose.
+        """Wait for events on behalf of the loop's selector, at most for `timeout_s`, which asyncio chose.
 
-        First calls the functions that other threads have queued, and checks the conditions of all waits.
+        First calls the functions that other threads have queued, and checks the conditions of all waits. Returns the
+        result of `wait_for_events`, which gets the remaining timeout.
 
         Thread: leader, or the thread that ends the loop's tasks.
         """
@@ -473,7 +507,10 @@ class SharedLoop:
     # ------------------------------------------------------------------------------------------------------- closing
 
     def close(self) -> None:
-        """End all waits with `ClosedError`, cancel the loop's tasks and close it; when it is left, if called in it."""
+        """End all waits with `ClosedError`, cancel the loop's tasks, and close the loop.
+
+        A call inside the loop takes effect when the loop is left.
+        """
         with self._changed:
             if self.closed_reason:
                 return
@@ -501,7 +538,7 @@ class SharedLoop:
 
 
 class SharedEventLoop(_Loop):
-    """asyncio's event loop, with a note of whether callbacks were added to it."""
+    """Event loop of a `SharedLoop`; `has_new_callbacks` is set whenever a callback or timer is added."""
 
     def __init__(self, shared: SharedLoop) -> None:
         self.has_new_callbacks = False
@@ -509,7 +546,7 @@ class SharedEventLoop(_Loop):
         super().__init__(_ConditionSelector(shared))
 
     def is_running(self) -> bool:
-        """Return True if a thread leads the loop, also outside run_forever()."""
+        """Return True if a thread runs the loop, or polls its descriptors outside run_forever()."""
         return self._shared.is_polling_outside_loop or super().is_running()
 
     def stop(self) -> None:
@@ -517,7 +554,7 @@ class SharedEventLoop(_Loop):
         super().stop()
 
     def stop_from_shared_loop(self) -> None:
-        """Stop after this iteration, on behalf of `SharedLoop`: asyncio has nothing to do for that."""
+        """Stop the loop after this iteration on behalf of `SharedLoop`, without setting `has_new_callbacks`."""
         super().stop()
 
     def call_soon(
@@ -534,7 +571,7 @@ class SharedEventLoop(_Loop):
 
 
 class _ConditionSelector(_Selector):
-    """Selector that lets a `SharedLoop` check its waits before it blocks."""
+    """Selector that makes a `SharedLoop` check the conditions of its waits before the selector blocks."""
 
     def __init__(self, shared: SharedLoop) -> None:
         super().__init__()
@@ -560,7 +597,7 @@ def _do_nothing() -> None:
 
 
 def _after_fork() -> None:
-    """Close all shared loops in the child: their descriptors are the parent's."""
+    """Mark all shared loops as closed in a forked child, because the parent uses their descriptors."""
     for shared in list(_shared_loops):
         shared.closed_reason = _FORKED
 

@@ -1,4 +1,4 @@
-"""Timeouts of many operations, with one timer of the loop.
+"""Table of the timeouts of many operations, with one timer of the event loop for all.
 
 Most operations end long before their timeout. So `remove` does not touch the timer, which finds the next timeout when
 it fires: a timer for each operation would be a tenth of the cost of a service call.
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _COALESCE_S = 0.001
-"""Minimum time between two checks, so that many timeouts in sequence share one."""
+"""Minimum time between two checks of timeouts, in seconds, so that many timeouts in sequence share one check."""
 
 
 class TimeoutTable:
-    """Calls `expire` on the loop with the number of each operation whose timeout is over."""
+    """Timeouts of operations by number; `expire` is called on the loop with each number whose timeout is over."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, expire: Callable[[int], None]) -> None:
         self.loop = loop
@@ -26,13 +26,13 @@ class TimeoutTable:
         self._timer: asyncio.TimerHandle | None = None
 
     def add(self, number: int, timeout_s: float) -> None:
-        """Add an operation with a timeout in seconds."""
+        """Add an operation whose timeout starts now, in seconds."""
         end_s = self._ends_s[number] = self.loop.time() + timeout_s
         if self._timer is None or end_s < self._timer.when():
             self._schedule_check(end_s)
 
     def remove(self, number: int) -> None:
-        """Remove an operation; without effect for an unknown number."""
+        """Remove an operation, which then does not expire; without effect for an unknown number."""
         self._ends_s.pop(number, None)
 
     def _schedule_check(self, time_s: float) -> None:

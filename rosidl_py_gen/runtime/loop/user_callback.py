@@ -1,9 +1,10 @@
-"""Functions of the user: checks, and calls of callbacks, in tasks and in threads.
+"""Checks and calls of the user's callbacks, in tasks and in threads.
 
 Callbacks may be plain functions, async functions, or plain functions that return a coroutine.
 
-Plain functions are called at once, coroutines run in a task. Exceptions are reported to the owner, once, and not
-raised. A cancellation of the task itself ends it; a CancelledError of an awaited object is a failure.
+Plain functions are called at once, coroutines run in a task. Exceptions are reported once to the owner (the scope of
+the node) and not raised. A cancellation of the task itself ends the task; a CancelledError that an awaited object
+raises is a failure.
 
 Each call runs in a copy of the `contextvars` context in which the callback was passed, as with `loop.add_reader`, so it
 does not depend on the code that causes the call.
@@ -34,7 +35,7 @@ _EXIT_EXCEPTIONS = (KeyboardInterrupt, SystemExit, GeneratorExit)
 
 
 class Owner(Protocol):
-    """Owner of a callback: the scope of a node. `closed`: its tasks are being cancelled."""
+    """Owner of a callback: the scope of a node. `closed` is True once the owner's tasks are being cancelled."""
 
     closed: bool
 
@@ -42,7 +43,7 @@ class Owner(Protocol):
         """Run a coroutine as a task that ends with the owner."""
 
     def report_failure(self, activity: str) -> None:
-        """Report the exception being handled; see `callback_failures.py`."""
+        """Log the exception being handled; with ``on_error="raise"`` of the node, also raise it in the program."""
 
 
 def ignore(value: object) -> None:
@@ -63,7 +64,7 @@ class UserCallback:
         self.is_async = is_async(function)
 
     def call(self, *arguments: object, on_result: Callable[[Any], object] = ignore) -> asyncio.Task[Any] | None:
-        """Call the callback, then `on_result` with its value, whose exceptions are reported, too. Thread: loop.
+        """Call the callback, then `on_result` with its value; report exceptions of both to the owner. Thread: loop.
 
         Returns:
             The task that continues the call; None if it is complete.
@@ -92,7 +93,10 @@ class UserCallback:
         return self._owner.create_task(self._finish(function, on_result))
 
     async def run(self, *arguments: object) -> None:
-        """Call the callback inside a task of `Owner.create_task`: cheaper than a task for each call."""
+        """Call the callback, and await its coroutine, in the calling task, which must be one of `Owner.create_task`.
+
+        This is cheaper than a task for each call. Exceptions are reported to the owner.
+        """
         await in_context(self._context.copy(), self._finish(lambda: self._function(*arguments), ignore))
 
     async def _finish(self, function: Callable[[], Any], on_result: Callable[[Any], object]) -> None:
@@ -110,18 +114,23 @@ class UserCallback:
             self._owner.report_failure(self.subject)
 
     def close(self) -> None:
-        """Record that the entity is closed, after which a CancelledError is not a failure."""
+        """Record that the callback's entity is closed: a CancelledError is not a failure from now on."""
         self._closed = True
 
 
 def require_callable(callback: object, subject: str, hint: str = "") -> None:
-    """Raise `TypeError` unless a callback is callable or None."""
+    """Raise `TypeError` unless `callback` is callable or None; the text is `subject`, the error and `hint`."""
     if callback is not None and not callable(callback):
         raise TypeError(f"{subject} must be a function, got {callback!r:.100}{hint}")
 
 
 def require_concurrency(value: object) -> None:
-    """Raise `TypeError` or `ValueError` unless the number of concurrent calls is an integer of at least 1."""
+    """Raise an error unless `value`, a maximum number of concurrent calls, is an integer of at least 1.
+
+    Raises:
+        TypeError: the value is not an integer.
+        ValueError: the value is less than 1.
+    """
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise TypeError(f"concurrency must be an int, the maximum number of calls at once, got {value!r:.100}")
     if value < 1:
@@ -135,7 +144,9 @@ def is_async(function: object) -> bool:
 
 
 def is_own_cancel() -> bool:
-    """Return True if the current task was cancelled itself: then an awaited object did not raise the CancelledError.
+    """Return True if the CancelledError being handled comes from a cancellation of the current task itself.
+
+    Otherwise an awaited object has raised the CancelledError.
 
     Only for tasks of `start_task`, because Python 3.10 has no `Task.cancelling`.
     """
@@ -145,13 +156,13 @@ def is_own_cancel() -> bool:
 
 
 def start_task(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-    """Create a task that supports `is_own_cancel`."""
+    """Create a task in which `is_own_cancel` works, also on Python 3.10."""
     return loop.create_task(coroutine) if _HAS_CANCELLING else _CountingTask(coroutine, loop=loop)
 
 
 @types.coroutine
 def in_context(context: contextvars.Context, coroutine: Coroutine[Any, Any, T]) -> Generator[Any, Any, T]:
-    """Await a coroutine in another context than the task's, which each of its steps enters."""
+    """Await a coroutine whose steps run in the given `contextvars` context, instead of the context of the task."""
     step: Callable[[Any], Any] = coroutine.send
     value: Any = None
     while True:
@@ -179,7 +190,7 @@ class _CountingTask(asyncio.Task[T]):
 
 
 async def in_thread(name: str, function: Callable[..., Any], *arguments: object) -> Any:
-    """Call a plain function in a daemon thread of its own, and return or raise its outcome.
+    """Call a plain function in a new daemon thread with a name, and return its value or raise its exception.
 
     asyncio's pool has few threads, and waits for all of them when the loop ends, so that a function that does not
     return would keep the process alive.

@@ -1,4 +1,4 @@
-"""Event loop for tests, on which waiting takes no time.
+"""asyncio event loop for tests, on which waiting takes no real time.
 
 Time stands still while a callback is ready, and then jumps to the next timer. While other threads are active, the loop
 waits in real time. If no event is possible any more, the test fails instead of blocking forever. Not for DDS, Zenoh,
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _THREAD_CHECK_INTERVAL_S = 0.05
-"""Interval of checks whether other threads are still active."""
+"""Interval of checks whether other threads are still active, in seconds of real time."""
 
 
 class VirtualTimeDeadlockError(RosidlError):
-    """Raised if a test waits for an event that cannot happen."""
+    """Raised if a test waits for an event that cannot happen, or takes more real time than the loop's limit."""
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """Event loop whose time passes only by waiting; `clocks` follow it, for a `MemoryTransport`.
+    """Event loop whose time passes only by waiting; its `clocks`, for a `MemoryTransport`, show the same time.
 
     Args:
         limit_s: maximum real time of `run`, in seconds.
@@ -86,7 +86,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return job
 
     def other_threads_active(self) -> bool:
-        """Return True if a job runs, or a thread that started after this loop and is not of asyncio's pool."""
+        """Return True if a function of `run_in_executor` runs, or a thread that was started after the loop was created.
+
+        The calling thread and the threads of asyncio's pool do not count.
+        """
         current = threading.current_thread()
         return self._jobs > 0 or any(
             thread is not current and not thread.name.startswith("asyncio_")
@@ -95,7 +98,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         )
 
     def advance_s(self, seconds: float | None, *, waited: bool = False) -> None:
-        """Advance the time; raises `VirtualTimeDeadlockError` if there is no timer."""
+        """Advance the loop's time by `seconds`, the time to the next timer; None if there is no timer.
+
+        With `waited`, the loop has already waited for `seconds` of real time.
+
+        Raises:
+            VirtualTimeDeadlockError: there is no timer, or the limit of real time is over.
+        """
         if time.monotonic() > self._end_s:
             self._end_s = float("inf")
             limit = f"{self._limit_s} s of real time"
@@ -109,7 +118,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
 
 class _VirtualTimeSelector(selectors.DefaultSelector):
-    """Selector that waits only for other threads, and else advances the loop's time."""
+    """Selector that waits only while other threads are active, and otherwise advances the loop's time."""
 
     def __init__(self, loop: VirtualTimeLoop) -> None:
         super().__init__()
