@@ -1,6 +1,6 @@
-"""Events of endpoints, reported to callbacks as in rclpy: matches, incompatible endpoints, deadlines.
+"""Events of publishers and subscriptions for callbacks as in rclpy: matches, incompatible endpoints, deadlines.
 
-Incompatible endpoints are looked for whenever the graph changes. For other events an endpoint polls the transport every
+Incompatible endpoints are searched whenever the graph changes. For other events an endpoint polls the transport every
 50 ms, because the transport does not notify of some events. Endpoints without callbacks cost nothing.
 """
 
@@ -27,15 +27,15 @@ _INCOMPATIBLE = {"incompatible_type", "incompatible_qos"}
 
 
 class UnsupportedEventError(RosidlError, ValueError):
-    """The transport does not report the requested event."""
+    """Raised if the transport does not report an event for which a callback was passed."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatchedStatus:
-    """Change of the matched endpoints.
+    """Change of the endpoints that are matched with a publisher or subscription.
 
     Attributes:
-        total_count: number of endpoints that were matched since this one was created.
+        total_count: number of endpoints that were matched since the publisher or subscription was created.
         total_count_change: difference of `total_count` to the previous event.
         current_count: number of endpoints that are matched now.
         current_count_change: difference of `current_count` to the previous event, negative if endpoints have left.
@@ -49,13 +49,13 @@ class MatchedStatus:
 
 @dataclass(frozen=True, slots=True)
 class IncompatibleStatus:
-    """Endpoints that do not match because of type or QoS.
+    """Endpoints that do not match a publisher or subscription because of type or QoS.
 
     Attributes:
-        total_count: number of such endpoints since this one was created.
+        total_count: number of such endpoints since the publisher or subscription was created.
         total_count_change: difference of `total_count` to the previous event.
-        reason: text about the last one.
-        last_policy_kind: first incompatible policy of the last one; INVALID if the reason is not a QoS policy.
+        reason: text about the last of these endpoints.
+        last_policy_kind: first incompatible QoS policy of the last endpoint; INVALID if the type is incompatible.
     """
 
     total_count: int
@@ -66,10 +66,10 @@ class IncompatibleStatus:
 
 @dataclass(frozen=True, slots=True)
 class CountStatus:
-    """Missed deadlines, lost messages, or expired liveliness leases.
+    """Number of missed deadlines, lost messages, or expired liveliness leases, depending on the event.
 
     Attributes:
-        total_count: number since the endpoint was created.
+        total_count: number since the publisher or subscription was created.
         total_count_change: difference of `total_count` to the previous event.
     """
 
@@ -79,7 +79,7 @@ class CountStatus:
 
 @dataclass(frozen=True, slots=True)
 class LivelinessStatus:
-    """Change of the liveliness of matched publishers.
+    """Change of the liveliness of the publishers that are matched with a subscription.
 
     Attributes:
         alive_count: number of matched publishers that are alive.
@@ -141,7 +141,11 @@ def watch_events(
     callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks | None,
     subject: str,
 ) -> EndpointEventPoller | None:
-    """Return a poller for the callbacks, None without callbacks; if they are invalid, close the endpoint and raise."""
+    """Return a poller that calls event callbacks of an endpoint; None if there are no callbacks.
+
+    If a callback is invalid or its event unsupported, the endpoint is closed, and the error of `EndpointEventPoller` is
+    raised.
+    """
     if callbacks is None:
         return None
     try:
@@ -152,10 +156,10 @@ def watch_events(
 
 
 class EndpointEventPoller:
-    """Poller for the events of one reader or writer; must be closed before the endpoint.
+    """Poller that calls the event callbacks of one reader or writer; must be closed before the endpoint.
 
     Args:
-        matched: returns the GUIDs of the matched endpoints.
+        matched: returns the GUIDs of the endpoints that are matched with `endpoint`.
         subject: name of the endpoint in errors: "the subscription on /chatter".
 
     Raises:
@@ -177,7 +181,7 @@ class EndpointEventPoller:
         self._matched = matched
         self._peers: set[bytes] = set()
         self._compared: set[bytes] = set()
-        """Endpoints of the other side that were found to be compatible or not."""
+        """GUIDs of the endpoints on the other side of the topic whose compatibility was checked already."""
         self._totals = {"matched": 0, "incompatible_type": 0, "incompatible_qos": 0}
         self._counts: dict[str, tuple[int, ...]] = {}
         self._timer: asyncio.TimerHandle | None = None
@@ -226,9 +230,10 @@ class EndpointEventPoller:
             self._loop_binding.call_soon(self._compare_endpoints)  # without a loop, the next one compares
 
     def _poll_matched_peers(self) -> None:
-        """Report the endpoints that have left, then those that are new, then those that were new and have left again.
+        """Report changes of the matched endpoints since the previous poll, in up to three statuses.
 
-        Each is a status of its own, as Fast DDS reports them; one status for all would have the change 0 after an
+        The first is about endpoints that have left, the second about new endpoints, the third about new endpoints that
+        have left already. Fast DDS also reports them separately; one status for all would have the change 0 after an
         endpoint was replaced.
         """
         total, count = self._totals["matched"], len(self._peers)
@@ -280,7 +285,7 @@ class EndpointEventPoller:
             self._callbacks[name].call(status)
 
     def close(self) -> None:
-        """Stop polling; from any thread, may be called twice."""
+        """Stop calling the callbacks. May be called from any thread, and twice."""
         self._closed = True
         for registration in self._registrations:
             registration.close()

@@ -1,7 +1,7 @@
 """Graph of nodes, topics, services and endpoints, as a plain data structure that is fed with discovery events.
 
-It combines discovered endpoints with the nodes that participants announce (docs/internals/protocol.md 6.3, 6.4). It
-does no I/O and does not wait. `version` is incremented with every change.
+The graph combines discovered endpoints with the nodes that participants announce (docs/internals/protocol.md 6.3, 6.4).
+It does no I/O and does not wait. `version` is incremented with every change.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
 BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
 _MAX_NAME_CHARS = 600
-"""Maximum length of a node name in texts; ROS allows 255 for a name and 245 for its namespace."""
+"""Maximum length of a node name in texts for people; ROS allows 255 for a name and 245 for its namespace."""
 NamesAndTypes = list[tuple[str, list[str]]]
 """Names of topics, services or actions, each with its types."""
 
@@ -46,7 +46,7 @@ class EndpointType(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class NodeInfo:
-    """Node as its participant announces it."""
+    """Node of the graph as its participant announces it, with the participant's enclave."""
 
     name: str
     namespace: str
@@ -54,7 +54,7 @@ class NodeInfo:
 
     @property
     def fully_qualified_name(self) -> str:
-        """``/ns/name``."""
+        """Namespace and name of the node, joined: ``/ns/name``."""
         return fully_qualified_node_name(self.name, self.namespace)
 
 
@@ -86,7 +86,7 @@ class TopicEndpointInfo:
 
     @property
     def node_text(self) -> str:
-        """``/ns/name`` of the node, or the reason why it has none, in parentheses."""
+        """``/ns/name`` of the endpoint's node; a text in parentheses if the node is unknown or does not exist."""
         if self.has_node_name:
             return fully_qualified_node_name(self.node_name, self.node_namespace)
         return "(DDS program without node)" if self.node_name == BARE_DDS_NODE[1] else "(unknown node)"
@@ -99,8 +99,8 @@ class Mismatch:
     Attributes:
         writer: sender of the messages or requests.
         reader: receiver of the messages or requests.
-        kind: difference: another type, another definition of the type, or incompatible QoS.
-        reason: text about both.
+        kind: what differs: the type, the definition of the type, or the QoS.
+        reason: text for people about both endpoints.
     """
 
     writer: TopicEndpointInfo
@@ -115,7 +115,7 @@ class ParticipantInfo:
 
     Attributes:
         guid: 16 bytes.
-        is_ros: True if it announces itself as a ROS participant.
+        is_ros: True if the participant announces itself as a ROS participant.
         announces_type_hashes: True if one of its endpoints has a type hash (Iron and later); None without endpoints.
         is_own: True for the context's own participant.
     """
@@ -128,7 +128,7 @@ class ParticipantInfo:
 
     @property
     def vendor(self) -> bytes:
-        """Number of the DDS vendor, 2 bytes; empty for a secured participant, unless it is on Fast DDS."""
+        """RTPS id of the DDS vendor, 2 bytes; empty for a secured participant, unless it is on Fast DDS."""
         if uses_sample_identity(self.guid):
             return FAST_DDS_VENDOR
         return b"" if has_hashed_guid(self.guid) else self.guid[:2]
@@ -150,7 +150,7 @@ class Graph(EndpointIndex):
         self._participants: dict[bytes, _Participant] = {}
 
     def apply(self, event: DiscoveryEvent) -> DiscoveredEndpoint | None:
-        """Apply an event; return the endpoint if it is a new one."""
+        """Apply a discovery event to the graph; return the endpoint if the event reports a new endpoint."""
         new_endpoint = None
         match event:
             case ParticipantDiscovered():
@@ -177,7 +177,7 @@ class Graph(EndpointIndex):
             self.version += 1
 
     def node_of(self, endpoint: DiscoveredEndpoint) -> tuple[str, str]:
-        """Return namespace and name of an endpoint's node, or one of rmw's two placeholders."""
+        """Return namespace and name of an endpoint's node; UNKNOWN_NODE or BARE_DDS_NODE if the node is not known."""
         participant = self._participants.get(endpoint.participant_guid)
         if participant is None or participant.enclave is None:
             return BARE_DDS_NODE
@@ -192,37 +192,37 @@ class Graph(EndpointIndex):
         return None if endpoint is None else endpoint.participant_guid
 
     def has_named_node(self, endpoint: DiscoveredEndpoint) -> bool:
-        """Return True if the node of an endpoint is known."""
+        """Return True if the node of an endpoint is known by name."""
         return self.node_of(endpoint) not in (UNKNOWN_NODE, BARE_DDS_NODE)
 
     def describe_node(self, endpoint: DiscoveredEndpoint) -> str:
-        """Return a text that names the node of an endpoint, for messages."""
+        """Return a text for people that names the node of an endpoint, such as ``node /talker``."""
         namespace, name = self.node_of(endpoint)
         if not self.has_named_node(endpoint):
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
         return f"node {printable(fully_qualified_node_name(name, namespace), _MAX_NAME_CHARS)}"
 
     def is_ros(self, participant_guid: bytes) -> bool:
-        """Return True if a participant announces that it is one of ROS."""
+        """Return True if a participant announces that it is a ROS participant."""
         participant = self._participants.get(participant_guid)
         return participant is not None and participant.enclave is not None
 
     def is_humble(self, participant_guid: bytes) -> bool | None:
-        """Return True if a participant is of Humble, None if that is unknown (docs/internals/protocol.md 6.2)."""
+        """Return True if a participant is of ROS 2 Humble, None if unknown (docs/internals/protocol.md 6.2)."""
         participant = self._participants.get(participant_guid)
         return None if participant is None else participant.is_humble
 
     def names_on(self, kind: str, *, writers: bool) -> list[str]:
-        """Return the sorted names of all topics of one kind that have writers, or readers."""
+        """Return the sorted names of all topics of one kind that have a writer, or with ``writers=False`` a reader."""
         keys = [key for key in list(self._by_topic_key) if key.kind == kind]
         return sorted(key.name for key in keys if self.endpoints_on(key, writers=writers))
 
     def has_others(self) -> bool:
-        """Return True if another participant than our own is known."""
+        """Return True if another participant than the context's own is known."""
         return any(guid != self._own_participant for guid in list(self._participants))
 
     def endpoints_by_wire_name(self, name: str, *, writers: bool) -> list[DiscoveredEndpoint]:
-        """Return the writers or readers of a topic, given by its name in the middleware."""
+        """Return the writers, or with ``writers=False`` the readers, of the topic with a name in the middleware."""
         endpoints = list(self.endpoints.values())
         return [endpoint for endpoint in endpoints if endpoint.wire_name == name and endpoint.is_writer is writers]
 
@@ -241,7 +241,10 @@ class Graph(EndpointIndex):
         )
 
     def node_names_complete(self, participant: bytes | None = None) -> bool:
-        """Return True if all ROS participants, or a given one, have announced nodes that own all their endpoints."""
+        """Return True if all ROS participants, or a given one, have announced nodes.
+
+        The node of each of their endpoints must be known, too.
+        """
         participants = self._ros_participants(participant)
         return all(info.nodes for info in participants) and not any(
             self.node_of(endpoint) == UNKNOWN_NODE
@@ -301,22 +304,32 @@ class Graph(EndpointIndex):
         ]
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:
-        """Return topics and their types; without `demangle`, all names as in the middleware."""
+        """Return ROS topics and their types; without `demangle`, all topics with their names in the middleware."""
         return _topics(list(self.endpoints.values()), demangle)
 
     def services(self) -> NamesAndTypes:
-        """Return services and their types."""
+        """Return all services and their types."""
         return _services(list(self.endpoints.values()), "request", "reply")
 
     def of_node(
         self, name: str, namespace: str, *, writers: bool, services: str = "", demangle: bool = True
     ) -> NamesAndTypes:
-        """Return the topics a node writes or reads, or with `services` the services it serves or calls."""
+        """Return the topics, or services, of the endpoints of a node, with their types.
+
+        Args:
+            writers: select the writers of the node; False: its readers.
+            services: kind of topic, ``request`` or ``reply``, by which services are selected; empty: topics.
+            demangle: False for all topics with their names in the middleware.
+        """
         endpoints = self._endpoints_of(name, namespace, writers)
         return _services(endpoints, services) if services else _topics(endpoints, demangle)
 
     def announced_hashes(self, name: str, namespace: str, type_name: str) -> dict[str, set[str]]:
-        """Return hash -> topics and services, for one type and the endpoints of a node; "" for no hash."""
+        """Return the type hashes that the endpoints of a node announce for one type.
+
+        Returns:
+            The names of the topics and services with each hash; the key is empty for endpoints without hash.
+        """
         names: defaultdict[str, set[str]] = defaultdict(set)
         for writers in (True, False):
             for endpoint in self._endpoints_of(name, namespace, writers):

@@ -1,7 +1,7 @@
 """Reasons why an endpoint has no matched peer, as text for the errors of waits that timed out.
 
-A reason is cached until the graph changes, because programs poll with short timeouts. Text of peers is made printable
-and truncated.
+A reason is cached until the graph changes, because programs poll with short timeouts. Names and other texts of peers
+are made printable and truncated.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.matching import Incompatibility
 
 _MAX_PEERS = 3
-"""Maximum number of peers that a text names."""
+"""Maximum number of peers that a reason names."""
 _MAX_NAME_CHARS = 200
 _VERBS = {(False, "topic"): "publishes", (True, "topic"): "subscribes to"}
 _ADVICES = {
@@ -31,14 +31,19 @@ _ADVICES = {
 
 
 class UnmatchedReason(NamedTuple):
-    """Text of a reason, empty if there is none; `is_known` is False if compatible peers were found."""
+    """Reason why an endpoint has no matched peer.
+
+    Attributes:
+        text: reason for people; empty if there is none.
+        is_known: False if all peers that were found are compatible, or not compared yet.
+    """
 
     text: str
     is_known: bool = True
 
 
 class UnmatchedReasons:
-    """Reasons for the endpoints of one context."""
+    """Finder of the reasons why endpoints of one context have no matched peers."""
 
     def __init__(
         self,
@@ -46,7 +51,7 @@ class UnmatchedReasons:
         compare: Callable[[DiscoveredEndpoint, DiscoveredEndpoint], Incompatibility | None],
         middleware: str,
     ) -> None:
-        """`compare` gets a writer and a reader."""
+        """Set `compare`, which is called with a writer and a reader and returns None if they are compatible."""
         self._graph = graph
         self._compare = compare
         self._middleware = middleware
@@ -56,11 +61,12 @@ class UnmatchedReasons:
     def why(
         self, guid: bytes, topic_key: TopicKey, *, is_writer: bool, matched: Collection[bytes] = (), ending: str = ""
     ) -> UnmatchedReason:
-        """Return why an own endpoint has no other peers than `matched`.
+        """Return the reason why an own endpoint is matched with no other peers than `matched`.
 
         Args:
             guid: GUID of the own endpoint.
-            ending: common ending of the names of this kind; omitted in the hint about a similar name.
+            is_writer: True if the own endpoint is a writer.
+            ending: ending that all names of this kind of topic have; omitted in the hint about a similar name.
         """
         if self._graph.version != self._version:
             self._cache.clear()
@@ -89,13 +95,13 @@ class UnmatchedReasons:
         return UnmatchedReason(text, is_known=any(result is not None for _, result in results))
 
     def alone(self) -> str:
-        """Return the text that no other participant exists; empty if one does."""
+        """Return a text that no other participant was found, with advice; empty if there is another participant."""
         if self._graph.has_others():
             return ""
         return f"no other participant was found{_ADVICES.get(self._middleware, '')}"
 
     def disagreeing(self, guid: bytes, topic_key: TopicKey) -> str:
-        """Return a text about a publisher that has another definition of the type; empty if there is none."""
+        """Return a text about a publisher with another type definition than the own subscription; empty if none."""
         own = self._graph.endpoints.get(guid)
         for writer in self._graph.endpoints_on(topic_key, writers=True):
             result = None if own is None else self._compare(writer, own)
