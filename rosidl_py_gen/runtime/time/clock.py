@@ -1,6 +1,6 @@
-"""Clocks, with jump callbacks and sleeps.
+"""Clocks of ROS, system and steady time, with jump callbacks and sleeps.
 
-ROS time is system time until an override is enabled, then the last override, 0 before there is one.
+ROS time is system time until the override is enabled. Then it is the time that was set last, or 0 if none was set.
 Source: docs/internals/protocol.md 9.6.
 """
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _JumpCallbacks:
-    """Jump callbacks, and a function that returns True if their thresholds select a jump."""
+    """Callbacks before and after a time jump, and a function that returns True if their thresholds select a jump."""
 
     matches: Callable[[TimeJump], bool]
     pre: Callable[[TimeJump], None] | None
@@ -41,12 +41,12 @@ class _JumpCallbacks:
 
 
 class Clock:
-    """Clock of a clock type.
+    """Clock of ROS time, system time or steady time.
 
     Args:
-        system_ns: replaces the system clock, in nanoseconds, for tests.
-        steady_ns: replaces the steady clock, in nanoseconds, for tests.
-        on_failure: called with a description while the exception of a jump callback is handled; logs by default.
+        system_ns: function that replaces the system clock in tests; returns nanoseconds.
+        steady_ns: function that replaces the steady clock in tests; returns nanoseconds.
+        on_failure: called with a description while the exception of a jump callback is handled; None: log it.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Clock:
         return Time(nanoseconds=self.now_ns(), clock_type=self.clock_type)
 
     def now_ns(self) -> int:
-        """Return the current time in nanoseconds; 0 while ROS time is overridden and no time was set."""
+        """Return the current time in nanoseconds; 0 while the ROS time override is enabled and no time was set."""
         return self._override_ns if self._active else self._source_ns()
 
     @property
@@ -84,15 +84,28 @@ class Clock:
         return self._active
 
     def enable_ros_time_override(self) -> None:
-        """Enable the override; raises `ClockTypeError` unless the clock is of ROS time."""
+        """Use the time of `set_ros_time_override`, 0 before its first call, instead of system time.
+
+        Raises:
+            ClockTypeError: the clock is not of ROS time.
+        """
         self._change_source(True)
 
     def disable_ros_time_override(self) -> None:
-        """Return to the system clock, and retain the override for the next time."""
+        """Use system time again; the time of the override is retained for the next `enable_ros_time_override`.
+
+        Raises:
+            ClockTypeError: the clock is not of ROS time.
+        """
         self._change_source(False)
 
     def set_ros_time_override(self, now: Time) -> None:
-        """Set the time of the override; raises `ClockTypeError`, `TypeError`."""
+        """Set the time that the clock reads while the ROS time override is enabled.
+
+        Raises:
+            ClockTypeError: the clock or `now` is not of ROS time.
+            TypeError: `now` is not a `Time`.
+        """
         self._require_ros_time()
         if not isinstance(now, Time):
             raise TypeError(f"the override of a ROS clock must be a Time, got {now!r:.100}")
@@ -115,10 +128,19 @@ class Clock:
         min_forward: Duration | None = None,
         min_backward: Duration | None = None,
     ) -> Registration:
-        """Call `pre` before and `post` after each jump that a threshold selects, until the registration is closed.
+        """Call `pre` before and `post` after each time jump that a threshold selects, until the registration is closed.
 
-        The callbacks run on the thread that changes the time; their exceptions are logged. Raises `TimeRangeError`
-        unless `min_forward` > 0 and `min_backward` < 0.
+        The callbacks run on the thread that changes the time; their exceptions are logged.
+
+        Args:
+            on_clock_change: select each activation and deactivation of ROS time.
+            min_forward: select jumps forward by at least this positive duration.
+            min_backward: select jumps back by at least this negative duration.
+
+        Raises:
+            TimeRangeError: `min_forward` is not positive, or `min_backward` is not negative.
+            TypeError: an argument has the wrong type.
+            CallbackSignatureError: a callback cannot be called with a `TimeJump`.
         """
         for name, threshold in (("min_forward", min_forward), ("min_backward", min_backward)):
             if threshold is not None and not isinstance(threshold, Duration):
@@ -142,7 +164,7 @@ class Clock:
         return self._jump_callbacks.add(_JumpCallbacks(matches, pre, post))
 
     def _on_any_jump(self, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
-        """Call `pre` and `post` for all jumps; see `create_jump_callback`."""
+        """Call `pre` before and `post` after every time jump, until the registration is closed."""
         return self._jump_callbacks.add(
             _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
         )
@@ -169,12 +191,16 @@ class Clock:
         return await self._sleep(until.nanoseconds, 0)
 
     async def sleep_for(self, duration: Duration | float) -> bool:
-        """Sleep for a duration, or seconds, by this clock; returns as `sleep_until`.
+        """Sleep by this clock for a duration, or for a number of seconds.
 
-        The sleep starts when simulated time has started. A jump to before its start restarts it.
+        The sleep starts when simulated time has started. A jump of the clock to a time before the start restarts the
+        sleep.
 
         There is no blocking form, because a clock has no event loop that could run while it waits; `time.sleep` waits
         in real time.
+
+        Returns:
+            False if the sleep ended because ROS time was activated or deactivated.
 
         Raises:
             TypeError: `duration` is not a `Duration` and not a number.
@@ -190,7 +216,7 @@ class Clock:
         return await sleep_until_due(self, schedule, ends_with_source=True)
 
     def _schedule(self, period_ns: int, start_ns: int) -> TimerSchedule:
-        """Return a schedule by this clock, whose first period starts at `start_ns`."""
+        """Return a timer schedule by this clock, whose first period starts at `start_ns`."""
         return TimerSchedule(period_ns, start_ns, waits_at_zero=self.clock_type is ClockType.ROS_TIME)
 
     def _require_ros_time(self) -> None:
@@ -207,7 +233,7 @@ class Clock:
 
     @contextlib.contextmanager
     def _calling_back(self, jump: TimeJump) -> Iterator[None]:
-        """Call the matching callbacks before and after the change of time in the block."""
+        """Call the jump callbacks that select `jump` before and after the block, which changes the time."""
         matching = set()
         for callbacks in self._jump_callbacks:
             if callbacks.matches(jump):

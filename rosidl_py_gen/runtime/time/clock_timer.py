@@ -1,7 +1,8 @@
 """Schedules of timers, rates and sleeps, and waiting until one is due, by a clock that can jump.
 
-Due times are the first one plus multiples of the period, as in rcl. Missed periods are skipped and counted. With
-simulated time, each jump is checked. System time is checked at least once a second, because it may be set.
+Due times are the first due time plus multiples of the period, as in rcl. Missed periods are skipped and counted. With
+simulated time, a timer checks the clock at each jump. With system time, it checks at least once a second, because the
+time may be set.
 Source: docs/internals/protocol.md 9.6.
 """
 
@@ -21,48 +22,58 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.time.values import TimeJump
 _MAX_SLEEP_S = 1.0
-"""Maximum time between two checks of the system time; a timer is at most that late after the time was set."""
+"""Maximum time between two checks of the system time, in seconds; setting the time delays a timer by at most this."""
 
 
 class TimerCall(NamedTuple):
-    """Call of a timer: time since the previous call or creation, and number of whole periods without a call."""
+    """Call of a timer.
+
+    Attributes:
+        since_last_ns: time since the previous call, or since the creation of the timer.
+        missed: number of due times without a call.
+    """
 
     since_last_ns: int
     missed: int
 
 
 class TimerSchedule:
-    """Due time of a timer or sleep; the methods take the time of its clock.
+    """Due times of a timer or sleep; `now_ns` of the methods is the current time of its clock.
 
     Args:
-        waits_at_zero: the clock is of ROS time, on which 0 means that no `/clock` message has arrived.
+        period_ns: length of a period.
+        waits_at_zero: no call is due while the clock reads 0: on ROS time, no `/clock` message has arrived.
     """
 
     __slots__ = ("_elapsed_before_jump_ns", "canceled", "last_ns", "next_ns", "period_ns", "waits_at_zero")
 
     def __init__(self, period_ns: int, now_ns: int, *, waits_at_zero: bool = False) -> None:
         self.period_ns = period_ns
-        """Length of a period; a change applies after the next call."""
+        """Length of a period in ns; a change applies after the next call."""
         self.last_ns = now_ns
         self.next_ns = now_ns + period_ns
         self.canceled = False
-        """True stops the schedule until `reset`."""
+        """True while no call is due until `reset`."""
         self.waits_at_zero = waits_at_zero
         self._elapsed_before_jump_ns = 0
 
     def time_until_ns(self, now_ns: int) -> int | None:
-        """Return the time to the next call, 0 or less if due; None while canceled, or before the clock has started."""
+        """Return the time in ns to the next call, 0 or less if a call is due.
+
+        Returns:
+            None while canceled, and with `waits_at_zero` while the clock reads 0.
+        """
         if self.canceled or (self.waits_at_zero and now_ns == 0):
             return None
         return self.next_ns - now_ns
 
     def is_ready(self, now_ns: int) -> bool:
-        """Return True if a call is due."""
+        """Return True if a call of the timer is due."""
         remaining = self.time_until_ns(now_ns)
         return remaining is not None and remaining <= 0
 
     def mark_called(self, now_ns: int) -> TimerCall:
-        """Record a call, and advance to the first due time later than now."""
+        """Record a call of the timer, and advance to the first due time after `now_ns`."""
         since_last_ns = now_ns - self.last_ns
         self.last_ns = now_ns
         missed = 0
@@ -76,7 +87,7 @@ class TimerSchedule:
         return TimerCall(since_last_ns, missed)
 
     def reset(self, now_ns: int) -> None:
-        """Restart the period; retains the time of the last call, as rcl does."""
+        """Start a new period now, and end a cancellation; the time of the last call is retained, as in rcl."""
         self.canceled = False
         self.next_ns = now_ns + self.period_ns
 
@@ -89,7 +100,10 @@ class TimerSchedule:
         self._elapsed_before_jump_ns = min(max(elapsed, 0), self.period_ns)
 
     def after_source_change(self, now_ns: int) -> None:
-        """Continue the period in the new time, because the zeros of both are unrelated."""
+        """Continue the period on the new source of time with the stored elapsed part.
+
+        The zeros of the two sources are unrelated.
+        """
         if now_ns == 0:
             return
         elapsed, self._elapsed_before_jump_ns = self._elapsed_before_jump_ns, 0
@@ -97,14 +111,19 @@ class TimerSchedule:
         self.next_ns = self.last_ns + self.period_ns
 
     def after_jump(self, now_ns: int) -> None:
-        """Start a new period if the clock has jumped to before the last call."""
+        """Start a new period if the clock has jumped back to a time before the last call."""
         if now_ns < self.last_ns and now_ns < self.next_ns:
             self.last_ns = now_ns
             self.next_ns = now_ns + self.period_ns
 
 
 def period_to_ns(period_s: object) -> int:
-    """Convert a period in seconds; raises `TypeError`, and `TimeRangeError` if it is negative or not finite."""
+    """Convert a period in seconds to nanoseconds.
+
+    Raises:
+        TypeError: the period is not a number.
+        TimeRangeError: the period is negative or not finite.
+    """
     period_ns = timeout_to_ns("period_s", period_s)
     if period_ns is None:
         raise TimeRangeError(f"period_s must be finite, got {period_s!r}")
@@ -112,11 +131,11 @@ def period_to_ns(period_s: object) -> int:
 
 
 class ClockTimer:
-    """Timer that calls `on_due` on the loop when the schedule is due, once for each `arm`, until it is closed.
+    """Timer that calls `on_due` on the event loop when the schedule is due by the clock, once for each call of `arm`.
 
     Args:
-        loop: returns the current loop; None while there is none.
-        on_due: calls `mark_called` of the schedule, and may arm again.
+        loop: returns the event loop of the timer; None while there is no loop.
+        on_due: function that calls `mark_called` of the schedule, and may call `arm` again.
     """
 
     def __init__(
@@ -135,7 +154,7 @@ class ClockTimer:
         self._jumps = clock._on_any_jump(self._before_jump, self._after_jump)
 
     def arm(self) -> None:
-        """Check the clock now, and schedule the next check."""
+        """Check the clock now, and schedule the next check on the loop; simulated time is checked at its next jump."""
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None
@@ -162,7 +181,7 @@ class ClockTimer:
             loop.call_soon_threadsafe(self.arm)
 
     def close(self) -> None:
-        """Stop the timer. Thread: any."""
+        """Stop the timer for good. Thread: any."""
         self._closed = True
         self._jumps.close()
         self.arm_threadsafe()
@@ -187,10 +206,14 @@ class ClockTimer:
 
 
 async def sleep_until_due(clock: Clock, schedule: TimerSchedule, *, ends_with_source: bool) -> bool:
-    """Wait until the schedule is due and mark it called; return False if the source of time changed before.
+    """Wait until a schedule is due by a clock, and record the call in the schedule.
 
     Args:
-        ends_with_source: end if the source changes; otherwise the elapsed part of the period is retained.
+        ends_with_source: end the wait if ROS time is activated or deactivated; otherwise continue with the elapsed part
+            of the period.
+
+    Returns:
+        False if the wait ended because ROS time was activated or deactivated.
     """
     now_ns = clock.now_ns()
     if schedule.is_ready(now_ns):
@@ -206,7 +229,10 @@ async def sleep_until_due(clock: Clock, schedule: TimerSchedule, *, ends_with_so
 
 
 class _ClockWait(ClockTimer):
-    """Wait of one task, which ends in the jump callback itself, because time may change before the task runs."""
+    """Wait of one task until a schedule is due.
+
+    The jump callback itself ends the wait, because time may change again before the task runs.
+    """
 
     def __init__(self, clock: Clock, schedule: TimerSchedule, ends_with_source: bool) -> None:
         loop = asyncio.get_running_loop()
@@ -241,14 +267,14 @@ class Rate:
     """
 
     def __init__(self, clock: Clock, frequency_hz: float) -> None:
-        """Raise `TypeError` for a frequency that is not a number, `TimeRangeError` unless it is in (0, 1e9]."""
+        """Raise `TypeError` if `frequency_hz` is not a number, `TimeRangeError` unless it is in (0, 1e9]."""
         self._clock = clock
         self._period_ns = _period_ns(frequency_hz)
         self._schedule: TimerSchedule | None = None
         self._was_active = clock.ros_time_is_active
 
     async def sleep(self) -> None:
-        """Wait for the end of the current period; the first call starts the first one.
+        """Wait for the end of the current period; the first call starts the first period.
 
         There is no blocking form, because a clock has no event loop that could run while it waits.
         """

@@ -1,4 +1,4 @@
-"""Points in time, durations and deadlines, as integer nanoseconds.
+"""Points in time, durations and deadlines, in integer nanoseconds.
 
 Times of different clock types cannot be ordered or subtracted, because their zeros differ.
 """
@@ -34,7 +34,7 @@ class TimeRangeError(RosidlError, ValueError):
 
 
 class ClockType(IntEnum):
-    """Type of a clock; numbers of rcl."""
+    """Type of time that a clock measures; numbers of rcl."""
 
     # Source: docs/internals/protocol.md 9.6.
 
@@ -44,7 +44,12 @@ class ClockType(IntEnum):
 
 
 def finite_number(subject: str, value: object, expected: str) -> float:
-    """Return a finite float; raises `TypeError` unless the value is a number, `TimeRangeError` if it is not finite."""
+    """Return `value` as a finite float.
+
+    Raises:
+        TypeError: the value is not a number; the text says that `subject` must be `expected`.
+        TimeRangeError: the value is not finite.
+    """
     if not isinstance(value, Real) or isinstance(value, bool):
         raise TypeError(f"{subject} must be {expected}, got {value!r:.100}")
     number = float(value)
@@ -54,11 +59,17 @@ def finite_number(subject: str, value: object, expected: str) -> float:
 
 
 _EXACT_S = 1e6
-"""Number of seconds below which the product with 1e9 is exact to the nanosecond: five times faster for timeouts."""
+"""Number of seconds below which the product with 1e9 is exact to the nanosecond; the product is five times faster than
+`seconds_to_ns`."""
 
 
 def seconds_to_ns(subject: str, seconds: object) -> int:
-    """Convert a number of seconds, also of numpy, to nanoseconds; raises as `finite_number`."""
+    """Convert a number of seconds, also of numpy, to nanoseconds.
+
+    Raises:
+        TypeError: `seconds` is not a number; the text names `subject`.
+        TimeRangeError: `seconds` is not finite.
+    """
     if isinstance(seconds, Integral) and not isinstance(seconds, bool):
         return int(seconds) * NS_PER_S
     # Whole seconds are converted separately, because their product may exceed the precision of a float.
@@ -67,11 +78,11 @@ def seconds_to_ns(subject: str, seconds: object) -> int:
 
 
 def timeout_to_ns(subject: str, seconds: object) -> int | None:
-    """Convert a timeout to nanoseconds; None for `math.inf`.
+    """Convert a timeout in seconds to nanoseconds; return None for `math.inf`.
 
     Raises:
-        TypeError: the timeout is not a number.
-        TimeRangeError: it is negative or NaN.
+        TypeError: the timeout is not a number; the text names `subject`.
+        TimeRangeError: the timeout is negative or NaN.
     """
     if type(seconds) in (int, float) and 0 <= seconds < _EXACT_S:  # type: ignore[operator]
         return round(seconds * NS_PER_S)  # type: ignore[operator]
@@ -92,7 +103,11 @@ def _total_ns(seconds: float, nanoseconds: int) -> int:
 
 
 def _message_fields(subject: str, nanoseconds: int) -> tuple[int, int]:
-    """Split into seconds, rounded down, and nanoseconds from 0 to 999 999 999."""
+    """Split nanoseconds into the fields of a message: seconds, rounded down, and nanoseconds from 0 to 999 999 999.
+
+    Raises:
+        TimeRangeError: the seconds do not fit an int32; the text names `subject`.
+    """
     sec, nanosec = sec_nanosec(nanoseconds)
     if not _INT32_MIN <= sec <= _INT32_MAX:
         raise TimeRangeError(f"{subject} of {sec} s does not fit a message, whose sec is an int32")
@@ -156,16 +171,20 @@ class Duration:
         return NotImplemented
 
     def to_timedelta(self) -> timedelta:
-        """Convert to a timedelta, rounded to microseconds."""
+        """Convert the duration to a timedelta, rounded to microseconds."""
         return timedelta(microseconds=round(self.nanoseconds / 1000))
 
     @classmethod
     def from_timedelta(cls, value: timedelta) -> Duration:
-        """Convert a timedelta exactly."""
+        """Convert a timedelta to a duration, exactly."""
         return cls(nanoseconds=(value // timedelta(microseconds=1)) * 1000)
 
     def to_msg(self) -> DurationMessage:
-        """Convert to builtin_interfaces/Duration; raises `TimeRangeError` if sec exceeds an int32."""
+        """Convert the duration to a builtin_interfaces/Duration.
+
+        Raises:
+            TimeRangeError: the seconds do not fit an int32.
+        """
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
 
         sec, nanosec = _message_fields("duration", self.nanoseconds)
@@ -173,13 +192,13 @@ class Duration:
 
     @classmethod
     def from_msg(cls, message: SecNanosec) -> Duration:
-        """Convert a builtin_interfaces/Duration of any generator."""
+        """Convert a builtin_interfaces/Duration message of any code generator to a duration."""
         return cls(nanoseconds=stamp_ns(message))
 
 
 @dataclass(frozen=True, slots=True, init=False)
 class Time:
-    """Point in time of a clock type, not negative.
+    """Point in time on a clock of one clock type; not negative.
 
     Times of different clock types are not equal; ordering or subtracting them raises `ClockTypeError`.
     """
@@ -205,7 +224,7 @@ class Time:
         return f"Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})"
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
-        """Return whole seconds and the remaining nanoseconds."""
+        """Return the time as whole seconds and the remaining nanoseconds."""
         return sec_nanosec(self.nanoseconds)
 
     def __add__(self, other: Duration) -> Time:
@@ -246,20 +265,32 @@ class Time:
         return other.nanoseconds
 
     def to_datetime(self) -> datetime:
-        """Convert to a datetime in UTC, truncated to microseconds; raises `ClockTypeError` for steady time."""
+        """Convert the time to a datetime in UTC, truncated to microseconds.
+
+        Raises:
+            ClockTypeError: the time is steady time, whose zero is arbitrary.
+        """
         if self.clock_type is ClockType.STEADY_TIME:
             raise ClockTypeError("STEADY_TIME has an arbitrary zero and cannot be a datetime")
         return _EPOCH + timedelta(microseconds=self.nanoseconds // 1000)
 
     @classmethod
     def from_datetime(cls, value: datetime, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Time:
-        """Convert a datetime exactly; raises `TimeRangeError` if it has no time zone."""
+        """Convert a datetime to a time, exactly.
+
+        Raises:
+            TimeRangeError: the datetime has no time zone, or is before 1970.
+        """
         if value.tzinfo is None:
             raise TimeRangeError(f"{value!r} has no time zone; use for example datetime.now(timezone.utc)")
         return cls(nanoseconds=((value - _EPOCH) // timedelta(microseconds=1)) * 1000, clock_type=clock_type)
 
     def to_msg(self) -> TimeMessage:
-        """Convert to builtin_interfaces/Time; raises `TimeRangeError` if sec exceeds an int32."""
+        """Convert the time to a builtin_interfaces/Time.
+
+        Raises:
+            TimeRangeError: the seconds do not fit an int32.
+        """
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
 
         sec, nanosec = _message_fields("time", self.nanoseconds)
@@ -267,17 +298,21 @@ class Time:
 
     @classmethod
     def from_msg(cls, message: SecNanosec, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
-        """Convert a builtin_interfaces/Time of any generator; stamps of messages are ROS time."""
+        """Convert a builtin_interfaces/Time message of any code generator; stamps of messages are ROS time.
+
+        Raises:
+            TimeRangeError: the stamp is negative.
+        """
         return cls(nanoseconds=stamp_ns(message), clock_type=clock_type)
 
 
 def read_stamp(message: SecNanosec) -> Time | None:
-    """Return the stamp of a peer's message; None if it is negative."""
+    """Return the stamp (builtin_interfaces/Time) in a peer's message as a time; None if the stamp is negative."""
     return Time.from_msg(message) if stamp_ns(message) >= 0 else None
 
 
 class ClockChange(IntEnum):
-    """Change of the source of a clock; numbers of rcl."""
+    """Change of the time source of a clock in a time jump; numbers of rcl."""
 
     ROS_TIME_NO_CHANGE = 1
     ROS_TIME_ACTIVATED = 2
@@ -287,14 +322,14 @@ class ClockChange(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class TimeJump:
-    """Jump of a clock; `delta` is 0 if the source changed, because the zeros are unrelated."""
+    """Jump of the time of a clock; `delta` is 0 if the time source changed, because the zeros are unrelated."""
 
     clock_change: ClockChange
     delta: Duration
 
     @property
     def source_changed(self) -> bool:
-        """True if ROS time was activated or deactivated."""
+        """True if the jump is an activation or deactivation of ROS time (the override)."""
         return self.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
 
 
@@ -302,7 +337,7 @@ class WaitTimeoutError(RosidlError, TimeoutError):
     """Raised if a wait has not ended after `timeout_s` seconds.
 
     Attributes:
-        reason: the end of the text; empty if no reason is known.
+        reason: end of the error's text, the reason for the timeout; empty if no reason is known.
     """
 
     def __init__(self, text: str = "", reason: str = "") -> None:
@@ -311,7 +346,7 @@ class WaitTimeoutError(RosidlError, TimeoutError):
 
 
 def with_reason(text: str, reason: str) -> str:
-    """Return an error text with the reason, if one is known."""
+    """Return an error text with a reason at its end; the text alone if `reason` is empty."""
     return f"{text}: {reason}" if reason else text
 
 
@@ -321,13 +356,19 @@ class Deadline:
     __slots__ = ("_end_s", "_time")
 
     def __init__(self, timeout_s: float | None) -> None:
-        """Start the timeout; raises `TypeError`, `TimeRangeError` as `timeout_to_ns`."""
+        """Start the timeout now.
+
+        Raises:
+            TypeError: the timeout is not a number or None.
+            TimeRangeError: the timeout is negative or NaN.
+            RuntimeError: no event loop runs.
+        """
         timeout_ns = None if timeout_s is None else timeout_to_ns("timeout_s", timeout_s)
         self._time = asyncio.get_running_loop().time
         self._end_s = None if timeout_ns is None else self._time() + timeout_ns / NS_PER_S
 
     def remaining_s(self, max_s: float | None = None) -> float | None:
-        """Return the remaining seconds, at most `max_s`; None without timeout and maximum."""
+        """Return the remaining seconds, at most `max_s`; None if there is neither a timeout nor a maximum."""
         if self._end_s is None:
             return max_s
         left_s = max(0.0, self._end_s - self._time())
