@@ -55,7 +55,7 @@ class IncompatibleStatus:
         total_count: number of such endpoints since the publisher or subscription was created.
         total_count_change: difference of `total_count` to the previous event.
         reason: text about the last of these endpoints.
-        last_policy_kind: first incompatible QoS policy of the last endpoint; INVALID if the type is incompatible.
+        last_policy_kind: first incompatible QoS policy of the last endpoint; INVALID if QoS is not the reason.
     """
 
     total_count: int

@@ -168,7 +168,7 @@ class Graph(EndpointIndex):
         return new_endpoint
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
-        """Replace the nodes of a participant."""
+        """Replace all nodes of a participant in the graph."""
         self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
         self._count_change()
 

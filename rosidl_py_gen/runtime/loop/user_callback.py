@@ -119,7 +119,7 @@ class UserCallback:
 
 
 def require_callable(callback: object, subject: str, hint: str = "") -> None:
-    """Raise `TypeError` unless `callback` is callable or None; the text is `subject`, the error and `hint`."""
+    """Raise `TypeError` unless `callback` is callable or None; the text begins with `subject` and ends with `hint`."""
     if callback is not None and not callable(callback):
         raise TypeError(f"{subject} must be a function, got {callback!r:.100}{hint}")
 

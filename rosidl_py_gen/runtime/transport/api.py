@@ -117,7 +117,7 @@ class DiscoveredEndpoint:
 
 @dataclass(frozen=True, slots=True)
 class EntityLost:
-    """Event: the participant or endpoint with that GUID disappeared."""
+    """Event: the participant or endpoint with the GUID `guid` disappeared."""
 
     guid: bytes
 
@@ -395,13 +395,13 @@ class Participant(Protocol):
     def incompatibility_reason(
         self, writer: DiscoveredEndpoint, reader: DiscoveredEndpoint
     ) -> IncompatibilityKind | None:
-        """Return why a writer and a reader of one topic and type do not match; None if they match."""
+        """Return what keeps a writer and a reader of one topic and type from matching; None if they match."""
 
     def create_writer(self, spec: EndpointSpec) -> Writer:
-        """Create a writer and announce it to peers."""
+        """Create the writer that `spec` describes."""
 
     def create_reader(self, spec: EndpointSpec) -> Reader:
-        """Create a reader and announce it to peers."""
+        """Create the reader that `spec` describes."""
 
     def create_client(self, service: ServiceSpec) -> TransportClient:
         """Create a client of a service."""
@@ -431,7 +431,7 @@ class Participant(Protocol):
         """Return a descriptor that is readable while `take_ready_sinks` has sinks; None if only `set_wakeup` works."""
 
     def take_ready_sinks(self) -> list[Sink]:
-        """Return the sinks of readers with new samples, each once. The caller calls them on the loop's thread."""
+        """Return the sinks with samples or events to take, each once; the caller calls them on the loop's thread."""
 
     def detach_after_fork(self) -> None:
         """Make the participant use no inherited resource any more. Called in a forked child."""

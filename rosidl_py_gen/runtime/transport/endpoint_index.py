@@ -51,7 +51,7 @@ class EndpointIndex:
 
 
 class ServicePeers(EndpointIndex):
-    """Discovered endpoints of services."""
+    """Index of the discovered endpoints of clients and servers."""
 
     def apply(self, events: Iterable[DiscoveryEvent]) -> None:
         """Add or remove the endpoints of services that discovery events report."""

@@ -221,7 +221,7 @@ def _all_of_some(values: list[bool]) -> bool:
 
 
 def without_best_available(profile: QoSProfile) -> QoSProfile:
-    """Replace BEST_AVAILABLE policies by policies of `SERVICES_DEFAULT`, as services and clients do."""
+    """Replace BEST_AVAILABLE policies by policies of `SERVICES_DEFAULT`, for a client or server of a service."""
     return _replace_best_available(profile, presets.SERVICES_DEFAULT)
 
 
@@ -260,7 +260,7 @@ class IncompatibilityKind(Enum):
 
 
 def qos_incompatibility(writer: DiscoveredEndpoint, reader: DiscoveredEndpoint) -> IncompatibilityKind | None:
-    """Return why a writer and a reader of one topic and type do not match in DDS; None if they match."""
+    """Return QOS if DDS does not match a writer and a reader of one topic and type because of QoS; else None."""
     return None if check_compatible(writer.qos, reader.qos).matches else IncompatibilityKind.QOS
 
 
@@ -274,14 +274,14 @@ class Incompatibility:
 
     @property
     def mismatch_kind(self) -> Literal["type", "definition", "qos"]:
-        """Kind in the terms of `Mismatch` and of event callbacks."""
+        """Kind of the difference as in `Mismatch.kind`; other kinds than type and definition count as ``qos``."""
         if self.kind is IncompatibilityKind.TYPE:
             return "type"
         return "definition" if self.kind is IncompatibilityKind.DEFINITION else "qos"
 
     @property
     def policies(self) -> tuple[QoSPolicyKind, ...]:
-        """Incompatible QoS policies; empty for other kinds."""
+        """Incompatible QoS policies; empty if the endpoints differ in another property."""
         if self.kind is not IncompatibilityKind.QOS:
             return ()
         return check_compatible(self.writer.qos, self.reader.qos).policies

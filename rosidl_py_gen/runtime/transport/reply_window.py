@@ -36,8 +36,9 @@ HOLD_S = 0.04
 20 ms a client of rclpy lost some of 20 results on a machine with four busy processes on two cores. A larger value
 delays results that are sent together."""
 _HOLD_PER_READER_S = 0.008
-"""Time by which each client increases the time until a reply counts as taken, in seconds, where the sum exceeds
-`HOLD_S`: 8 replies to 20 clients in one node of rclpy keep the node busy for 100 ms."""
+"""Minimum time from sending a reply until it counts as taken, in seconds for each client of the server. Used if the
+product with the number of clients exceeds `HOLD_S`: 8 replies to 20 clients in one node of rclpy keep the node busy for
+100 ms."""
 ACK_TIMEOUT_S = 0.1
 """Time after which a reply counts as taken without an acknowledgement, in seconds: the client may have been killed. An
 acknowledgement usually takes from 5 to 30 ms. After one timeout, `HOLD_S` applies until acknowledgements arrive again.
@@ -69,7 +70,7 @@ class ReplyWindow:
 
     def __init__(self, have_arrived: Callable[[], bool] | None, clocks: ClockFunctions = SYSTEM_CLOCKS) -> None:
         self.limit = 0
-        """Number of replies that may be in flight; 0 if the clients retain any number."""
+        """Maximum number of replies that clients may not have taken; 0 if the clients retain any number."""
         self._max_unanswered = 0
         self._have_arrived = have_arrived
         self._clocks = clocks

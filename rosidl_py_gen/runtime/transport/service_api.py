@@ -39,7 +39,7 @@ class ServiceSpec:
     Attributes:
         name: fully qualified.
         type: ``pkg/srv/Name``.
-        type_hash: RIHS01 text of the service; it and the hashes of the messages may be empty.
+        type_hash: RIHS01 text of the service; may be empty, as may be the hashes of its messages.
         node: number of the announced node that the client or server belongs to; 0 for none.
         is_compatible: returns False for an endpoint of the other side that must not be used, because it has another
             definition.

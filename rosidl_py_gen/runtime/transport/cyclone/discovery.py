@@ -221,7 +221,7 @@ class BuiltinTopicReaders:
             self._is_stopped = True
 
     def close(self) -> None:
-        """Forget the builtin readers, which were deleted with the participant, and what they reported."""
+        """Forget what the builtin readers, which were deleted with the participant, reported about Fast DDS peers."""
         reader = self._readers[DCPS_PARTICIPANT]
         self._fast_dds.forget_reader(reader)
         discard_secured_fast_dds(reader)

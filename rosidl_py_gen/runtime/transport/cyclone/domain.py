@@ -230,7 +230,7 @@ class Domain:
 
 
 def _diagnose_failure(domain_id: int, xml: str) -> str:
-    """Return the probable cause of a domain that cannot be configured, and the fix."""
+    """Return a text with the probable reason why Cyclone cannot configure a domain, and the fix."""
     if not has_free_index(domain_id):
         return (
             f"All {MAX_PARTICIPANT_INDEX} participant indexes of the domain are taken on this machine: end some of its "

@@ -276,7 +276,10 @@ class CycloneReader(_CycloneEndpoint):
         self.buffer_spec: EndpointSpec | None = None
         """Specification for creating `second` as soon as a publisher that sends buffers is discovered; else None."""
         self.second: CycloneReader | None = None
-        """Reader of the topic to which publishers of Lyrical send buffers. Source: docs/internals/dds.md 14."""
+        """Reader of the second topic, to which publishers of Lyrical send messages with unbounded arrays of bytes.
+
+        Source: docs/internals/dds.md 14.
+        """
         self._take = owner.api.bare_take
         address, self._payload_offset = owner.domain.types[type]
         self._fast_dds_hooks = owner.fast_dds.hooks_of(address)

@@ -295,9 +295,10 @@ class CycloneParticipant:
             return None
 
     def read_buffers(self, reader: CycloneReader) -> None:
-        """Create a reader for the second topic, to which publishers of Lyrical send buffers, unless it exists.
+        """Create a reader for the second topic of `reader`, unless it exists.
 
-        Each message is sent to one of the two topics.
+        Publishers of Lyrical send messages with unbounded arrays of bytes (buffers) to the second topic. Each message
+        is sent to one of the two topics.
         """
         with self._buffer_lock:
             if reader.second is not None or reader.buffer_spec is None or reader.is_closed:
@@ -405,7 +406,7 @@ class CycloneParticipant:
         self.pipe.notify(self.discovery.entities[0])
 
     def _schedule_sample_request(self, events: list[DiscoveryEvent]) -> None:
-        """Schedule a request for the early samples of new Fast DDS writers, so that Cyclone matches them before."""
+        """Schedule a request for early samples of new Fast DDS writers, after Cyclone had time to match the writers."""
         new = [
             event
             for event in events
@@ -419,7 +420,7 @@ class CycloneParticipant:
             loop.call_later(_MATCH_DELAY_S, self._request_samples, new)
 
     def _schedule_endpoint_check(self, events: list[DiscoveryEvent]) -> None:
-        """Schedule a warning for new secured Fast DDS peers that will not have announced endpoints until then."""
+        """Schedule a check that warns if a new secured Fast DDS peer has announced no endpoints by then."""
         new = [one.guid for one in events if isinstance(one, ParticipantDiscovered) and is_secured_fast_dds(one.guid)]
         loop = current_loop()
         if new and loop is not None:

@@ -73,7 +73,8 @@ bytes_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_From
 """Return a copy of the memory at an address: `ctypes.string_at` without its Python wrapper."""
 _immortal_vtables: dict[tuple[int, int, int | None], Vtable] = {}
 _direct_reader = nullcontext(bytes_at)
-"""Replaces a `SafeMemoryReader` where an object of the same kind was read through one before."""
+"""Context manager for plain memory access, used instead of a `SafeMemoryReader` after an object of the same kind was
+read through one."""
 
 
 class SafeMemoryReader:
@@ -272,7 +273,7 @@ def payload_array(address: int, size: int) -> ct.Array[ct.c_ubyte]:
 
 
 def write_iovec(iov: int, address: int, size: int) -> None:
-    """Set address and size in an iovec."""
+    """Set address and size of a memory block in the iovec at address `iov`."""
     ct.memmove(iov, pack_iov(address, size), 2 * WORD)
 
 

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from rosidl_py_gen.runtime.transport.ready_items import ReadyItems
 
 LOOPS_CAN_WATCH = os.name == "posix"
-"""True where event loops can watch pipes. Elsewhere a thread reads the pipe and keeps it empty, so it may block."""
+"""True where event loops can watch pipes. Elsewhere a thread keeps the pipe empty, so it may be a blocking one."""
 _MIN_PIPE_BYTES = 512
 """Minimum capacity of a pipe (PIPE_BUF of POSIX): a pipe with less content was not full."""
 _READ_BYTES = 4096

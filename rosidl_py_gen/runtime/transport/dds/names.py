@@ -1,4 +1,6 @@
-"""Names of ROS topics, services and types in DDS, and the texts that ROS puts into USER_DATA. Zenoh has the same types.
+"""Names of ROS topics, services and types in DDS, and the texts that ROS puts into USER_DATA.
+
+Zenoh uses the same type names.
 
 A name without the form of ROS is an unmangled topic, never an error: DDS programs that do not use ROS may share the
 domain.
@@ -38,7 +40,10 @@ _AFFIXES: Mapping[Literal["topic", "request", "reply"], tuple[str, str]] = {
 }
 """Prefix and suffix that a topic name has in DDS, by kind of topic."""
 BUFFER_SUFFIX = "/_buf_cpu"
-"""Suffix of the topic to which publishers of Lyrical send buffers. Source: docs/internals/dds.md 14, zenoh.md 9.2."""
+"""Suffix of the second topic, to which publishers of Lyrical send messages with unbounded arrays of bytes (buffers).
+
+Source: docs/internals/dds.md 14, zenoh.md 9.2.
+"""
 _PAIR = re.compile(rb"([A-Za-z0-9]+)=([^;]*);")
 
 

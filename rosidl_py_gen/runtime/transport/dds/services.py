@@ -117,7 +117,7 @@ class DdsClient(_EndpointPair):
         """GUIDs of the endpoints of servers that existed when a request was sent, by the number of the request."""
         self._lost: deque[int] = deque()
         self._servers: MatchCache[ServerAvailability] = MatchCache(self._peers, self._find_servers)
-        """Server availability, cached per refusal reason."""
+        """Cached availability of servers, by the reason why Fast DDS servers cannot be used."""
         self._server_endpoints: MatchCache[frozenset[bytes]] = MatchCache(self._peers, self._find_server_endpoints)
 
     @property

@@ -42,12 +42,12 @@ _FLIPPED = (1 << 128) - 1
 
 
 def paired_gid(gid: bytes) -> bytes:
-    """Return the GUID of the writer of the client or server with a GID; the GID is the GUID of its reader."""
+    """Return the GUID of the writer of a client or server from its GID, which is also the GUID of its reader."""
     return (int.from_bytes(gid, "big") ^ _FLIPPED).to_bytes(16, "big")
 
 
 def participant_guid(zid: str) -> bytes:
-    """Return the GUID of the participant that a Zenoh session is, from the session's id as Zenoh prints it."""
+    """Return the GUID that a Zenoh session has as a participant, from the session's id as Zenoh prints it."""
     return int(zid, 16).to_bytes(16, "big")
 
 
@@ -186,7 +186,7 @@ class TokenGraph(EndpointIndex):
         return events
 
     def connected(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:
-        """Return the endpoints of the other direction that match an endpoint, by GUID."""
+        """Return the readers that match a writer, or the writers that match a reader, by GUID."""
         return self._find(endpoint, writers=not endpoint.is_writer)
 
     def endpoints_on_same_side(self, endpoint: DiscoveredEndpoint) -> dict[bytes, DiscoveredEndpoint]:

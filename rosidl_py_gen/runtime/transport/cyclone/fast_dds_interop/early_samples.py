@@ -36,7 +36,7 @@ _ENDPOINT_PORT_OFFSET = 1
 _LOCATOR = re.compile(r"udp6?/\[?([0-9a-fA-F.:]+?)(?:%[^\]]*)?\]?:([0-9]{1,5})(?:@[0-9]+)?")
 _MAX_LOCATORS = 8
 _MAX_PACKET_WRITERS = 40
-"""Maximum number of ACKNACKs, each for one writer, in a packet of then 1.2 kB."""
+"""Maximum number of ACKNACKs in a packet, one for each writer; such a packet has 1.2 kB."""
 _MAX_PACKETS = 8
 """Maximum number of packets with ACKNACKs to one address; further writers get none."""
 

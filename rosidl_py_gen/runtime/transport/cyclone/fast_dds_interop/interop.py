@@ -47,7 +47,8 @@ PROBE_TYPE = "rosidl_py_gen_neighbour"
 class FastDdsInterop:
     """Interoperation with Fast DDS peers; one object for the process.
 
-    The receive hooks are active while a Fast DDS participant may exist, so no request can arrive without a hook.
+    Receive hooks (functions of ours that replace functions of Cyclone for received samples) are active while a Fast DDS
+    participant may exist, so no request can arrive without a hook.
     """
 
     def __init__(self, api: CycloneApi, unsupported: Collection[str] = ()) -> None:
@@ -99,7 +100,7 @@ class FastDdsInterop:
         return slots
 
     def _drop_type_lookups(self, neighbour: int) -> None:
-        """Make Cyclone drop replies of type lookups between peers, which crash some versions.
+        """Make Cyclone drop replies of type lookups between peers, which crash some versions of Cyclone.
 
         `neighbour` is the address of any type object of the domain.
         """

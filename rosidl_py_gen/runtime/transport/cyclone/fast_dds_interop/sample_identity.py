@@ -156,12 +156,12 @@ class SampleHooks:
         """True once a sample with an identity was written."""
 
     def enable_receive_hook(self, is_enabled: bool) -> None:
-        """Activate or deactivate the receive hook."""
+        """Make Cyclone call the receive hook for each received sample, or with False its own function again."""
         # The hook adds half to the time of a service call, so it is active only while a Fast DDS participant may exist.
         self.table[self._slots.from_ser] = self._from_ser_functions[is_enabled]
 
     def write(self, entity: int, writer_id: bytes, type_object: int, data: bytes, identity: SampleIdentity) -> int:
-        """Send a sample, whose length is a multiple of 4, with an identity; return the code of Cyclone."""
+        """Send a sample, whose length is a multiple of 4, with an identity; return Cyclone's return code."""
         api, code = self._owner.api, _BAD_PARAMETER
         # The sample begins with a hidden prefix. Its size field is then reduced by the prefix, so that Cyclone counts,
         # fragments and frees a sample that has the size of the message.
@@ -181,7 +181,7 @@ class SampleHooks:
         return code
 
     def write_plain(self, entity: int, sample: ct.c_void_p) -> int:
-        """Send a sample without identity; return the code of Cyclone."""
+        """Send a sample without identity; return Cyclone's return code."""
         write = self._owner.api.bare_write
         # Once a sample with an identity was sent, Cyclone calls the send hook for all samples.
         return c_api.call_with_sigint_deferred(write, entity, sample) if self.sends else write(entity, sample)
@@ -203,7 +203,10 @@ class SampleHooks:
         return embed_identity(data[_PREFIX_BYTES:], (guid, high << 32 | low))
 
     def _from_ser(self, type_object: int, kind: int, fragment: int, size: int) -> Any:
-        """Create a sample from received fragments. Called by Cyclone; must not raise, block or log."""
+        """Create a sample from received fragments, with the sample identity embedded if there is one.
+
+        Called by Cyclone; must not raise, block or log.
+        """
         owner = self._owner
         retain_thread_state()
         plain = self._plain_from_ser(type_object, kind, fragment, size)
