@@ -262,7 +262,7 @@ async def definitions_of_node(node: Node, robot: str, timeout_s: float) -> tuple
 
 
 def _used_types(node: Node, full_name: str) -> dict[str, dict[str, str]]:
-    """Return the types that a node uses: by kind (msg, srv, action), the name of one topic, service or action by type."""
+    """Return the types that a node uses, by kind (msg, srv, action), with a topic, service or action of each type."""
     namespace, _, name = full_name.rpartition("/")
     namespace = namespace or "/"
     found: dict[str, dict[str, str]] = {"msg": {}, "srv": {}, "action": {}}
