@@ -1,4 +1,4 @@
-"""``bag migrate``: conversion of a recording to changed definitions.
+"""Command ``bag migrate``: converts a recording to changed definitions.
 
 Topics are converted if their type, or a type in it, is defined in the folders of --path; others are copied. Messages of
 types whose hash is equal keep their bytes. An incomplete output is removed.

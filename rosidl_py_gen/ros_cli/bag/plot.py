@@ -1,4 +1,4 @@
-"""``bag plot``: fields of recorded messages over time."""
+"""Command ``bag plot``: plots fields of recorded messages over time."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class Worker:
 
 
 class Decoder:
-    """Decoder for viewers' messages of one class; refuses messages whose objects may need far more memory than bytes."""
+    """Decoder for viewers' messages of one class, which refuses messages whose objects may need too much memory."""
 
     def __init__(self, cls: type[Message], encoding: str = "cdr") -> None:
         self._cls = cls
