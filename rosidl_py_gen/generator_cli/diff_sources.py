@@ -56,7 +56,7 @@ _EVENTS = "/_service_event"
 
 
 class SourceError(RosidlError):
-    """A source to compare does not exist or cannot be read."""
+    """Raised if a source to compare does not exist or cannot be read."""
 
 
 class DiffSource(NamedTuple):

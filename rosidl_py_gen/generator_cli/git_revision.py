@@ -1,4 +1,4 @@
-"""The definitions of a git revision in a temporary folder.
+"""Reading of the definitions of a git revision into a temporary folder.
 
 Interface files and files that define packages are read as git objects: nothing is checked out or fetched, and no filter
 or hook of the repository runs. A revision is converted to the hash of a commit before it is used in other git commands.
@@ -29,11 +29,11 @@ _FILE_MODES = ("100644", "100755", "100664")
 _LINK_MODE = "120000"
 _SUBMODULE_MODE = "160000"
 _HOOK_VARIABLES = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX")
-"""Environment variables that git sets for hooks, and that would redirect other calls of git to the repository."""
+"""Environment variables that git sets for hooks, and that would redirect git to the repository of the hook."""
 
 
 class RevisionError(RosidlError):
-    """A git revision does not exist or cannot be read."""
+    """Raised if a git revision does not exist or cannot be read."""
 
 
 class _GitTreeEntry(NamedTuple):
@@ -50,8 +50,8 @@ def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | N
     Without PATH, the definitions of `folder_in_repository` are written.
 
     Yields:
-        The temporary folder, or None if the revision has no definitions; ``REVISION:PATH`` for texts; notes for the
-        user.
+        The temporary folder, or None if the revision has no definitions; the name ``REVISION:PATH`` for texts to the
+        user; notes for the user.
     """
     revision, path = _split(text)
     place = Path(folder_in_repository)

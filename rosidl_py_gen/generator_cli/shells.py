@@ -156,7 +156,7 @@ class _Bash(_Safe, BashComplete):
         return (words[1:-1], words[-1]) if self._typed else (words[1:], "")
 
     def _inserted(self, value: str) -> str:
-        """Return the text by which bash replaces the end of the typed word, from its last ``:`` or ``=`` on."""
+        """Return the text by which bash replaces the end of the typed word, after its last ``:`` or ``=``."""
         typed = self._typed
         if typed[:1] in ("'", '"'):  # bash keeps the opening quote and closes it
             return value if typed[0] not in value else _quote(value)

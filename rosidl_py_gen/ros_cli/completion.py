@@ -74,7 +74,7 @@ def complete_fields(context: click.Context, incomplete: str) -> list[CompletionI
 
 
 def complete_plot_words(source: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete ``/TOPIC FIELD...`` (`source` ``bag``: after a path): a topic, or a field of the last topic."""
+    """Complete a topic or field of ``/TOPIC FIELD...``, from the ``graph``, or from a ``bag`` whose path precedes."""
     words = context.params.get("words") or ()
     if source == "bag":
         if not words:

@@ -186,7 +186,7 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 
 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
-    """Return a message with default values: of the type that `text` names, its request, or its goal."""
+    """Return a message of a type with default values; of a service the request, of an action the goal."""
     from rosidl_py_gen import get_message
     from rosidl_py_gen.compiler.frontend.registry import resolve_name
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path

@@ -44,7 +44,11 @@ class FilterError(RosidlError, ValueError):
 
 
 def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
-    """Return a function that tests a message, which the expression calls ``m``. Both raise `FilterError`."""
+    """Compile a condition such as ``m.x > 1`` to a function that tests a message of a class.
+
+    Raises `FilterError` if the condition is not allowed; the function raises `FilterError` if the condition has no
+    value for a message.
+    """
     value = _compiled(_ExpressionChecker(text.strip(), cls).checked(_IN_FILTERS))
     return lambda message: bool(value(message))
 

@@ -69,7 +69,7 @@ def has_server(node: Node, service: str) -> bool:
 
 
 def nodes_serving(node: Node, ending: str, type_name: str, *, hidden: bool) -> list[str]:
-    """Return the sorted full names of the nodes that serve a service with their name and `ending`, of a type."""
+    """Return the sorted full names of nodes that serve the service ``NODE`` + `ending` of type `type_name`."""
     names = [
         name.removesuffix(ending)
         for name, types in node.get_service_names_and_types()

@@ -34,7 +34,7 @@ _EXPECTED = f"expected policies, of {', '.join(_KEYS)}"
 
 
 def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
-    """Read a file of QoS profiles by topic (None: {}); raises `CommandError` if it is invalid, OSError if missing."""
+    """Read a file of QoS profiles by topic (None: {}); raises `CommandError` or OSError if it is invalid or missing."""
     return {} if path is None else parse_qos_overrides(read_text(path, "profiles"), path)
 
 

@@ -24,7 +24,7 @@ _NULLS = ("", "~", "null", "Null", "NULL")
 
 
 def read_text(path: str, what: str) -> str:
-    """Return the text of a file; raises `CommandError` if it is too large or no UTF-8. `what` names the contents."""
+    """Return the text of a file of `what`, such as rules; raises `CommandError` if it is too large or not UTF-8."""
     with Path(path).open("rb") as file:
         data = file.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:

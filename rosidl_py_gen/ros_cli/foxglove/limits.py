@@ -1,7 +1,7 @@
 """Limits for viewers of ``foxglove``; docs/howto/live-view.md lists the main limits.
 
-The event loop serves every viewer, so no viewer may occupy it for long or make the process grow. What exceeds a limit
-is refused with a status that names the number; a viewer that does not read what is sent to it is disconnected.
+The event loop serves every viewer, so no viewer may occupy the loop for long or make the process grow. Data that exceed
+a limit are refused with a status that names the limit; a viewer that does not read its messages is disconnected.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _CLOCK_TOPIC = "/clock"
 _MIN_INTERVAL_S = 1 / 30
-"""Minimum interval of time updates, in seconds. Viewers draw 30 times a second; time updates are never dropped."""
+"""Minimum interval of time updates, in seconds: viewers draw at most 30 times a second; no update is dropped."""
 
 
 def connection_graph(node: Node, *, hidden: bool) -> Graph:

@@ -30,7 +30,7 @@ class Picture:
     """Graph to draw.
 
     Attributes:
-        nodes: nodes with edges; without filters also those without.
+        nodes: nodes with edges; if no filter is used, also nodes without edges.
         edges: edges of these nodes and of their counterparts.
         incompatible: publisher's node, topic and subscriber's node of pairs that do not match.
     """

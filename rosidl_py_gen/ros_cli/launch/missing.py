@@ -244,7 +244,7 @@ def _described(value: Any) -> str:
 
 
 def _place(frames: Iterable[tuple[FrameType, int]]) -> tuple[str, int] | None:
-    """Return launch file and line of the first frame that runs a launch file in Python, or reads another; else None."""
+    """Return launch file and line of the first frame that runs one in Python, or reads one in XML or YAML; or None."""
     for frame, line in frames:
         if frame.f_globals.get("__name__") == _PYTHON_FILE:
             return frame.f_code.co_filename, line

@@ -31,7 +31,7 @@ _KINDS = {".db3": "sqlite3", ".mcap": "mcap"}
 
 
 class Recording:
-    """Bags that are played together; a context manager. Raises `CommandError` if a bag has not the given `storage`."""
+    """Bags that are played together; a context manager. Raises `CommandError` if a bag has another `storage`."""
 
     def __init__(self, places: Sequence[str], paths: Sequence[str], storage: str | None = None) -> None:
         with ExitStack() as stack:

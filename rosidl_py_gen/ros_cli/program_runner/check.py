@@ -50,7 +50,7 @@ class _Import:
 
 
 def check(program: Executable, as_json: bool) -> int:
-    """Print the modules and names that a program uses and that are missing; returns 1 if anything is, else 0."""
+    """Print the modules and names that a program uses and that are missing; returns 1 if there are any, else 0."""
     sys.path[:1] = [str(program.folder)]
     start = program.file
     if start is None:

@@ -126,7 +126,7 @@ def make_importable(place: Path, paths: Sequence[str]) -> None:
 
 
 def _workspace_folder(place: Path) -> Path:
-    """Return where to search a workspace: the current folder if it is in the workspace of `place`, else `place`."""
+    """Return the path around which to find a workspace: `place`, or the current folder if in its workspace."""
     here = Path.cwd()
     package = package_around(place)
     if package is None:  # the folder of a script may be large, and is not searched for packages

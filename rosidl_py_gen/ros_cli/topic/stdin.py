@@ -20,7 +20,7 @@ _MAX_QUEUED_CHUNKS = 16
 
 
 async def documents() -> AsyncGenerator[str, None]:
-    """Yield the text of each document that is not empty; raises `CommandError` if it is too long or no UTF-8."""
+    """Yield the text of each document that is not empty; raises `CommandError` if it is too long or not UTF-8."""
     lines: list[str] = []
     length = 0
     async for line in _lines():
