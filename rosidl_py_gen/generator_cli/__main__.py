@@ -1,4 +1,4 @@
-"""``python -m rosidl_py_gen.generator_cli``."""
+"""Entry point of ``python -m rosidl_py_gen.generator_cli``, which runs the command line `rosidl-py-gen`."""
 
 from rosidl_py_gen.generator_cli import main
 

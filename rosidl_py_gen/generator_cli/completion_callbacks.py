@@ -1,4 +1,4 @@
-"""Completion callbacks that import what they need when a shell completes, and that raise nothing.
+"""Completion callbacks of click parameters; they never raise, and import modules only when a shell completes.
 
 A shell would print a traceback into the line that is being typed, so an error of any kind results in no suggestions.
 """
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 def lazy_completion(
     module: str, function: str, *arguments: str
 ) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
-    """Return the callback of a parameter.
+    """Return a completion callback for a click parameter that calls a function of a module imported only then.
 
     Args:
-        function: name in `module`; called with `arguments`, the context, and the incomplete word.
+        module: name of the module.
+        function: name of the function; called with `arguments`, the click context and the incomplete word.
     """
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -31,7 +32,7 @@ def lazy_completion(
 
 
 def suggestions(find: Callable[[], list[Any]]) -> list[Any]:
-    """Return the result of a function, or an empty list if it raises an error or is interrupted."""
+    """Return the result of `find`, or an empty list if `find` raises an error or is interrupted."""
     try:
         return find()
     except (Exception, KeyboardInterrupt, SystemExit):

@@ -20,24 +20,24 @@ from rosidl_py_gen.errors import Diagnostic, printable
 
 
 def rows(problems: Iterable[Diagnostic]) -> list[dict[str, str | int]]:
-    """Return diagnostics as JSON values."""
+    """Return diagnostics as rows for JSON output, each with path, line, column and text."""
     return [{"path": one.path, "line": one.line, "column": one.column, "text": one.text} for one in problems]
 
 
 def usage_error_text(error: click.ClickException) -> str:
-    """Return the usage and text of an error of click, which begins as our errors do."""
+    """Return the usage and text of an error of click, with ``error:`` instead of click's ``Error:``."""
     shown = io.StringIO()
     error.show(shown)
     return re.sub(r"^Error: ", "error: ", shown.getvalue().rstrip("\n"), flags=re.MULTILINE)
 
 
 def print_json(data: Any) -> None:
-    """Print JSON on standard output."""
+    """Print a value as indented JSON on standard output."""
     echo(json_text(data, indent=2))
 
 
 def echo(*parts: str | tuple[str, str], err: bool = False) -> None:
-    """Print one or more lines: texts, or pairs of a text and its style, ``"bold"`` or a colour."""
+    """Print joined parts and a line break; a part is a text, or a text and its style (``"bold"`` or a colour)."""
     pairs = (part if isinstance(part, tuple) else (part, "") for part in parts)
     text = "".join(_styled(printable_lines(text), style) for text, style in pairs)
     try:
@@ -64,7 +64,7 @@ def print_problems(problems: Iterable[Diagnostic]) -> None:
 
 
 def print_notes(notes: Iterable[Diagnostic]) -> None:
-    """Print notes on standard error."""
+    """Print diagnostics that are only notes on standard error, each after ``note:``."""
     for note in notes:
         print_line(f"note: {note}", "yellow")
 
@@ -75,5 +75,5 @@ def print_line(text: str, colour: str = "") -> None:
 
 
 def count(problems: Sequence[Diagnostic]) -> str:
-    """Return the number of diagnostics as text."""
+    """Return the number of diagnostics as text, such as ``2 problems``."""
     return pluralize(len(problems), "problem")

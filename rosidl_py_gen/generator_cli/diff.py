@@ -23,7 +23,7 @@ _COLOURS = {"+": "green", "-": "red", "~": "yellow"}
 def diff(
     old: str, new: str, paths: tuple[str, ...], selection: str, fail_on: Sequence[str], timeout_s: float, as_json: bool
 ) -> int:
-    """Run the command and return its exit code: 1 for changes of a kind in `fail_on`."""
+    """Compare two sources and print the changes; return 1 if a change is of a kind in `fail_on` (empty: default)."""
     old_source, new_source = parse_source(old), parse_source(new)
     with load_sources(old_source, new_source, paths, timeout_s) as (before, after):
         # A bag or node may use types that are defined outside of the folders with which it is compared.

@@ -48,40 +48,39 @@ KINDS = ("folder", "git", "bag", "node", "distro")
 _BAG_FILES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _METADATA = "metadata.yaml"
 _DISCOVERY_INTERVAL_S = 0.5
-"""Interval of two checks of a node's endpoints, which are discovered after its name; equal results end the discovery.
-"""
+"""Time between two checks of a node's endpoints, in seconds; two equal results mean that all are discovered."""
 _ANSWER_TIMEOUT_S = 5.0
-"""Maximum time for the description of one type."""
+"""Maximum time for the reply of a node with the description of one type, in seconds."""
 _HIDDEN = "/_action/"
 _EVENTS = "/_service_event"
 
 
 class SourceError(RosidlError):
-    """A source to compare does not exist or cannot be read."""
+    """Raised if a source to compare does not exist or cannot be read."""
 
 
 class DiffSource(NamedTuple):
-    """A source to compare: one of `KINDS`, and a path, revision or node name."""
+    """Source of definitions to compare: its kind (one of `KINDS`), and a path, revision, node or distribution name."""
 
     kind: str
     text: str
 
     @property
     def is_whole(self) -> bool:
-        """True if a type that the source lacks does not exist."""
+        """True if the source contains every type that exists; False for a bag or node, which has only some."""
         return self.kind in ("folder", "git", "distro")
 
 
 @dataclass(slots=True)
 class LoadedDefinitions:
-    """Definitions of a source, with notes for the user."""
+    """Definitions of a source (`facts`), the search path that they were read from, and notes for the user."""
 
     facts: DefinitionSet
     search: SearchPath | None = None
     notes: list[str] = field(default_factory=list)
 
     def with_types(self, names: Iterable[str]) -> LoadedDefinitions:
-        """Return the definitions with more types of the search path, as far as it has them."""
+        """Return these definitions and, as far as the search path has them, the definitions of the types `names`."""
         if self.search is None:
             return self
         registry, parts = InterfaceRegistry(self.search), [("", self.facts)]
@@ -100,7 +99,7 @@ class LoadedDefinitions:
 
 
 def parse_source(text: str) -> DiffSource:
-    """Return the source that a text names; raises `SourceError` if there is none."""
+    """Return the source that a word of the command line names; raises `SourceError` if it cannot be a source."""
     kind, colon, rest = text.partition(":")
     if colon and kind in KINDS:
         if not rest:
@@ -130,10 +129,10 @@ def _is_bag(folder: Path) -> bool:
 def load_sources(
     old: DiffSource, new: DiffSource, paths: Sequence[str], timeout_s: float
 ) -> Iterator[tuple[LoadedDefinitions, LoadedDefinitions]]:
-    """Load the definitions of two sources; files of a revision exist inside the block.
+    """Yield the definitions of two sources; temporary files of a git revision exist until the block ends.
 
-    A revision without a path means the folder of the other source, or the current folder. Raises `SourceError`, and
-    `DefinitionError` for problems of definitions.
+    A revision without a path means the folder of the other source, or the current folder. Raises `SourceError` or
+    `RevisionError` if a source cannot be read, and `DefinitionError` if definitions are invalid.
     """
     folder = next((source.text for source in (old, new) if source.kind == "folder"), ".")
     with ExitStack() as stack:
@@ -172,7 +171,7 @@ def _from_distribution(distro: str) -> LoadedDefinitions:
 
 
 def _from_revision(folder: Path | None, display: str, notes: list[str], paths: Sequence[str]) -> LoadedDefinitions:
-    """Return the definitions with locations as in git: ``main:src/my_msgs/msg/Wheel.msg:3:1``."""
+    """Return the definitions of a git revision in `folder`, with locations as ``main:src/my_msgs/msg/Wheel.msg:3``."""
     if folder is None:
         search = scan_search_path([*paths])
         return LoadedDefinitions(DefinitionSet(), search, notes)
@@ -228,9 +227,9 @@ def _from_bag(path: str, paths: Sequence[str]) -> LoadedDefinitions:
 
 
 def types_of_node(name: str, timeout_s: float) -> tuple[DefinitionSet, list[str]]:
-    """Return the types of a node's topics, services and actions, and notes about skipped types.
+    """Return the definitions of the types that a running node uses, and notes about skipped types.
 
-    Raises `SourceError`, and KeyboardInterrupt if a signal ended the command.
+    Raises `SourceError` if the node is not found in time or describes no type, and KeyboardInterrupt after a signal.
     """
     from rosidl_py_gen.runtime import Node, run
 
@@ -246,7 +245,7 @@ def types_of_node(name: str, timeout_s: float) -> tuple[DefinitionSet, list[str]
 
 
 async def definitions_of_node(node: Node, robot: str, timeout_s: float) -> tuple[DefinitionSet, list[str]]:
-    """Return the types of another node, `robot`; raises as `types_of_node`."""
+    """Return the definitions of the types that the node `robot` uses, and notes; `node` sends the requests."""
     import asyncio
 
     from rosidl_py_gen.runtime import WaitTimeoutError
@@ -263,7 +262,7 @@ async def definitions_of_node(node: Node, robot: str, timeout_s: float) -> tuple
 
 
 def _used_types(node: Node, full_name: str) -> dict[str, dict[str, str]]:
-    """Return types by kind, each with the name of one topic, service or action of the type."""
+    """Return the types that a node uses, by kind (msg, srv, action), with a topic, service or action of each type."""
     namespace, _, name = full_name.rpartition("/")
     namespace = namespace or "/"
     found: dict[str, dict[str, str]] = {"msg": {}, "srv": {}, "action": {}}
@@ -315,7 +314,7 @@ async def _request_types(node: Node, robot: str, used: dict[str, dict[str, str]]
 
 
 def _from_description(type_name: str, answer: Any) -> DefinitionSet:
-    """Return the definitions of an answer, which may have another type or be too large."""
+    """Return the definitions in a node's reply; raises `SourceError` if it describes another type or is too large."""
     if len(encode(answer)) > MAX_DESCRIPTION_BYTES:
         raise SourceError(f"its description has more than {MAX_DESCRIPTION_BYTES} bytes")
     description = to_dict(answer.type_description)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 DISTRIBUTION = click.Choice(NAMES, case_sensitive=False)
-"""Type of a parameter that names a distribution."""
+"""Click type of a parameter that names a ROS 2 distribution."""
 
 
 def _select(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
@@ -29,4 +29,4 @@ distro: Callable[[Any], Any] = click.option(
     help="ROS 2 distribution whose definitions are used: humble, jazzy, kilted or lyrical. [default: ROS_DISTRO, else "
     "jazzy]",
 )
-"""Add ``--distro``, which selects the definitions for the duration of the command."""
+"""Decorator that adds ``--distro``, the ROS 2 distribution whose definitions a command uses."""

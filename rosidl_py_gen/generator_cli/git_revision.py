@@ -1,4 +1,4 @@
-"""The definitions of a git revision in a temporary folder.
+"""Reading of the definitions of a git revision into a temporary folder.
 
 Interface files and files that define packages are read as git objects: nothing is checked out or fetched, and no filter
 or hook of the repository runs. A revision is converted to the hash of a commit before it is used in other git commands.
@@ -23,17 +23,17 @@ _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _NAMES = ("package.xml", "CMakeLists.txt", "COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE", "pyvenv.cfg")
 _MAX_FILES = 50_000
 MAX_BYTES = 64 << 20
-"""Maximum bytes of the definitions of a revision; the definitions of all packages of ROS 2 have 10 MB."""
+"""Maximum total size of the definitions of a revision, in bytes; all packages of ROS 2 have 10 MB of definitions."""
 _HASH = re.compile(r"[0-9a-f]{40,64}\Z")
 _FILE_MODES = ("100644", "100755", "100664")
 _LINK_MODE = "120000"
 _SUBMODULE_MODE = "160000"
 _HOOK_VARIABLES = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX")
-"""Environment variables of hooks; they would redirect git to the repository of the hook."""
+"""Environment variables that git sets for hooks, and that would redirect git to the repository of the hook."""
 
 
 class RevisionError(RosidlError):
-    """A git revision does not exist or cannot be read."""
+    """Raised if a git revision does not exist or cannot be read."""
 
 
 class _GitTreeEntry(NamedTuple):
@@ -47,10 +47,11 @@ class _GitTreeEntry(NamedTuple):
 def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | None, str, list[str]]]:
     """Write the definitions of ``REVISION`` or ``REVISION:PATH`` to a temporary folder; raises `RevisionError`.
 
-    Without PATH, these are the definitions of `folder_in_repository`.
+    Without PATH, the definitions of `folder_in_repository` are written.
 
     Yields:
-        The folder, or None if the revision lacks it; its display name; notes for the user.
+        The temporary folder, or None if the revision has no definitions; the name ``REVISION:PATH`` for texts to the
+        user; notes for the user.
     """
     revision, path = _split(text)
     place = Path(folder_in_repository)
@@ -92,7 +93,7 @@ def checked_out(text: str, folder_in_repository: str) -> Iterator[tuple[Path | N
 
 
 def _is_unborn(top: Path) -> bool:
-    """Return True if the repository has no commit: hooks also run before the first one."""
+    """Return True if the repository has no commit yet, as while hooks run for the first commit."""
     if _run(["rev-parse", "--verify", "--quiet", "HEAD"], top).returncode == 0:
         return False
     listed = _run(["rev-list", "--max-count=1", "--all"], top)
@@ -100,7 +101,7 @@ def _is_unborn(top: Path) -> bool:
 
 
 def _split(text: str) -> tuple[str, str | None]:
-    """Split ``HEAD@{1 day ago}:src`` into revision and path, which may be None."""
+    """Split a text such as ``HEAD@{1 day ago}:src`` into revision and path; the path is None if the text has none."""
     depth = 0
     for number, char in enumerate(text):
         depth += (char == "{") - (char == "}")
@@ -110,7 +111,7 @@ def _split(text: str) -> tuple[str, str | None]:
 
 
 def _inside(path: str | None, place: Path, top: Path) -> str:
-    """Return a folder relative to the top of the repository, with slashes; empty for all of it."""
+    """Return `path` (None: `place`) relative to the top of the repository; raises `RevisionError` if it is outside."""
     if path is None or path.startswith(("./", "../")) or path == ".":
         wanted = os.path.realpath(place if path is None else path)
         relative = os.path.relpath(wanted, os.path.realpath(top))
@@ -124,7 +125,7 @@ def _inside(path: str | None, place: Path, top: Path) -> str:
 
 
 def _entries(commit: str, inside: str, top: Path, display: str) -> list[_GitTreeEntry] | None:
-    """Return the files below a folder of a revision; None if there is no such folder."""
+    """Return the files of a commit below the folder `inside`; None if the commit has no such folder."""
     if inside:
         kind = _run(["cat-file", "-t", f"{commit}:{inside}"], top)
         if kind.returncode or kind.stdout.strip() != b"tree":

@@ -10,7 +10,7 @@ from rosidl_py_gen.compiler.generate import regenerate_msgs
 
 
 def main() -> None:
-    """Generate the files; with `--check`, exit with 1 if one would change."""
+    """Generate the files of `rosidl_py_gen/msgs`; with `--check`, write none and exit with 1 if a file would change."""
     dry = "--check" in sys.argv[1:]
     folder = Path(rosidl_py_gen.__file__).parent / "msgs"
     changes = regenerate_msgs(folder, dry=dry)

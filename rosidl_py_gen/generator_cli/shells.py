@@ -76,10 +76,10 @@ _UNSAFE = re.compile(r"[^\w@%+=:,./-]", re.ASCII)
 
 
 def install(is_process: bool = False) -> None:
-    """Register the classes of this module in click.
+    """Register the completion classes of this module for bash, zsh and fish in click.
 
     Args:
-        is_process: this process only completes; what libraries print on standard error is discarded.
+        is_process: True if this process only computes completions; standard error is discarded then.
     """
     if is_process:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
@@ -111,19 +111,19 @@ def complete_files(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
 
 
 def _option_part(typed: str) -> str:
-    """Return ``--option=`` if the typed word begins so; click takes only what follows as incomplete."""
+    """Return the beginning ``--option=`` of the typed word, which click does not include in `incomplete`; else ""."""
     return typed.partition("=")[0] + "=" if typed.startswith("--") and "=" in typed else ""
 
 
 def _quote(value: str) -> str:
-    """Quote for bash and zsh: with quotes if there are blanks, else with backslashes, so that typing can go on."""
+    """Quote a value for bash and zsh: in quotes if it has blanks, else by backslashes, so that the user can type on."""
     if " " in value:
         return shlex.quote(value) if any(char in value for char in '"\\$`!') else f'"{value}"'
     return _UNSAFE.sub(r"\\\g<0>", value)
 
 
 class _Safe(ShellComplete):
-    """Offers only values that can be printed, and remembers the word that is being typed."""
+    """Base of the completion classes; offers only printable values, and stores the word that the user is typing."""
 
     _typed = ""
 
@@ -140,7 +140,7 @@ class _Safe(ShellComplete):
         return super().format_completion(CompletionItem(value, item.type, item.help))
 
     def _inserted(self, value: str) -> str:
-        """Return what the shell inserts in place of the typed word."""
+        """Return the quoted text by which the shell replaces the typed word."""
         return _option_part(self._typed) + _quote(value)
 
 
@@ -156,7 +156,7 @@ class _Bash(_Safe, BashComplete):
         return (words[1:-1], words[-1]) if self._typed else (words[1:], "")
 
     def _inserted(self, value: str) -> str:
-        """Return what replaces the typed word after its last word break."""
+        """Return the text by which bash replaces the end of the typed word, after its last ``:`` or ``=``."""
         typed = self._typed
         if typed[:1] in ("'", '"'):  # bash keeps the opening quote and closes it
             return value if typed[0] not in value else _quote(value)
@@ -218,7 +218,7 @@ def complete_packages_and_interfaces(ctx: click.Context, incomplete: str) -> lis
 
 
 def complete_selection(ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete the last of several names that are separated by ``:`` or ``;``."""
+    """Complete the last of several package or interface names that are separated by ``:`` or ``;``."""
     *_, last = re.split("[:;]", incomplete)
     before = incomplete.removesuffix(last)
     found = complete_packages_and_interfaces(ctx, last)

@@ -1,8 +1,8 @@
 """``rosidl-py``: commands for a running ROS 2 system and for recordings.
 
 This module has the entry point and the handling of errors, `groups` the table of commands. The module of a command
-declares its options and implements it. It is imported only for that command, its group's help and completion; its
-functions import what these do not need.
+declares the command's options and implements the command. The module is imported only for the command, the help of its
+group, and completion; functions in the module import whatever help and completion do not need.
 
 Exit codes: 0 success, 1 failure (the reason is on standard error), 2 wrong command line, 3 success, but damaged parts
 of a recording were skipped (topics and times are on standard error), 130 interrupted, 141 the reader of the output has
@@ -46,14 +46,14 @@ class CommandError(RosidlError):
 
 @cache
 def root() -> click.Group:
-    """Return the group of all commands."""
+    """Return the click group ``rosidl-py`` with all its commands."""
     from rosidl_py_gen.ros_cli.groups import root_group
 
     return click_module().version_option(__version__, prog_name="rosidl-py")(root_group())  # type: ignore[no-any-return]
 
 
 def click_module() -> Any:
-    """Import click, which takes 10 ms; a program that `run` starts does not need it."""
+    """Import and return click; the import takes 10 ms, and programs that `run` starts do not need click."""
     import click
 
     return click
@@ -71,10 +71,11 @@ class AsyncCommand:
 
 
 def verb(function: Callable[..., Any]) -> Callable[..., None]:
-    """Decorate the callback of a click command.
+    """Decorate the callback of a click command so that its result becomes the exit code of the command.
 
-    It returns an exit code (None for 0) or an `AsyncCommand`, or is a coroutine.
-    A context discovers peers while the callback imports what it needs, unless the command reads a recording.
+    The callback returns an exit code (None for 0) or an `AsyncCommand`, or is a coroutine function.
+    If the callback has the argument `network` and reads no bag, a context discovers peers while the callback imports
+    modules.
     """
 
     @wraps(function)
@@ -99,7 +100,7 @@ def verb(function: Callable[..., Any]) -> Callable[..., None]:
 
 
 def run_async_command(command: AsyncCommand) -> int:
-    """Run a command and return its exit code, also after a signal."""
+    """Run a command on an event loop and return its exit code; after a signal 0 if it is endless, else 130."""
     from rosidl_py_gen.runtime import run
 
     async def main() -> int:
@@ -117,7 +118,7 @@ def run_async_command(command: AsyncCommand) -> int:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the console script; the module docstring lists its exit codes."""
+    """Run the command line ``rosidl-py`` with `arguments` (None: of this process); exits with a code other than 0."""
     words = sys.argv[1:] if arguments is None else arguments
     if arguments is None:
         sys.unraisablehook = command_interrupts.repeat_ignored
@@ -152,7 +153,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _configure_process(is_process: bool) -> None:
-    """Set up the process for our commands; not for programs that `run` and `test` start."""
+    """Set up garbage collection and standard streams of a process that runs a command, but no program of the user."""
     if is_process:
         # Garbage collection of imported modules, and at exit, takes a tenth of the time of a short command.
         gc.set_threshold(200_000)
@@ -166,7 +167,7 @@ def _configure_process(is_process: bool) -> None:
 
 @contextmanager
 def exit_on_error() -> Iterator[None]:
-    """Print errors on standard error, and exit with the codes that the module docstring lists."""
+    """Print an error of the block on standard error and exit with 1, 2 (wrong command line) or 130 (Ctrl-C)."""
     try:
         yield
     except click_module().ClickException as error:
@@ -195,12 +196,12 @@ def exit_on_error() -> Iterator[None]:
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-    """Print a warning without its location in the code."""
+    """Print a Python warning on standard error without its location in the code."""
     click_module().echo(f"warning: {printable(str(message))}", err=True)
 
 
 def report(text: str) -> None:
-    """Print an error in one line, or with a source line and its caret below.
+    """Print an error on standard error: in one line, or with the source line and caret that `text` contains.
 
     As the text may contain names of peers, line breaks are escaped and control characters replaced.
     """

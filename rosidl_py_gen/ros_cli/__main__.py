@@ -1,4 +1,4 @@
-"""``python -m rosidl_py_gen.ros_cli``."""
+"""Entry point of ``python -m rosidl_py_gen.ros_cli``, which runs the command line ``rosidl-py``."""
 
 from rosidl_py_gen.ros_cli import main
 

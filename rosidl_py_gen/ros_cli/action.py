@@ -1,7 +1,7 @@
-"""``rosidl-py action``.
+"""Commands of ``rosidl-py action``: list, find, type, info and send_goal.
 
-Before ``send_goal`` has sent the goal, Ctrl-C ends the command. Afterwards it cancels the goal, as soon as the goal is
-accepted.
+Before ``send_goal`` has sent the goal, Ctrl-C ends the command. Afterwards Ctrl-C cancels the goal, as soon as the
+server has accepted the goal.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ async def info(command_node: CommandNode, action: str, show_types: bool, count: 
 
 
 def _nodes_with(action: str, node: Node, topics_of: Callable[[str, str], Any]) -> list[dict[str, Any]]:
-    """Return the nodes that have the topics of an action among `topics_of` them."""
+    """Return the nodes that have topics of an action, with its types; `topics_of(name, namespace)` lists topics."""
     from rosidl_py_gen.ros_cli.name_lookup import actions
 
     return [
@@ -123,7 +123,7 @@ async def send_goal(
 async def _follow(
     client: ActionClient[Any], goal: Message, show: _Printer, show_feedback: bool, timeout_s: float
 ) -> int:
-    """Send the goal and print feedback and result; returns the exit code."""
+    """Send the goal, print feedback and result, and return 0 if the goal succeeded, 1 if not, 130 after Ctrl-C."""
     import asyncio
 
     from rosidl_py_gen.runtime import GoalRejectedError, GoalStatus
@@ -152,7 +152,7 @@ async def _end(handle: ClientGoal[Any], show: _Printer, timeout_s: float | None 
 
 
 async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeout_s: float) -> None:
-    """Cancel the goal, if it is accepted, and wait for its end. Raises `CommandError` if it may still be running."""
+    """Cancel the goal once `sending` has sent it, and wait for its end; raises `CommandError` if it may still run."""
     from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError
 
     terminal_output.note("Canceling goal...")
@@ -169,7 +169,7 @@ async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeou
 
 
 class _Printer:
-    """Output in the form of ``ros2 action send_goal``, or a line of JSON for each feedback and for the result."""
+    """Printer in the form of ``ros2 action send_goal``, or of a line of JSON for each feedback and for the result."""
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
@@ -180,7 +180,7 @@ class _Printer:
             terminal_output.line(text, style)
 
     def message(self, heading: str, message: Message) -> None:
-        """Print a message below a heading, unless the output is JSON."""
+        """Print a ROS message as YAML below a heading, unless the output is JSON."""
         from rosidl_py_gen.ros_cli import message_text
 
         if not self._as_json:
@@ -196,7 +196,7 @@ class _Printer:
             terminal_output.document({"feedback": to_dict(feedback)}, in_stream=True)
 
     def result(self, goal_id: bytes, status: GoalStatus, result: Message) -> None:
-        """Print the result of the goal."""
+        """Print the result and the final status of the goal."""
         from rosidl_py_gen import to_dict
         from rosidl_py_gen.runtime import GoalStatus
 

@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _MIN_DISCOVERY_S = 0.2
-"""Minimum time to listen. Peers reply to the first announcement within milliseconds on a quiet network."""
+"""Minimum time to wait for discovery, in seconds; peers on a quiet network reply within milliseconds."""
 _QUIET_PERIOD_S = 0.1
-"""Time without a change of the graph after which discovery counts as complete."""
+"""Time without a change of the graph after which discovery counts as complete, in seconds."""
 _INCOMPLETE_QUIET_PERIOD_S = 0.5
-"""The same, while nodes have announced endpoints that were not found yet, as over wireless links."""
+"""Value of `_QUIET_PERIOD_S` while endpoints that nodes have announced are still missing, as over wireless links."""
 _NO_PEER_TIMEOUT_S = 1.0
-"""Time to listen if no other node is found."""
+"""Time to wait for discovery if no other node is found, in seconds."""
 _MAX_DISCOVERY_S = 2.0
-"""Maximum time to listen, however many changes arrive."""
+"""Maximum time to wait for discovery, in seconds, even if the graph keeps changing."""
 ANNOUNCE_DELAY_S = 0.05
-"""Delay until endpoints of the command are announced. Most commands end before; otherwise DDS delays the end by 0.1 to
-0.2 s, until every peer has acknowledged the announcement."""
+"""Delay until endpoints of a command are announced to peers, in seconds. Most commands end earlier; otherwise DDS
+delays their end by 0.1 to 0.2 s, until every peer has acknowledged the announcement."""
 _WAITING_NOTE_DELAY_S = 2.0
-"""Delay of the note that a topic is waited for; Fast DDS nodes are found within 1.2 s."""
+"""Time after which a note says that a command waits for a topic, in seconds; Fast DDS nodes are found within 1.2 s."""
 DEFAULT_FIND_TIMEOUT_S = 5.0
-"""Default time to wait for a topic, service, action or node that the command line names."""
+"""Default time to wait for a topic, service, action or node that the command line names, in seconds."""
 
 
 _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
@@ -53,7 +53,7 @@ _MINIMAL_NODE_OPTIONS: dict[str, Any] = {
 
 
 class NetworkOptions(TypedDict, total=False):
-    """Values of `options.node_options`; `context_opened_early` adds an open context, or the error of opening it."""
+    """Values of the options that all commands with a node have, and a context that was opened early, or its error."""
 
     domain_id: int | None
     discovery: str | None
@@ -84,7 +84,7 @@ async def first_of(*coroutines: Coroutine[Any, Any, object]) -> None:
 def context_opened_early(network: NetworkOptions) -> Iterator[None]:
     """Open the context of a command before the rest of the command is imported, so that it discovers peers early.
 
-    `CommandNode` uses the context, or raises the error that opening it failed with.
+    `CommandNode` uses the context, or raises the error with which opening the context failed.
     """
     handler = signal.signal(signal.SIGTERM, _end) if threading.current_thread() is threading.main_thread() else None
     with ExitStack() as undo:
@@ -99,7 +99,7 @@ def context_opened_early(network: NetworkOptions) -> Iterator[None]:
 
 
 def _end(number: int, _: object) -> None:
-    """Exit in order, so that the context leaves the network and peers do not wait for the end of its lease."""
+    """Raise `SystemExit` for a signal, so that the context is closed and peers need not wait for its lease."""
     sys.exit(128 + number)
 
 
@@ -178,7 +178,7 @@ class CommandNode:
             watching.cancel()
 
     async def wait_for_node_names(self) -> None:
-        """Wait for discovery, then at most 2 s until all node names are known; they follow endpoints by about 50 ms."""
+        """Wait for discovery, then at most 2 s for all node names, which arrive about 50 ms after endpoints."""
         await self.wait_for_discovery()
         if self._spin_time_s is None:
             await self.wait_for(self.node.node_names_complete, _MAX_DISCOVERY_S)
@@ -221,7 +221,7 @@ class CommandNode:
         """Wait until a topic, service, action or node (`kind`) appears, and return its full name.
 
         Raises:
-            CommandError: it did not appear; the error names a similar one.
+            CommandError: it did not appear within `timeout_s`; the text suggests a similar name.
             InvalidNameError: `name` is invalid.
         """
         from rosidl_py_gen.base.names import similar_name
@@ -246,7 +246,7 @@ _NO_PEERS = "; none exist in this domain; check ROS_DOMAIN_ID, and run `rosidl-p
 
 
 async def results_by_name(requests: dict[str, Coroutine[Any, Any, T]]) -> dict[str, T]:
-    """Await requests to several nodes at once; a node that fails gets a note on standard error, and no result."""
+    """Await requests to nodes concurrently; return results by node name. A failed request only prints a note."""
     from rosidl_py_gen.errors import RosidlError
     from rosidl_py_gen.ros_cli import terminal_output
 

@@ -1,6 +1,6 @@
-"""Completion: names, types and fields from the live graph, bags and the search path, and the script of a shell.
+"""Shell completion of names, types and fields from the live graph, bags and the search path; command ``completion``.
 
-Errors result in no suggestions: `lazy_completion`.
+A completion function that raises an error yields no suggestions.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _TIMEOUT_S = 1.5
-"""Maximum time for a request to a node, unless ``--spin-time`` is longer; the user waits for the shell."""
+"""Maximum time for a request to a node during completion, in seconds, unless ``--spin-time`` is longer."""
 _KINDS = {
     "types": ("msg",),
     "service types": ("srv",),
@@ -44,20 +44,20 @@ _INDEX = re.compile(r"\[[^\]]*\]\Z")
 
 
 def complete_names(what: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete names that `options.completion` describes; hidden names only if a hidden part was typed."""
+    """Complete names of the kind `what`, such as ``topics`` or ``types``; hidden names only if ``/_`` was typed."""
     shows_hidden = "/_" in incomplete
     return _items(lambda: [one for one in _names(what, context) if shows_hidden or "/_" not in one], incomplete)
 
 
 def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete the topics, services or actions of the bags on the command line."""
+    """Complete names of topics, services or actions (`kind`) in the bags that the command line names."""
     return _items(lambda: _bag_names(kind, context), incomplete)
 
 
 def complete_call(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
     """Complete ``[TYPE] [VALUES]`` after the name of a topic, service or action.
 
-    The type is the announced type, else any type on the search path. The values are all fields with their defaults.
+    TYPE is the announced type, or else any type on the search path. VALUES are all fields with their default values.
     """
     words = context.params.get("words") or ()
     if not words:
@@ -69,12 +69,12 @@ def complete_call(kind: str, context: click.Context, incomplete: str) -> list[Co
 
 
 def complete_fields(context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete the path of a field of the topic's messages."""
+    """Complete the path of a field in the messages of the topic that the command line names."""
     return _items(lambda: _field_paths(_class("topic", None, context), incomplete), incomplete)
 
 
 def complete_plot_words(source: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete ``/TOPIC FIELD...``, for a ``bag`` after its path: a topic, or a field of the last topic."""
+    """Complete a topic or field of ``/TOPIC FIELD...``, from the ``graph``, or from a ``bag`` whose path precedes."""
     words = context.params.get("words") or ()
     if source == "bag":
         if not words:
@@ -88,7 +88,7 @@ def complete_plot_words(source: str, context: click.Context, incomplete: str) ->
 
 
 def complete_launch_words(context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete ``PACKAGE FILE`` or a path of ``rosidl-py launch``."""
+    """Complete the words ``PACKAGE FILE``, or the path of a launch file, of ``rosidl-py launch``."""
     words = context.params.get("words") or ()
     if words:
         return complete_names("launch files", context, incomplete) if len(words) == 1 else []
@@ -107,7 +107,7 @@ def _plotted_in_bag(words: Sequence[str], context: click.Context, incomplete: st
 
 
 def complete_enclaves(context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Complete the enclaves of the keystore on the command line."""
+    """Complete names of enclaves in the keystore that the command line names."""
     from rosidl_py_gen.ros_cli.security.keystore import Keystore
 
     return _items(lambda: Keystore(Path(context.params["root"]), lambda text: None).list_enclaves(), incomplete)
@@ -139,7 +139,7 @@ def _names(what: str, context: click.Context) -> list[str]:
 
 
 def _query(context: click.Context, request: Callable[[CommandNode], Awaitable[T]]) -> T:
-    """Run a request on a new node after discovery."""
+    """Create a command node, wait for discovery, and return the result of `request` with the node."""
     import asyncio
 
     from rosidl_py_gen.ros_cli.command_node import CommandNode
@@ -199,7 +199,7 @@ def _prototype(kind: str, type_name: str, context: click.Context) -> str:
 
 
 def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
-    """Return the class of a topic's messages, a service or an action: installed, else announced in the graph."""
+    """Return the class of a topic's messages, a service or an action (`kind`), installed or of the announced type."""
     import asyncio
 
     from rosidl_py_gen.ros_cli import name_lookup, type_resolution
@@ -219,7 +219,7 @@ def _class(kind: str, type_name: str | None, context: click.Context) -> Any:
 
 
 def _field_paths(cls: type[Message], incomplete: str) -> list[str]:
-    """Return the fields that begin with the last name of a path; for one such field also the fields inside it."""
+    """Return completions of a field path: matching fields, and if only one field matches, also the fields inside it."""
     *parents, last = incomplete.split(".")
     for name in parents:
         fields = {field.ros_name: field for field in cls._TYPE.fields}

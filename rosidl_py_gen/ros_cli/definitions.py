@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 
 def known_names(kinds: Collection[str], paths: Sequence[str]) -> list[str]:
-    """Return the types of some kinds, for completion; without kinds the packages."""
+    """Return the names of all types of `kinds` (msg, srv, action), or of all packages if `kinds` is empty."""
     search = scan_search_path(paths)
     names = names_of(search, "", kinds or KINDS)
     return [*map(str, names)] if kinds else sorted({*search.packages, *(name.package for name in names)})
 
 
 def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[RosName]:
-    """Return the interfaces of a package, or of all packages. Raises `CommandError` for an unknown package."""
+    """Return the interfaces of a package ("": of all), sorted. Raises `CommandError` if the package is unknown."""
     from rosidl_py_gen.type_loading.from_description import generated_names
 
     generated = [
@@ -52,7 +52,7 @@ def names_of(search: SearchPath, package: str, kinds: Collection[str]) -> list[R
 
 
 def name_or_stdin(text: str) -> str:
-    """Return the text, or for ``-`` a line of standard input."""
+    """Return `text`, or if it is ``-``, a line of standard input; raises `CommandError` if that line is empty."""
     if text == "-":
         text = sys.stdin.readline().strip() if sys.stdin is not None else ""
         if not text:
@@ -61,7 +61,7 @@ def name_or_stdin(text: str) -> str:
 
 
 def read_definition(search: SearchPath, text: str) -> tuple[InterfaceRegistry, RosName]:
-    """Read a definition from the search path, from a generated package, or from the cache of descriptions."""
+    """Read the definition that `text` names: on the search path, in a generated package, or in cached descriptions."""
     text = name_or_stdin(text)
     name = resolve_name(search, text)
     registry = InterfaceRegistry(search)
@@ -90,9 +90,10 @@ class _CachedDescriptions(NamedTuple):
 
 
 def cached_registry(text: str) -> tuple[InterfaceRegistry, RosName] | None:
-    """Return the cached definition of ``pkg/kind/Name``, or of ``pkg/Name`` of any kind; None without one.
+    """Return a definition that a node once described and that is cached on disk; None if there is none.
 
-    A note on standard error names its hash, and other cached definitions of the same name.
+    The type is ``pkg/kind/Name``, or ``pkg/Name`` of any kind. A note on standard error names the hash of the
+    definition, and other cached definitions of the same name.
 
     Raises:
         CommandError: the cached messages of a service or an action contradict each other.
@@ -114,7 +115,7 @@ def _names(text: str) -> Iterator[RosName]:
 
 
 def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
-    """Yield the cached descriptions that mention a name, the newest first."""
+    """Yield the valid cached type descriptions that mention a type, the newest first."""
     from rosidl_py_gen import to_dict
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 
@@ -132,7 +133,7 @@ def _descriptions(name: RosName) -> Iterator[_CachedDescriptions]:
 
 
 def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """Return the registries with a complete definition, by hash."""
+    """Return a registry for each definition of a type that a single cached description contains completely, by hash."""
     is_service = name.kind == "srv" and "_" not in name.name
     registries: dict[str, InterfaceRegistry] = {}
     for one in descriptions:
@@ -144,7 +145,7 @@ def _by_hash(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str
 
 
 def _joined(name: RosName, descriptions: list[_CachedDescriptions]) -> dict[str, InterfaceRegistry]:
-    """Join the descriptions of the messages of a service or action."""
+    """Join cached descriptions of the messages of a service or action; return a registry by hash, {} if incomplete."""
     messages = written_messages(name, name.kind == "srv" and "_" not in name.name)
     joined = _CachedDescriptions({}, {})
     for one in descriptions if len(messages) > 1 else ():

@@ -1,4 +1,4 @@
-"""The verbs ``list``, ``find`` and ``type``, which are alike for topics, services and actions."""
+"""The commands ``list``, ``find`` and ``type``, which are alike for topics, services and actions."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, type_name: str = "") -> list[Any]:
-    """Return rows about the discovered graph.
+    """Wait for discovery, and return rows about topics, services or actions of the graph.
 
     Args:
-        rows_of: returns rows with ``name`` and ``types``.
+        rows_of: function of the node that returns rows with ``name`` and ``types``.
         hidden: include names with a part that begins with an underscore.
         type_name: include only names of this type.
     """
@@ -36,7 +36,7 @@ async def graph_rows(command_node: CommandNode, rows_of: Rows, *, hidden: bool, 
 
 
 def list_verb(kind: str, examples: str, rows_of: Rows, *more: Option) -> Callable[..., None]:
-    """Return the command that prints the services or actions (`kind`); `more` may add an option `hidden`."""
+    """Return the command ``list`` for services or actions (`kind`); `more` may add an option `hidden`."""
 
     async def list_(
         command_node: CommandNode, show_types: bool, count: bool, as_json: bool, hidden: bool = True
@@ -49,11 +49,11 @@ def list_verb(kind: str, examples: str, rows_of: Rows, *more: Option) -> Callabl
 
 
 def find_verb(kind: str, definition: str, example: str, rows_of: Rows, *more: Option) -> Callable[..., None]:
-    """Return the command that prints the topics, services or actions (`kind`) of a type.
+    """Return the command ``find``, which prints the topics, services or actions (`kind`) of a type.
 
     Args:
         definition: ``msg``, ``srv`` or ``action``.
-        rows_of: see `graph_rows`.
+        rows_of: function of the node that returns rows with ``name`` and ``types``.
         more: further options, of which one may be `hidden`.
     """
 
@@ -72,7 +72,7 @@ def find_verb(kind: str, definition: str, example: str, rows_of: Rows, *more: Op
 
 
 def type_verb(kind: str, example: str, *more: Option) -> Callable[..., None]:
-    """Return the command that prints the type of a topic, service or action (`kind`); `more` may add `timeout_s`."""
+    """Return the command ``type`` of a topic, service or action (`kind`); `more` may add an option `timeout_s`."""
 
     async def type_(command_node: CommandNode, as_json: bool, timeout_s: float | None = None, **name: str) -> None:
         from rosidl_py_gen.ros_cli.type_resolution import announced_types

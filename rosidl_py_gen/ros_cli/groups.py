@@ -67,7 +67,7 @@ COMMANDS: dict[str, tuple[str, str | dict[str, str]]] = {
     ),
     "zenoh-router": ("Run a Zenoh router for nodes on rmw_zenoh.", "zenoh_router"),
 }
-"""Help of each command, and its module in this package; for a group the modules of its verbs."""
+"""Help of each command, and its module in this package; for a group, modules by the names of its commands."""
 
 _HINTS = {
     "component": "components are shared libraries of C++, which this package does not load",
@@ -76,7 +76,7 @@ _HINTS = {
     "pkg": "`rosidl-py run --list` prints packages with executables, `rosidl-py interface packages` message packages",
     "wtf": "`rosidl-py doctor` checks the installation and the network",
 }
-"""Hints for commands of ros2 that do not exist here."""
+"""Hints in errors for commands of ros2 that ``rosidl-py`` does not have."""
 _HELP = """Inspect a running ROS 2 system and interact with it. No ROS installation is needed.
 
 \b
@@ -89,7 +89,7 @@ ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE are used; --domain and --discove
 
 
 def root_group() -> click.Group:
-    """Return the group of all commands."""
+    """Return the click group ``rosidl-py`` with all its commands."""
     settings = {"help_option_names": ["-h", "--help"], "max_content_width": 120}
     return LazyGroup(None, COMMANDS, context_settings=settings, help=_HELP)
 
@@ -98,7 +98,7 @@ class LazyGroup(click.Group):
     """Group of commands, whose modules are imported when they are used; a module may declare several commands.
 
     Args:
-        table: as `COMMANDS`; without a text, the short help comes from the command.
+        table: help and module of each command, as in `COMMANDS`; if the help is empty, the help of the command is used.
     """
 
     def __init__(

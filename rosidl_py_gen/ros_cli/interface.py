@@ -186,7 +186,7 @@ def proto(name: str, no_quotes: bool, paths: tuple[str, ...], as_json: bool) -> 
 
 
 def _example(text: str, paths: tuple[str, ...]) -> Message:
-    """Return a message with default values: the request of a service, the goal of an action."""
+    """Return a message of a type with default values; of a service the request, of an action the goal."""
     from rosidl_py_gen import get_message
     from rosidl_py_gen.compiler.frontend.registry import resolve_name
     from rosidl_py_gen.compiler.frontend.search_path import scan_search_path
@@ -209,10 +209,10 @@ def _example(text: str, paths: tuple[str, ...]) -> Message:
 
 
 def _message_suffix(name: RosName) -> str:
-    """Return the suffix of the message to fill in; empty for a message."""
+    """Return the name of the message that users fill in, Request or Goal; "" for a message."""
     return "" if "_" in name.name else {"msg": "", "srv": "Request", "action": "Goal"}[name.kind]
 
 
 def _quoted(text: str) -> str:
-    """Return one word of a shell, in double quotes unless the text contains characters that a shell expands."""
+    """Quote a text as one word of a shell, in double quotes unless it has characters that a shell expands."""
     return shlex.quote(text) if any(char in text for char in '"\\$`!') else f'"{text}"'

@@ -1,4 +1,4 @@
-"""Keys of a terminal that control a running command.
+"""Reading of keys that control a running command in a terminal.
 
 The mode of the terminal is restored whenever this process gives it up: at the end, and on every signal that ends or
 stops it. No keys are read if standard input is not a terminal, or if the process is in the background.
@@ -22,11 +22,11 @@ _ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 _KEY = re.compile(rb"\x1b[\[O]([A-D])|( )")
 _INCOMPLETE_KEY = re.compile(rb"\x1b[\[O]?\Z")
 _GIVING_UP = "SIGHUP", "SIGQUIT", "SIGTSTP"
-"""Signals that end or stop this process immediately; SIGINT and SIGTERM end it in order."""
+"""Signals that end or stop this process without clean-up code, unlike SIGINT and SIGTERM."""
 
 
 def keys_of(data: bytes) -> tuple[list[str], bytes]:
-    """Return the keys in bytes of a terminal (``space up down right left``), and the bytes of an incomplete key."""
+    """Return the names of keys in bytes from a terminal, such as ``up``, and the bytes of an incomplete key."""
     keys = [_ARROWS[one[1]] if one[1] else "space" for one in _KEY.finditer(data)]
     incomplete = _INCOMPLETE_KEY.search(data)
     return keys, incomplete[0] if incomplete else b""
@@ -34,7 +34,7 @@ def keys_of(data: bytes) -> tuple[list[str], bytes]:
 
 @contextmanager
 def read_keys(actions: Mapping[str, Callable[[], object]]) -> Iterator[bool]:
-    """Call actions by key on the running loop; yields True if keys are read."""
+    """Call the action of each pressed key on the running loop; yields True, or False if no keys can be read."""
     try:
         import termios
 
@@ -71,7 +71,7 @@ def read_keys(actions: Mapping[str, Callable[[], object]]) -> Iterator[bool]:
 
 
 def _is_foreground(stream: int) -> bool:
-    """Return True if this process may access its terminal; a background process would be stopped."""
+    """Return True if this process may access its terminal; the kernel would stop a background process."""
     try:
         return os.isatty(stream) and os.tcgetpgrp(stream) == os.getpgrp()
     except OSError:

@@ -1,4 +1,4 @@
-"""``rosidl-py lifecycle``. A node is a lifecycle node if it serves ``~/get_state`` of the type in lifecycle_msgs."""
+"""Commands of ``rosidl-py lifecycle``, for nodes that serve ``~/get_state`` of the type in lifecycle_msgs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
 
 @asynccontextmanager
 async def _access(command_node: CommandNode, node: str, timeout_s: float) -> AsyncIterator[_LifecycleAccess]:
-    """Wait for a lifecycle node and yield the access to its services. Raises `CommandError`."""
+    """Wait for a lifecycle node and yield access to its services; raises `CommandError` if it is missing or silent."""
     from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 
     name = await command_node.find("node", node, timeout_s)

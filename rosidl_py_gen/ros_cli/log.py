@@ -1,4 +1,4 @@
-"""``rosidl-py log``: log messages, live, retained by /rosout, or recorded.
+"""Command ``rosidl-py log``: prints log messages, live, retained by /rosout, or recorded.
 
 Retained messages arrive node by node and are printed in the order of their stamps.
 """
@@ -23,7 +23,7 @@ _TOPIC = "/rosout"
 _TYPE = "rcl_interfaces/msg/Log"
 _DEPTH = 1000
 _RETAINED_S = 0.3
-"""Time in which retained messages are collected; nodes send them at once."""
+"""Time in which retained messages are collected before the first is printed, in seconds."""
 _LEVELS = {"debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
 _NAMES = {number: name.upper() for name, number in _LEVELS.items()}
 _STYLES = {10: "green", 30: "yellow", 40: "red", 50: "bold red"}
@@ -106,7 +106,7 @@ async def _follow(network: options.NetworkOptions, printer: LogPrinter, only_new
 
 
 def _profile(command_node: CommandNode, only_new: bool) -> QoSProfile | None:
-    """Return the QoS that nodes offer, to receive all messages of later nodes; None if any node offers less."""
+    """Return the QoS for a subscription to /rosout; None (adapt to publishers) if any node offers less."""
     from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
 
     if only_new:
@@ -133,10 +133,10 @@ async def _retained(messages: AdaptiveSubscription[Any]) -> list[Any]:
 
 
 class LogPrinter:
-    """Prints messages of ``rcl_interfaces/msg/Log``.
+    """Printer of messages of ``rcl_interfaces/msg/Log``, which are filtered.
 
     Args:
-        level: minimum level.
+        level: name of the minimum level.
         nodes: patterns for names of nodes; empty means all.
         pattern: regular expression for texts.
         times: number of messages after which `is_done` is True; None means no limit.
@@ -157,7 +157,7 @@ class LogPrinter:
         return self._left == 0
 
     def show(self, message: Any) -> None:
-        """Print a message, if it is selected."""
+        """Print a log message if it passes the filters and the limit is not reached."""
         if self.is_done or not self._is_selected(message):
             return
         if self._left is not None:

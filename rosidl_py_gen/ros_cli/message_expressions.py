@@ -1,9 +1,9 @@
 """Expressions over a message: conditions such as ``m.pose.position.x > 1``, and paths such as ``poses[0].position``.
 
-An expression is the part of Python that consists of the nodes in `_IN_FILTERS`, fields of messages, and calls of
-`FUNCTIONS`. Anything else is rejected before the first message; the rest is compiled and run by Python. Messages come
-from untrusted peers, so products and powers are limited, and loops end when a message has taken too much CPU time of
-the thread. The time of other threads and processes does not count, as it is high on a busy machine.
+An expression is a Python expression of the node types in `_IN_FILTERS`, with fields of messages and calls of
+`FUNCTIONS`. Any other text is rejected before the first message; an expression is compiled and run by Python. Messages
+come from untrusted peers, so products and powers are limited, and loops end when a message has taken too much CPU time
+of the thread. The time of other threads and processes does not count, as it is high on a busy machine.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _MAX_BITS = 256
 _MAX_CONSTANT = 64
 MAX_CPU_S = 1.0
 _CHECK_INTERVAL = 16
-"""Elements of a loop between two checks of the CPU time. A check takes 0.3 µs, as long as a short expression."""
+"""Number of loop elements between two checks of the CPU time. A check takes 0.3 µs, as a short expression does."""
 _IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub)
 _IN_FILTERS = (
     *(*_IN_PATHS, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Tuple, ast.List, ast.Set, ast.Call),
     *(ast.GeneratorExp, ast.comprehension, ast.operator, ast.unaryop, ast.boolop, ast.cmpop),
 )
 _Shape: TypeAlias = "type[Message] | Field | None"
-"""Static type of a value: a message class, the field that has it or contains it as an element, or None if unknown."""
+"""Static type of a value: a message class, the field with the value or with an array of such values, or None."""
 
 
 class FilterError(RosidlError, ValueError):
@@ -44,15 +44,20 @@ class FilterError(RosidlError, ValueError):
 
 
 def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
-    """Return a condition on messages of a class, which the expression calls ``m``. Raises `FilterError`."""
+    """Compile a condition such as ``m.x > 1`` to a function that tests a message of a class.
+
+    Raises `FilterError` if the condition is not allowed; the function raises `FilterError` if the condition has no
+    value for a message.
+    """
     value = _compiled(_ExpressionChecker(text.strip(), cls).checked(_IN_FILTERS))
     return lambda message: bool(value(message))
 
 
 def compile_path(text: str, cls: type[Message]) -> tuple[Callable[[Message], Any], Field | None]:
-    """Return a function for the value of a path such as ``poses[0].position``, and the field there or of its elements.
+    """Return a function that reads the value at a path such as ``poses[0].position``, and the field of the value.
 
-    The field is None for a message. Raises as `compile_filter`.
+    The field of an element is the field of its array; for a message, the field is None. Raises `FilterError` if the
+    path is invalid.
     """
     spelled = re.sub(r"[^\W\d]\w*", lambda name: py_name(name[0]), text.strip().strip("."))
     try:
@@ -84,7 +89,7 @@ def _compiled(body: ast.expr) -> Callable[[Message], Any]:
 
 
 class _ExpressionChecker(ast.NodeTransformer):
-    """Rejects forbidden syntax, and inserts calls of `_HELPERS` for checks that need the value of a message.
+    """Transformer that rejects forbidden syntax, and inserts calls of `_HELPERS` that check values of each message.
 
     Arrays of numpy become lists, which compare as in Python, except where a function takes them as arrays (`_bare`).
     """
@@ -94,7 +99,7 @@ class _ExpressionChecker(ast.NodeTransformer):
         self._known: dict[str, _Shape] = {"m": cls}
 
     def checked(self, allowed: tuple[type[ast.AST], ...]) -> Any:
-        """Return the expression with the inserted calls."""
+        """Return the syntax tree with inserted calls of helpers; raises `FilterError` for nodes not `allowed`."""
         body = _parsed(self._text)
         level: list[ast.AST] = [body]
         for _ in range(_MAX_DEPTH):
@@ -108,7 +113,7 @@ class _ExpressionChecker(ast.NodeTransformer):
         return self.visit(body)
 
     def shape(self) -> _Shape:
-        """Return the static type of the expression."""
+        """Return the static type of the value of the expression."""
         return self._shape(_parsed(self._text))
 
     def _refuse(self, node: ast.AST, reason: str) -> NoReturn:
@@ -314,7 +319,7 @@ def _limited(value: Any) -> Any:
 
 
 def _of_array(function: Callable[..., Any], of_array: Callable[[Any], Any]) -> Callable[..., Any]:
-    """Return `function` with a fast path for arrays of numpy."""
+    """Return a function that calls `of_array` if its first argument is a numpy array, and `function` otherwise."""
     return lambda *values: of_array(values[0]).item() if isinstance(values[0], np.ndarray) else function(*values)
 
 

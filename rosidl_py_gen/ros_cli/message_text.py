@@ -38,7 +38,7 @@ _TYPE = re.compile(r"\w+(/\w+){1,2}\Z")
 
 
 class ArraySummary(str):
-    """Text that replaces the elements of an array."""
+    """Text that replaces the elements of an array in output, such as ``<array type: double[9]>``."""
 
     __slots__ = ()
 
@@ -50,7 +50,7 @@ class _DisplayOptions(NamedTuple):
 
 
 def to_plain(value: Any, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True) -> Any:
-    """Return a message, the value of a field, or a dict of values as dicts, lists and scalars with ROS names.
+    """Convert a message, the value of a field, or a dict of values to dicts, lists and scalars with ROS names.
 
     Only the part that is printed is converted, so a 6 MB image takes as long as a small one.
 
@@ -73,7 +73,7 @@ def _message(message: Message, options: _DisplayOptions) -> dict[str, Any]:
 
 
 def array_summary(field: Field, value: Any) -> ArraySummary:
-    """Return type and size of the value of an array field or of a slice."""
+    """Return a text with the type and size of the value of an array field, or of a slice of the array."""
     kind = field.type
     if kind.arity is Arity.ARRAY and len(value) == kind.capacity:
         return ArraySummary(f"<array type: {kind}>")
@@ -106,7 +106,8 @@ def _plain(value: Any, options: _DisplayOptions) -> Any:
 def to_yaml(value: Any, *, flow: bool | None = False) -> str:
     """Return a plain value as YAML with a line break at the end; keys stay in their order.
 
-    If it contains an unprintable character, all characters beyond ASCII are escaped, so that it can be parsed again.
+    If the value contains an unprintable character, all characters beyond ASCII are escaped, so that the YAML can be
+    parsed again.
     `flow` True prints everything on one line; None only lists and mappings of scalars.
     """
     style = {"Dumper": _Dumper, "sort_keys": False, "default_flow_style": flow, "width": 1 << 30}
@@ -117,9 +118,9 @@ def to_yaml(value: Any, *, flow: bool | None = False) -> str:
 
 
 def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str | None, str]:
-    """Return type and values of ``[TYPE] [VALUES]``, which are both optional; a type has a ``/`` and no blanks.
+    """Split the words ``[TYPE] [VALUES]`` of a command into type (None if omitted) and values (else "").
 
-    With `stdin`, the values are read from standard input.
+    A type has a ``/`` and no blanks. With `stdin`, the values are read from standard input.
     """
     rest = list(words)
     name = rest.pop(0) if rest and _TYPE.match(rest[0]) else None
@@ -132,14 +133,14 @@ def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str |
 
 
 def message_from(cls: type[M], text: str) -> M:
-    """Return a message from YAML or JSON; omitted fields have their defaults. Raises `CommandError`."""
+    """Return a message from a YAML or JSON text; omitted fields have their defaults. Raises `CommandError`."""
     message, stamps = message_and_stamps(cls, text)
     set_stamps(stamps)
     return message
 
 
 def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
-    """Return a message, and its stamps to set to the current time, written ``header: auto`` or ``stamp: now``."""
+    """Return a message from YAML or JSON, and its stamps that the text gives as ``header: auto`` or ``stamp: now``."""
     value = values.parse_value(text) if text.strip() else {}
     if value is None:
         value = {}
@@ -155,7 +156,7 @@ def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
 
 
 def set_stamps(stamps: Sequence[Any]) -> None:
-    """Set stamps to the current time."""
+    """Set each of `stamps`, messages of type Time, to the current system time."""
     now_ns = time_ns()
     for stamp in stamps:
         set_stamp(stamp, now_ns)
@@ -164,7 +165,7 @@ def set_stamps(stamps: Sequence[Any]) -> None:
 _HEADER = "std_msgs/msg/Header"
 _TIME = "builtin_interfaces/msg/Time"
 _Path = tuple[str | int, ...]
-"""Attributes and indices from a message to a stamp."""
+"""Names of attributes and indices that lead from a message to a stamp in it."""
 
 
 def _follow(value: Any, step: str | int) -> Any:
@@ -172,7 +173,7 @@ def _follow(value: Any, step: str | int) -> Any:
 
 
 def _without_stamps(cls: type[Message], value: Any, here: _Path, paths: list[_Path]) -> Any:
-    """Return the value without each ``auto`` and ``now``, whose paths are added to `paths`."""
+    """Return the values for a message without each ``auto`` and ``now``; add the paths of these stamps to `paths`."""
     if not isinstance(value, dict):
         return value
     fields = {field.ros_name: field for field in cls._TYPE.fields if field.cls is not None}
@@ -201,9 +202,9 @@ def _example(cls: type[Message]) -> str:
 
 
 def rclpy_repr(value: Any, truncate: int | None) -> str:
-    """Return the `repr` of rclpy, such as ``std_msgs.msg.ColorRGBA(r=1.0, g=0.0, b=0.0, a=1.0)``; arrays are lists.
+    """Return the `repr` that rclpy has for a value, such as ``std_msgs.msg.ColorRGBA(r=1.0, g=0.0, b=0.0, a=1.0)``.
 
-    After `truncate` elements or characters ``...`` follows; None means all.
+    Arrays are lists. Arrays and strings are cut after `truncate` elements, and ``...`` follows; None means uncut.
     """
     if isinstance(value, Message):
         fields = (f"{one.ros_name}={rclpy_repr(getattr(value, one.py_name), truncate)}" for one in value._TYPE.fields)

@@ -1,4 +1,4 @@
-"""Names of the ROS graph: hidden ones, nodes that serve a type, actions; and what a recorded topic belongs to."""
+"""Look-ups in the ROS graph: hidden names, nodes that serve a service, actions; and the owner of a recorded topic."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
-"""Suffix and type of a service that every node with parameters has."""
+"""Name after the node's name, and type, of a service that every node with parameters has."""
 _FEEDBACK, _FEEDBACK_TYPE, _SEND_GOAL = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
 _EVENT = "/_service_event"
 _ACTION = "/_action/"
@@ -55,7 +55,7 @@ def graph_names(node: Node, kind: str) -> list[str]:
 
 
 def is_hidden_node(name: str) -> bool:
-    """Return True for the full name of a node that ROS tools hide."""
+    """Return True for the full name of a node that ROS tools hide, because its name begins with an underscore."""
     return name.rpartition("/")[2].startswith("_")
 
 
@@ -69,7 +69,7 @@ def has_server(node: Node, service: str) -> bool:
 
 
 def nodes_serving(node: Node, ending: str, type_name: str, *, hidden: bool) -> list[str]:
-    """Return the sorted full names of the nodes that serve `ending` of type `type_name` below their own name."""
+    """Return the sorted full names of nodes that serve the service ``NODE`` + `ending` of type `type_name`."""
     names = [
         name.removesuffix(ending)
         for name, types in node.get_service_names_and_types()
@@ -109,7 +109,7 @@ class TopicOwner(NamedTuple):
 
 
 def topic_owner(topic: str, type_name: str) -> TopicOwner:
-    """Return the owner of a topic by its name and type; the name alone is ambiguous."""
+    """Return the topic, service or action that a topic belongs to, by name and type; the name alone is ambiguous."""
     is_event = topic.endswith(_EVENT) and _EVENT_TYPE.match(type_name) is not None
     service = topic.removesuffix(_EVENT) if is_event else ""
     action, mark, part = (service or topic).rpartition(_ACTION)

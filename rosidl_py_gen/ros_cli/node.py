@@ -1,4 +1,4 @@
-"""``rosidl-py node``."""
+"""Commands of ``rosidl-py node``: list and info."""
 
 from __future__ import annotations
 

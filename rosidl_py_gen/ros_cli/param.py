@@ -1,8 +1,8 @@
-"""``rosidl-py param``.
+"""Commands of ``rosidl-py param``: list, get, set, describe, dump, load and delete.
 
 ``list`` sends requests to all nodes at once, so a node that does not reply delays no other. ``set`` reads a value as in
-a parameter file. If the node rejects it, it is converted to the type of the parameter and sent again: `3.0` to an
-integer, `"NaN"` to a double, `[1, 2.5]` to doubles, `5` to a string.
+a parameter file. If the node rejects the value, the value is converted to the type of the parameter and sent again:
+`3.0` to an integer, `"NaN"` to a double, `[1, 2.5]` to doubles, `5` to a string.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 @asynccontextmanager
 async def _parameters_of(command_node: CommandNode, node: str, timeout_s: float) -> AsyncIterator[ParameterClient]:
-    """Yield a client for the parameters of a node; errors of the client become errors of the command.
+    """Yield a client for the parameters of a node; failed requests are raised as `CommandError`.
 
-    Requests are sent before the causes of errors are known.
+    The existence of node and parameters is checked only after a request has failed.
     """
     from rosidl_py_gen.runtime import CallTimeoutError, ParameterNotDeclaredError, ServerLostError, WaitTimeoutError
 
@@ -62,7 +62,7 @@ def _type_text(kind: ParameterType) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return the value of a parameter; arrays become lists."""
+    """Return the value of a parameter for output; tuples and bytes become lists."""
     return list(value) if isinstance(value, tuple | bytes) else value
 
 
@@ -104,7 +104,7 @@ async def list_(
     regex = options.compile_pattern(pattern or "", "--filter")
 
     async def names_and_types(client: ParameterClient) -> dict[str, str]:
-        """Return sorted names with types; types are empty unless they are shown."""
+        """Return the sorted names of a node's parameters with their types; types are "" unless they are printed."""
         listing = await client.list(prefixes, timeout_s=timeout_s)
         names = [name for name in sorted(listing.names) if regex.match(name)]
         if not show_types or not names:
@@ -342,7 +342,7 @@ async def _set(client: ParameterClient, name: str, text: str | None, timeout_s: 
 
 
 def fit_parameter(text: str, kind: ParameterType) -> ParameterValue | None:
-    """Return a text as a parameter value of a type; None if it cannot be converted."""
+    """Convert a text to a parameter value of the type `kind`; returns None if the text does not fit the type."""
     from rosidl_py_gen.ros_cli.values import as_bool, as_float, as_integer, as_text, parse_value
     from rosidl_py_gen.runtime import InvalidParameterValueError, ParameterType, parameter_value
 

@@ -1,7 +1,7 @@
 """The command ``ros2`` of programs and launch files, where ROS is not installed: it runs ``rosidl-py``.
 
 `prefix.build` writes a program that calls `main` into each prefix. ``run``, ``launch`` and ``test`` append its folder
-to PATH, so that a ``ros2`` of ROS precedes.
+to the end of PATH, so that a ``ros2`` of ROS takes precedence.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _PACKAGES = Path("share", "ament_index", "resource_index", "packages")
 
 
 def main() -> None:
-    """Run the command line of ``ros2``."""
+    """Run the command ``ros2`` with the arguments of this process, mostly by ``rosidl-py``."""
     from rosidl_py_gen import ros_cli
 
     words = sys.argv[1:]
@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def _daemon(words: Sequence[str]) -> int:
-    """Report success for ``ros2 daemon``, which scripts call to discover nodes afresh."""
+    """Report success for ``ros2 daemon``, which scripts call to restart discovery, although there is no daemon."""
     verb = words[0] if words else ""
     if verb not in ("start", "status", "stop"):
         raise CommandError(f'ros2 daemon: no verb "{verb}"; expected start, status or stop')
@@ -39,7 +39,7 @@ def _daemon(words: Sequence[str]) -> int:
 
 
 def _pkg(words: Sequence[str]) -> int:
-    """Run ``ros2 pkg``: executables, list, and prefix."""
+    """Run ``ros2 pkg`` with executables, list or prefix, and return 0; raises `CommandError` for other words."""
     verb, *rest = (*words, "")
     options = {word for word in rest if word.startswith("-")}
     names = [word for word in rest if word and word not in options]
@@ -62,11 +62,11 @@ def _pkg(words: Sequence[str]) -> int:
 
 
 _VERBS: dict[str, Callable[[Sequence[str]], int]] = {"daemon": _daemon, "pkg": _pkg}
-"""Commands of ros2 that rosidl-py does not have."""
+"""Functions that run those commands of ros2 that rosidl-py does not have."""
 
 
 def _prefixes() -> dict[str, str]:
-    """Return the prefix of each package of AMENT_PREFIX_PATH; of two with one name, the first."""
+    """Return the prefix of each package of AMENT_PREFIX_PATH by name; of equal names, the first prefix."""
     found: dict[str, str] = {}
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / _PACKAGES

@@ -1,4 +1,4 @@
-"""``rosidl-py service``. ``call`` prints messages as rclpy's `repr` does, as ``ros2 service call``."""
+"""Commands of ``rosidl-py service``; ``call`` prints messages by rclpy's `repr`, as ``ros2 service call`` does."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, TopicEndpointInfo
 
 _ENDPOINTS_TIMEOUT_S = 1.0
-"""A service is found by one of its two topics; its endpoints are counted by the other one, which may follow."""
+"""Maximum time, in seconds, to wait for the second topic of a service, by which its endpoints are counted."""
 _PUBLISHER_TIMEOUT_S = 1.0
-"""Time to wait for a publisher of events, which is discovered together with the service."""
+"""Maximum time to wait for a publisher of service events, in seconds, before a note that introspection is off."""
 _hidden = click.option(
     "-a",
     "--include-hidden-services",

@@ -35,18 +35,18 @@ def is_error_terminal() -> bool:
 
 
 def line(text: str = "", style: str = "") -> None:
-    """Print one line in a style of rich (``"bold cyan"``), for terminals; line breaks in it are escaped."""
+    """Print one line, on terminals in a style of rich such as ``"bold cyan"``; line breaks in `text` are escaped."""
     _write(printable_line(text), style)
 
 
 def lines(texts: Iterable[str]) -> None:
-    """Print several lines at once; line breaks in them are escaped."""
+    """Print several lines at once; line breaks inside each text are escaped."""
     if rows := list(map(printable_line, texts)):
         _write("\n".join(rows))
 
 
 def block(text: str, style: str = "") -> None:
-    """Print a text with its line breaks, such as YAML; names in it must be escaped already."""
+    """Print a text of several lines, such as YAML; line breaks in names must be escaped already."""
     _write(printable_lines(text), style)
 
 
@@ -66,7 +66,7 @@ def records(texts: Iterable[str]) -> None:
 
 
 class StatusLine:
-    """Line on standard error, if that is a terminal, below the other output of a command; a context manager.
+    """Status line on standard error, if that is a terminal, below the other output of a command; a context manager.
 
     The cursor stays visible, because a signal could not restore it. Nothing is displayed unless `is_possible`.
     """
@@ -77,7 +77,7 @@ class StatusLine:
         self._streams: tuple[Any, Any] = sys.stdout, sys.stderr
 
     def show(self, text: str) -> None:
-        """Replace the text of the line; it is cut at the width of the terminal."""
+        """Replace the text of the status line; a text that is wider than the terminal is cut."""
         if not self.is_possible:
             return
         columns = _columns_of(self._streams[1])
@@ -86,7 +86,7 @@ class StatusLine:
         self._write(f"{_CLEAR_LINE}{self._text}")
 
     def clear(self) -> None:
-        """Remove the text, until the next one is shown."""
+        """Remove the status line from the terminal until the next call of `show`."""
         if self._text:
             self._text = ""
             self._write(_CLEAR_LINE)
@@ -109,7 +109,7 @@ class StatusLine:
 
 
 class _AboveStatusLine:
-    """Stream whose texts replace a status line, which appears again below them when it is shown the next time."""
+    """Output stream that removes a status line before it writes; the next `show` draws the line below the output."""
 
     def __init__(self, stream: Any, status: StatusLine) -> None:
         self._stream, self._status = stream, status
@@ -142,23 +142,23 @@ def _columns() -> int:
 
 
 def mermaid_label(text: str) -> str:
-    """Return a label for Mermaid; special characters become character codes, which Mermaid does not interpret."""
+    """Return a text as label for Mermaid, with character codes for characters that Mermaid would interpret."""
     return re.sub(r"[^A-Za-z0-9_/ .,()-]", lambda char: f"#{ord(char[0])};", printable(text))
 
 
 def note(text: str) -> None:
-    """Print one line on standard error, next to the output of a command."""
+    """Print a note, one line on standard error, which is separate from the output of a command."""
     print(printable_line(text), file=sys.stderr, flush=True)
 
 
 @cache
 def note_once(text: str) -> None:
-    """Print one line on standard error, unless this process has printed it."""
+    """Print a note, one line on standard error, unless this process has printed the same note."""
     note(text)
 
 
 def names(rows: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:
-    """Print the rows of a list command; each has ``name`` and ``types``, and further values for JSON."""
+    """Print rows of a list command: their names, number or JSON. Each row has ``name`` and ``types``."""
     if as_json:
         document(rows)
     elif count:
@@ -168,7 +168,7 @@ def names(rows: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json
 
 
 def document(data: Any, *, in_stream: bool = False) -> None:
-    """Print JSON, as `rosidl_py_gen.to_json` does; on one line also on terminals, if it is one of several values."""
+    """Print a value as JSON: on one line, or indented on a terminal unless it is one of several (`in_stream`)."""
     _write(json_text(data, indent=2 if is_terminal() and not in_stream else None))
 
 
@@ -181,7 +181,7 @@ def result(texts: Iterable[str], as_json: bool, data: Any = None) -> None:
 
 
 class OnceNotes:
-    """Prints each note once, and at most ten of them."""
+    """Printer of notes, which prints each text once, and at most ten different texts."""
 
     def __init__(self) -> None:
         self._printed: set[str] = set()
@@ -199,7 +199,7 @@ def drawing(
 
     Args:
         texts: lines and their styles for the format ``text``.
-        draw: functions for the other formats; ``markdown`` contains ``mermaid``.
+        draw: functions that return the drawing in the other formats; ``markdown`` contains ``mermaid``.
     """
     if output is None and kind == "text":
         for one, style in texts:
@@ -221,7 +221,7 @@ def table(rows: Iterable[Sequence[str]], *headings: str, has_names: bool = True)
     Cells wrap at spaces only, so names are never broken. A table that does not fit has a line for each cell.
 
     Args:
-        has_names: the first cell is the name of a row, and stands above the others where each cell has its line.
+        has_names: True if the first cell of each row is its name, which is printed above cells that have own lines.
     """
     headings = tuple(map(printable_line, headings))
     rows = [[printable_line(cell) for cell in row] for row in rows]
@@ -248,7 +248,7 @@ def table(rows: Iterable[Sequence[str]], *headings: str, has_names: bool = True)
 
 
 def _column_widths(rows: Sequence[Sequence[str]], columns: int, *, may_wrap: bool) -> list[int] | None:
-    """Return widths at which a table fits and no word is broken, with three spaces between columns; None if none do."""
+    """Return column widths with which a table fits into `columns` without breaking words; None if it cannot fit."""
     from rich.cells import cell_len
 
     cells = [*zip(*rows, strict=True)]

@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _DESCRIPTION_TIMEOUT_S = 10.0
-"""Maximum time to wait for a node's description of an unknown type."""
+"""Maximum time to wait for a node's description of an unknown type, in seconds."""
 _PRELOAD_DELAY_S = 0.02
-"""Delay before the compiler is imported. On a quiet network peers are found earlier; importing would delay the command
-then, and its type may be generated already."""
+"""Delay before the compiler is imported while a command waits, in seconds. On a quiet network peers are found earlier;
+then importing would delay the command, whose type may be generated already."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
 _KINDS: dict[str, tuple[str, Any, str]] = {
     "topic": ("msg", get_message, "resolve_type"),
     "service": ("srv", get_service, "resolve_service_type"),
     "action": ("action", get_action, "resolve_action_type"),
 }
-"""Kind of definition, function for an installed class, and method of `Node` for an announced one."""
+"""Kind of definition, function that returns an installed class, and method of `Node` for an announced type."""
 
 
 def require_stamp(topic: str, cls: type[Message]) -> None:
@@ -44,7 +44,7 @@ def require_stamp(topic: str, cls: type[Message]) -> None:
 
 
 async def preload_while_waiting(awaitable: Awaitable[T]) -> T:
-    """Await; if that takes long, import the compiler in a thread at the same time."""
+    """Return the result of an awaitable; if it takes over 20 ms, import the compiler in a thread meanwhile."""
     loading = asyncio.get_running_loop().call_later(_PRELOAD_DELAY_S, _preload_compiler)
     try:
         return await awaitable
@@ -63,11 +63,11 @@ async def interface_class(
     """Return the class of a topic's messages, of a service or of an action (`kind`).
 
     Args:
-        name: full name; a node must have it if `type_name` is None.
-        type_name: such as ``pkg/msg/Name`` or ``pkg/Name``; only a topic may have others.
+        name: full name of the topic, service or action; a node must have it if `type_name` is None.
+        type_name: type such as ``pkg/msg/Name`` or ``pkg/Name``, or None; nodes may announce other types for a topic.
 
     Raises:
-        CommandError: the type is ambiguous, or another one is announced.
+        CommandError: several types are announced and `type_name` is None, or a service or action has another type.
         RosidlError: the type is unknown.
     """
     definition, get, resolve = _KINDS[kind]
@@ -81,7 +81,7 @@ async def interface_class(
 
 
 def installed_class(kind: str, type_name: str, paths: Sequence[str]) -> Any:
-    """Return the class of a topic's messages, of a service or of an action (`kind`) that needs no node."""
+    """Return the class of a topic's messages, a service or an action (`kind`) by its type, without using nodes."""
     return _KINDS[kind][1](type_name, path=paths)
 
 
@@ -96,7 +96,7 @@ def opaque_message_class(type_name: str, type_hash: str) -> type[Message]:
 
 
 def opaque_class(command_node: CommandNode, topic: str, type_name: str | None = None) -> type[Message]:
-    """Return a class for the serialized messages of a topic. Raises `CommandError`, `InvalidNameError`."""
+    """Return a class without fields for serialized messages of a topic; raises `CommandError` for several types."""
     types = announced_types(command_node, "topic", topic)
     name = str(split_ros_name(type_name, "msg")) if type_name else _only("topic", topic, types)
     endpoints = [

@@ -26,7 +26,7 @@ MAX_TEXT = 1 << 20
 MAX_JSON = 1 << 28
 """Maximum length of JSON, in characters: `topic echo --json` writes 110 MB for an image of 3840 x 2160 pixels."""
 _MAX_DIGITS = 400
-"""Maximum number of digits of an integer; float64 ends at 309."""
+"""Maximum number of digits of an integer; the largest float64 has 309."""
 _SPECIAL = re.compile(r"([-+]?)\.?(?:(inf|infinity)|nan)\Z", re.IGNORECASE)
 
 
@@ -36,7 +36,7 @@ class Number(str):
     __slots__ = ()
 
     def plain(self) -> Any:
-        """Return the number as int or float; the text where neither has room for it."""
+        """Return the number as int or float, or as text if it is out of range for both."""
         for value in (as_integer(self), as_float(self)):
             if not isinstance(value, str):
                 return value
@@ -84,7 +84,7 @@ def as_integer(value: Any) -> Any:
 
 
 def as_float(value: Any) -> Any:
-    """Return the float that a `Number`, or a text such as "NaN" and "-Infinity", is.
+    """Return the float that a `Number`, or a text such as "NaN" or "-Infinity", stands for.
 
     Any other value is returned unchanged, also a number that is not within the range of a float64.
     """
@@ -108,7 +108,7 @@ def as_text(value: Any) -> Any:
 
 
 def as_bool(value: Any) -> Any:
-    """Return the bool that 0 or 1 means; any other value is returned unchanged."""
+    """Return the bool that 0 or 1 means; any other value is returned as `as_integer` returns it."""
     number = as_integer(value)
     return bool(number) if type(number) is int and number in (0, 1) else number
 
@@ -116,7 +116,7 @@ def as_bool(value: Any) -> Any:
 def fit(cls: type[Message], values: Any) -> Any:
     """Return parsed values for a message, each number converted to the type of its field.
 
-    What does not fit is left for `from_dict` to report.
+    Values that do not fit stay as they are; `from_dict` reports them as errors.
     """
     if not isinstance(values, dict):
         return plain(values)
@@ -154,5 +154,5 @@ def _as_float_field(value: Any) -> Any:
 
 
 def _converted(value: Any) -> Any:
-    """Return a value that was not converted as it is shown in an error."""
+    """Return a value for `from_dict`; a `Number` that could not be converted becomes what an error displays."""
     return plain(value) if isinstance(value, Number | list | dict) else value

@@ -1,4 +1,4 @@
-"""``rosidl-py zenoh-router``: a Zenoh router in this process, until a signal ends it."""
+"""Command ``rosidl-py zenoh-router``: runs a Zenoh router in this process until a signal ends it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
 """Message packages as pip packages: a wheel for each, made of its definitions and installed by pip.
 
-`build` reads package.xml and makes wheels, `environment` installs and uninstalls them.
+The module `build` reads package.xml and makes wheels, `environment` installs and uninstalls wheels.
 """

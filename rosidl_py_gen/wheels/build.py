@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 _IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
 _EARLIEST = (1980, 1, 1, 0, 0, 0)
-"""Time of files without SOURCE_DATE_EPOCH: the first time of zip files."""
+"""Modification time of the files in a wheel if SOURCE_DATE_EPOCH is not set: the first time that zip can store."""
 _VERSION = re.compile(r"\d+(\.\d+){0,3}((a|b|rc)\d+)?(\.post\d+)?(\.dev\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
 class BuiltWheel:
-    """A wheel on disk."""
+    """Wheel file that was written: name of its distribution, path, and requirements."""
 
     package: str
     path: Path
@@ -44,7 +44,10 @@ class BuiltWheel:
 
 
 def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
-    """Return the requested packages, else the packages of the given folders, else all; raises `DefinitionError`."""
+    """Return the names of the packages to make wheels of: `wanted`, else packages of the user's folders, else all.
+
+    Raises `DefinitionError` if a wanted package is not on the search path.
+    """
     for name in wanted:
         if name not in search.packages:
             known = ", ".join(search.packages)[:300]
@@ -54,10 +57,10 @@ def selected_packages(search: SearchPath, wanted: list[str]) -> list[str]:
 
 
 def with_bundled(search: SearchPath, names: list[str]) -> SearchPath:
-    """Return a search path in which bundled packages precede installed ones of these names, or of all names.
+    """Return a search path in which bundled packages precede installed ones, for the packages in `names` (empty: all).
 
-    Otherwise a new installation would repeat the old one: its own wheels precede the bundled definitions, also after a
-    change of ROS_DISTRO or an update of this package.
+    Otherwise a new installation would repeat the old one: installed wheels precede the bundled definitions, even after
+    a change of ROS_DISTRO or an update of this package.
     """
     bundled = {
         one.name: one for one in search.hidden if one.origin == BUNDLED and one.name in (names or search.packages)
@@ -82,7 +85,7 @@ def build(search: SearchPath, packages: list[str], out: Path, *, dependencies: b
 
 
 def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[str, bytes]], dict[str, set[str]]]:
-    """Return the generated files of packages and of their dependencies, and the packages that each imports."""
+    """Return, by package (`packages` and their dependencies), its generated files and the packages that it imports."""
     wanted = set(packages)
     while True:
         if more := {one for name in wanted for one in _declared(search, name)} - wanted:
@@ -117,7 +120,7 @@ def _read(top: Path, packages: set[str]) -> tuple[dict[str, dict[str, bytes]], d
 
 
 def _build(search: SearchPath, package: Package, files: dict[str, bytes], uses: set[str], out: Path) -> BuiltWheel:
-    """Build the wheel of a package in `out`, replacing an older wheel of the same name."""
+    """Build the wheel of a package in the folder `out`, replacing an older wheel of the same file name."""
     manifest = read_manifest(package.folder)
     requires = [_compatible_versions(__version__)]
     for used in sorted(uses | _declared(search, package.name)):
@@ -138,9 +141,9 @@ def write_wheel(
     metadata: dict[str, object],
     entry_points: dict[str, dict[str, str]] | None = None,
 ) -> Path:
-    """Write the wheel of a Python package into a folder, replacing an older wheel of the same name; returns its path.
+    """Write the wheel of a Python package into the folder `out` and return the path of the wheel.
 
-    `files` have paths below site-packages.
+    Replaces an older wheel of the same file name. The keys of `files` are paths below site-packages.
     """
     from flit_core.common import Metadata, Module
     from flit_core.wheel import WheelBuilder
@@ -164,7 +167,7 @@ def write_wheel(
 
 
 def _compatible_versions(version: str) -> str:
-    """Return the requirement on the version of this package: generated code needs the same minor version."""
+    """Return the requirement of generated wheels on rosidl-py-gen: `version` or later, with the same minor version."""
     major, minor = version.split(".")[:2]
     return f"rosidl-py-gen>={version},<{major}.{int(minor) + 1}"
 
@@ -188,7 +191,7 @@ def _metadata(name: str, manifest: PackageManifest, requires: list[str]) -> dict
 
 @dataclass(frozen=True, slots=True)
 class PackageManifest:
-    """A package.xml with a valid version for pip; each maintainer is ``name <address>``, name or address."""
+    """Contents of a package.xml whose version pip accepts; a maintainer is ``name <address>``, a name or an address."""
 
     version: str
     description: str
@@ -199,7 +202,7 @@ class PackageManifest:
 
 
 def read_manifest(folder: Path) -> PackageManifest:
-    """Return the manifest of a package; raises `DefinitionError`, also for a version that pip refuses."""
+    """Read package.xml in a folder; raises `DefinitionError` if it is missing, invalid or has no version for pip."""
     path = folder / "package.xml"
     if not path.exists():
         raise DefinitionError(Diagnostic(str(path), 0, 0, "there is no such file; a wheel needs its name and version"))

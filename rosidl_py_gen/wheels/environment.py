@@ -1,7 +1,7 @@
 """Installation of message packages into this Python environment by pip, or by uv if the environment has no pip.
 
-An installation is refused if it conflicts with a package of another tool or with a ROS installation. A package with
-modified files is not uninstalled.
+Without ``--force``, an installation is refused if it conflicts with a package of another tool or with a ROS
+installation, and a package with modified files is not uninstalled.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MAX_LISTED = 10
 
 
 def installed_packages() -> dict[str, Distribution]:
-    """Return the installed message packages by name of the ROS package."""
+    """Return the distributions of message packages that are installed in this environment, by ROS package name."""
     found: dict[str, Distribution] = {}
     for one in distributions():
         for entry in one.entry_points:
@@ -42,11 +42,11 @@ def installed_packages() -> dict[str, Distribution]:
 def install(search: SearchPath, packages: list[str], *, force: bool = False) -> list[str]:
     """Make wheels of packages and of their dependencies, install them, and return ``name version`` of each.
 
-    With `force`, packages of other tools are replaced, and an importable rclpy does not matter.
+    With `force`, packages of other tools are replaced, and an importable rclpy is no error.
 
     Raises:
-        OutputError: packages of other tools conflict, the environment has no installer, or the installer failed.
-        DefinitionError: definitions or manifests have problems.
+        OutputError: rclpy or a package of another tool conflicts, the environment has no pip or uv, or it failed.
+        DefinitionError: a definition or package.xml is missing or invalid.
     """
     installer = find_installer()
     with TemporaryDirectory(prefix="rosidl-py-gen-install-") as folder:
@@ -58,9 +58,9 @@ def install(search: SearchPath, packages: list[str], *, force: bool = False) -> 
 
 
 def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]:
-    """Uninstall message packages; all installed ones if none is named, modified ones only with `force`.
+    """Uninstall message packages (all if `packages` is empty), modified ones only with `force`; return their names.
 
-    Raises `OutputError` if a package is not installed or has modified files, or the installer is missing or failed.
+    Raises `OutputError` if a package is not installed or has modified files, or pip or uv is missing or failed.
     """
     known = installed_packages()
     for name in packages:
@@ -93,7 +93,7 @@ def _check_no_conflict(packages: list[str]) -> None:
 
 
 def _normalized(name: str) -> str:
-    """Return a name as indexes compare it (PEP 503)."""
+    """Return the name of a distribution in the form in which package indexes compare names (PEP 503)."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 

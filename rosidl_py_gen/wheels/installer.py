@@ -15,43 +15,43 @@ from tempfile import TemporaryDirectory
 from rosidl_py_gen.errors import OutputError
 
 _MAX_OUTPUT_CHARS = 2000
-"""Maximum length of the output of a failed installer in an error."""
+"""Maximum number of characters of a failed installer's output that an error text quotes."""
 _EPHEMERAL = "extends-environment"
-"""Key of pyvenv.cfg in the environments that ``uv run --with`` makes in its cache for one command."""
+"""Key of pyvenv.cfg that marks the temporary environments of ``uv run --with``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Installer:
-    """Program that changes this environment."""
+    """Program that installs packages into this Python environment: pip or uv."""
 
     name: str
     _install: tuple[str, ...]
-    """Command that the paths of wheels follow."""
+    """Command line that installs wheels; the paths of the wheels are appended."""
     _uninstall: tuple[str, ...]
-    """Command that the names of distributions follow."""
+    """Command line that uninstalls distributions; their names are appended."""
     _unpack: tuple[str, ...]
-    """Command with the user's settings of the index that requirements with hashes follow."""
+    """Command line that downloads wheels from the user's package index; `unpack` appends target and requirements."""
 
     def install(self, *wheels: Path) -> None:
-        """Install wheels without their dependencies; raises `OutputError` with the output of the program."""
+        """Install wheels without their dependencies; raises `OutputError` with the output of pip or uv on failure."""
         self._run("install", *self._install, *map(str, wheels))
 
     def uninstall(self, *distributions: str) -> None:
-        """Uninstall distributions by name; raises `OutputError` with the output of the program."""
+        """Uninstall distributions by name; raises `OutputError` with the output of pip or uv on failure."""
         self._run("uninstall", *self._uninstall, *distributions)
 
     def unpack(self, requirements: Path, target: Path, python: str, abi: str, platform: str) -> None:
-        """Download and unpack wheels for a Python and a platform into a folder.
+        """Download wheels for another Python version or platform, and unpack them into the folder `target`.
 
         Args:
-            requirements: file with a SHA-256 for each requirement.
-            target: new folder.
+            requirements: requirements.txt with a SHA-256 for each requirement.
+            target: folder that pip or uv creates.
             python: version of Python, such as 3.13.
-            abi: tag of the ABI, such as cp313; uv uses the one of this interpreter and that version instead.
-            platform: tag of the platform, such as win_amd64; uv uses this platform instead.
+            abi: tag of the ABI, such as cp313; uv ignores it and uses the ABI of this interpreter with `python`.
+            platform: tag of the platform, such as win_amd64; uv ignores it and uses the platform of this machine.
 
         Raises:
-            OutputError: the index cannot be reached or has other files; the text has the output of the program.
+            OutputError: pip or uv failed, as without network or with a wrong SHA-256; the text quotes its output.
         """
         tags = () if self.name == "uv" else (f"--abi={abi}", *(f"--platform={one}" for one in platform.split(".")))
         self._run(
@@ -81,7 +81,7 @@ class Installer:
 
 
 def find_installer() -> Installer:
-    """Return pip of this environment, else uv; raises `OutputError` without them and in temporary environments."""
+    """Return pip of this environment, else uv; raises `OutputError` without both or in a temporary environment."""
     if _is_ephemeral():
         raise OutputError(
             f"the environment {sys.prefix} is temporary: `uv run --with` made it for one command; expected an "
@@ -122,7 +122,7 @@ def find_installer() -> Installer:
 
 
 def _uv() -> tuple[str, ...]:
-    """Return the command uv of this environment, else of PATH; empty without uv."""
+    """Return the words of the command that runs uv of this environment, else uv of PATH; () if uv is not installed."""
     if find_spec("uv") is not None:
         return sys.executable, "-m", "uv"
     # Programs of the current folder, which Windows searches as well, and of relative folders are not trusted.

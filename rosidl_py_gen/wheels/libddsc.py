@@ -1,8 +1,8 @@
-"""Installation of the C library of Cyclone DDS for Pythons that cyclonedds has no wheel for.
+"""Installation of the C library of Cyclone DDS (libddsc) for Python versions that cyclonedds has no wheel for.
 
-The library does not depend on the Python. pip or uv downloads the wheel of cyclonedds for another Python with the
-user's settings of the index, and checks the recorded SHA-256. The library is then packed into a wheel of its own,
-``rosidl-libddsc``, and installed into this environment.
+The library does not depend on the version of Python. pip or uv downloads the wheel of cyclonedds for another version
+from the user's package index, and checks its SHA-256 against the recorded one. The library is then packed into a wheel
+of its own, ``rosidl-libddsc``, and installed into this environment.
 
 Source: docs/internals/dds.md 7.
 """
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _PACKAGE = "rosidl_libddsc"
 _LICENSE = f"cyclonedds-{LibraryWheel.VERSION}.dist-info/licenses/LICENSE"
 _MAX_WHEEL_BYTES = 64 << 20
-"""Maximum size of a wheel that is given as a file; the recorded ones have at most 8 MB."""
+"""Maximum number of bytes read from a wheel that the user gives as a file; wheels of cyclonedds have at most 8 MB."""
 _MAX_CAUSE_CHARS = 400
 _INIT = '''"""C library of Cyclone DDS, taken from the wheel of cyclonedds {version} for this platform."""
 '''
@@ -37,12 +37,12 @@ _INIT = '''"""C library of Cyclone DDS, taken from the wheel of cyclonedds {vers
 
 @dataclass(frozen=True, slots=True)
 class InstalledLibrary:
-    """Library that `install` has installed.
+    """C library of Cyclone DDS that `install` has installed.
 
     Attributes:
-        version: of Cyclone DDS.
+        version: version of Cyclone DDS.
         wheel: file name of the wheel that contained the library.
-        path: of the library in this environment.
+        path: path of the library in this environment.
     """
 
     version: str
@@ -51,21 +51,21 @@ class InstalledLibrary:
 
     @property
     def text(self) -> str:
-        """Line that states what was installed."""
+        """Text about the installed library: version, wheel and path, in one line."""
         return f"installed libddsc {self.version}, from {self.wheel}: {self.path}"
 
 
 def needs_library() -> bool:
-    """Return True if no libddsc was found, cyclonedds has no wheel for this Python, and a recorded wheel has one."""
+    """Return True if libddsc is missing, cyclonedds has no wheel for this Python, and `install` knows another wheel."""
     return not library.has_wheel() and library.library_wheel() is not None and not library.is_found()
 
 
 def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
-    """Install libddsc into this environment, from the package index, or from a wheel of cyclonedds in `file`.
+    """Install libddsc into this environment: from `file`, a wheel of cyclonedds, or else from the package index.
 
     Raises:
-        OutputError: this platform has no recorded wheel, the wheel has another SHA-256 than recorded, the index cannot
-            be reached, the environment has no installer, or the library does not load.
+        OutputError: no wheel is recorded for this platform, the wheel has another SHA-256 than recorded, the package
+            index cannot be reached, pip and uv are missing, or the library does not load.
     """
     wheel = library.library_wheel()
     if wheel is None:
@@ -79,7 +79,10 @@ def install(file: str | os.PathLike[str] | None = None) -> InstalledLibrary:
 
 
 def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
-    """Return library and licence of a wheel that pip or uv downloads into a folder; raises `OutputError`."""
+    """Download a wheel of cyclonedds by pip or uv, and return the bytes of libddsc and of the licence in it.
+
+    Raises `OutputError` if the download fails or the wheel lacks a file.
+    """
     requirements, target = folder / "requirements.txt", folder / "wheel"
     installer = find_installer()
     if installer.name == "uv" and not library.has_gil_build():
@@ -102,7 +105,7 @@ def fetch(wheel: LibraryWheel, folder: Path) -> tuple[bytes, bytes]:
 
 
 def _cause(output: str, wheel: LibraryWheel) -> str:
-    """Return the cause of a failed download in one line, from the output of pip or uv."""
+    """Return the cause of a failed download in one line, extracted from the output of pip or uv."""
     digests = [one for one in re.findall(r"\b[0-9a-f]{64}\b", output) if one != wheel.sha256]
     if "hash" in output.lower() and digests:
         return f"{wheel.file} of the package index has the SHA-256 {digests[-1]}; expected {wheel.sha256}"
@@ -113,7 +116,10 @@ def _cause(output: str, wheel: LibraryWheel) -> str:
 
 
 def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
-    """Return library and licence of a wheel on disk; raises `OutputError`."""
+    """Return the bytes of libddsc and of the licence in a wheel of cyclonedds on disk.
+
+    Raises `OutputError` if `file` cannot be read or has another SHA-256 than recorded.
+    """
     try:
         with file.open("rb") as opened:
             found = hashlib.sha256(opened.read(_MAX_WHEEL_BYTES)).hexdigest()
@@ -132,7 +138,13 @@ def read(wheel: LibraryWheel, file: Path) -> tuple[bytes, bytes]:
 
 
 def build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Path:
-    """Build the wheel that is installed; it contains the library and the licence of Cyclone DDS."""
+    """Write the wheel ``rosidl-libddsc`` into a folder and return its path.
+
+    Args:
+        wheel: wheel of cyclonedds from which the library was taken.
+        content: bytes of the library.
+        terms: bytes of the licence of Cyclone DDS.
+    """
     files = {
         f"{_PACKAGE}/__init__.py": _INIT.format(version=wheel.VERSION).encode(),
         f"{_PACKAGE}/lib/{wheel.library}": content,
@@ -149,7 +161,7 @@ def build(wheel: LibraryWheel, content: bytes, terms: bytes, folder: Path) -> Pa
 
 
 def _check(wheel: LibraryWheel) -> str:
-    """Return the path of the installed library; raises `OutputError` if it does not load."""
+    """Load the newly installed libddsc and return its path; raises `OutputError` if it does not load."""
     import importlib
 
     importlib.invalidate_caches()

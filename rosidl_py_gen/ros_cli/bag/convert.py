@@ -1,4 +1,4 @@
-"""``bag convert``; also creates and fills the bag of ``bag migrate``."""
+"""Command ``bag convert``, and the functions by which ``bag migrate`` also creates and fills a bag."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def convert(
 
 
 def create_bag(output: str, storage: str, compression: str, **options: Any) -> BagWriter | SqliteWriter:
-    """Create a bag with the options of its writer; `compression` compresses the chunks of MCAP files."""
+    """Create a bag and return its writer; `compression` is for chunks of MCAP files, `options` are for the writer."""
     from rosidl_py_gen.bags import BagWriter, SqliteWriter
 
     if storage == "sqlite3":
@@ -100,7 +100,7 @@ def create_bag(output: str, storage: str, compression: str, **options: Any) -> B
 def new_bag(
     output: str, storage: str, compression: str, split_bytes: int | None, split_s: float | None
 ) -> Iterator[BagWriter | SqliteWriter]:
-    """Create a bag; remove it on failure, as an incomplete bag would look complete."""
+    """Create a bag and yield its writer; remove the bag if the block fails, as an incomplete bag looks complete."""
     writer = create_bag(output, storage, compression, split_bytes=split_bytes, split_s=split_s)
     try:
         with writer:
@@ -120,14 +120,14 @@ def copy_bag(
     channels: Mapping[tuple[str, ...], BagTopic],
     converter_of: Callable[[BagTopic], Callable[[RawMessage], RawMessage] | None] = lambda _: None,
 ) -> tuple[int, Counter[str]]:
-    """Copy a bag with the selected messages.
+    """Copy the selected messages of a bag, and everything else that the copy can contain.
 
     Args:
-        channels: topics of the copy, by the key of the original.
-        converter_of: returns the function that converts the messages of a channel; None if they are copied.
+        channels: channels of the copy, by the key of the recorded channel.
+        converter_of: returns the function that converts messages of a recorded channel; None to copy them unchanged.
 
     Returns:
-        Number of messages, and of things that the copy has no place for, by kind.
+        Number of copied messages, and numbers of items that the storage of the copy cannot contain, by kind of item.
     """
     from rosidl_py_gen.bags.copying import BagCopy
     from rosidl_py_gen.ros_cli.bag.display import ProgressBar

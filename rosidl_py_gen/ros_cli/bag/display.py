@@ -21,26 +21,26 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PROGRESS_DELAY_S = 0.5
-"""Time after which a progress bar appears; a bar of short commands would only flicker."""
+"""Time after which a progress bar appears, in seconds; a bar of shorter commands would only flicker."""
 PROGRESS_INTERVAL_S = 0.5
-"""Time between two states of a progress bar."""
+"""Minimum time between two updates of a progress bar, in seconds."""
 _BAR_COLUMNS = 20
 _ITEMS_PER_UPDATE = 64
-"""Number of items between two updates, as one would take 2 % of the time of a small message."""
+"""Number of items between two checks of a progress bar; a check takes 2 % of the time of a small message."""
 
 
 def damaged_rows(parts: Iterable[DamagedPart]) -> list[dict[str, Any]]:
-    """Return skipped parts of recordings for JSON output."""
+    """Return damaged parts of recordings, which were skipped, as rows for JSON output."""
     return [{**asdict(part), "file": str(part.file)} for part in parts]
 
 
 def duration_text(nanoseconds: int) -> str:
-    """Return seconds with milliseconds."""
+    """Return a duration as text in seconds with milliseconds, such as ``1.250 s``."""
     return f"{nanoseconds / NS_PER_S:.3f} s"
 
 
 def time_text(nanoseconds: int) -> str:
-    """Return local date and time and seconds since 1970; only the latter for dates outside of the calendar."""
+    """Return a time as text: local date and time and seconds since 1970; outside of the calendar only seconds."""
     seconds, rest = sec_nanosec(nanoseconds)
     try:
         date = datetime.fromtimestamp(seconds).astimezone().strftime("%Y-%m-%d %H:%M:%S")
@@ -50,7 +50,7 @@ def time_text(nanoseconds: int) -> str:
 
 
 def size_text(count: float) -> str:
-    """Return bytes in binary units, as rosbag2 displays them."""
+    """Return a number of bytes as text in binary units, such as ``1.5 MiB``, as rosbag2 displays sizes."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if count < 1024:
             return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"
@@ -59,9 +59,9 @@ def size_text(count: float) -> str:
 
 
 class ProgressBar:
-    """Progress of a command with rate and remaining time, on standard error while that is a terminal.
+    """Progress bar of a command with rate and remaining time, on standard error if that is a terminal.
 
-    Call it with the number of completed units, and of all; None or 0 if that is unknown. It appears after 0.5 s.
+    Call the bar with the number of completed units and of all units (None or 0: unknown). The bar appears after 0.5 s.
     """
 
     def __init__(self, unit: Literal["messages", "bytes"]) -> None:
@@ -71,7 +71,7 @@ class ProgressBar:
         self._next_s = self._start_s + PROGRESS_DELAY_S if self._line.is_possible else inf
 
     def __call__(self, done: float, total: float | None = None) -> None:
-        """Display the state, at most twice per second."""
+        """Display that `done` of `total` units are completed, at most twice per second."""
         now_s = monotonic()
         if now_s < self._next_s:
             return
@@ -80,7 +80,7 @@ class ProgressBar:
         self._line.show(f"{bar}{progress_text(done, total or None, now_s - self._start_s, self._unit)}")
 
     def each(self, items: Iterable[T], total: float | None = None) -> Iterator[T]:
-        """Yield items, and display their number."""
+        """Yield each of `items`, and display how many of `total` were yielded."""
         for number, item in enumerate(items):
             if not number % _ITEMS_PER_UPDATE:
                 self(number, total)
@@ -95,13 +95,13 @@ class ProgressBar:
 
 
 def progress_bar(fraction: float) -> str:
-    """Return a bar of 20 characters."""
+    """Return a text of 20 characters that shows `fraction`, from 0 to 1, as a bar."""
     count = round(_BAR_COLUMNS * min(1.0, fraction))
     return "━" * count + "─" * (_BAR_COLUMNS - count)
 
 
 def progress_text(done: float, total: float | None, elapsed_s: float, unit: str) -> str:
-    """Return the completed units, the rate and the remaining time."""
+    """Return a text with the completed units and the rate and, if `total` is known, the remaining time."""
     rate = done / elapsed_s if elapsed_s > 0 else 0.0
     in_bytes = unit == "bytes"
     count, speed = (size_text(done), f"{size_text(rate)}/s") if in_bytes else (f"{done:.0f}", f"{rate:.0f} {unit}/s")
@@ -115,7 +115,7 @@ def progress_text(done: float, total: float | None, elapsed_s: float, unit: str)
 
 @contextmanager
 def opened_bag(path: str, *, search_path: Sequence[str] = (), skip_damaged: bool = True) -> Iterator[BagReader]:
-    """Open a bag, with a progress bar for files that have to be decompressed or read completely."""
+    """Open a bag and yield its reader, with a progress bar while files are decompressed or read completely."""
     from rosidl_py_gen.bags import BagReader
 
     with ProgressBar("bytes") as show:

@@ -1,4 +1,4 @@
-"""``bag info``: contents of a bag."""
+"""Command ``bag info``: prints the contents of a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``bag migrate``: conversion of a recording to changed definitions.
+"""Command ``bag migrate``: converts a recording to changed definitions.
 
 Topics are converted if their type, or a type in it, is defined in the folders of --path; others are copied. Messages of
 types whose hash is equal keep their bytes. An incomplete output is removed.
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class _Topic:
-    """Channel and its conversion; `convert` is None if its bytes are copied."""
+    """Recorded channel, channel of the new bag, and conversion; `convert` is None if bytes of messages are copied."""
 
     old: BagTopic
     new: BagTopic
@@ -152,7 +152,7 @@ class _NewDefinitions:
         self._library = InterfaceRegistry(self._search)
 
     def find(self, name: str) -> tuple[type[Message], str] | str:
-        """Return class and text of a type, or the reason for copying its messages. Raises `DefinitionError`."""
+        """Return class and definition text of a type in ``--path``, or why its messages are copied unchanged."""
         from rosidl_py_gen import get_message
         from rosidl_py_gen.compiler.frontend.definition_text import full_text
         from rosidl_py_gen.compiler.frontend.registry import read_checked
@@ -170,7 +170,7 @@ class _NewDefinitions:
 def _plan_topics(
     reader: BagReader, topics: Sequence[str], paths: Sequence[str], rules: MigrationRules
 ) -> dict[tuple[str, ...], _Topic]:
-    """Return the conversion of each channel by its key; raises one `CommandError` for all failures."""
+    """Return how to convert each selected channel, by channel key; raises one `CommandError` with all failures."""
     from rosidl_py_gen.compiler.compatibility.migration import MigrationError
 
     definitions = _NewDefinitions(paths)

@@ -16,12 +16,12 @@ _SECTIONS = ("types", "fields")
 
 
 def read_rules(path: str) -> MigrationRules:
-    """Return the rules of a file. Raises `CommandError`, `OSError`."""
+    """Read a file of rules for ``bag migrate``; raises `CommandError` if it is invalid, OSError if unreadable."""
     return parse_rules(read_text(path, "rules"), path)
 
 
 def parse_rules(source: str, name: str = "<rules>") -> MigrationRules:
-    """Return the rules of a text; errors, as in `read_rules`, call it `name`."""
+    """Parse a text with rules for ``bag migrate``. Raises `CommandError` with `name` and line if it is invalid."""
     types: dict[str, RenameRule] = {}
     fields: dict[str, dict[str, RenameRule]] = {}
     for key, value in entries(parse(source, name), name, "expected types: and fields:"):

@@ -1,4 +1,4 @@
-"""``bag plot``: fields of recorded messages over time."""
+"""Command ``bag plot``: plots fields of recorded messages over time."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def plot(
 
 
 def _is_bag(word: str, first: BagReader) -> bool:
-    """Return True if a word after the first bag is another bag, and not one of its topics or a field."""
+    """Return True if a word after the first bag is a further bag: a URL, or a path that exists and is no topic."""
     from rosidl_py_gen.bags.remote import is_url
 
     return is_url(word) or (word not in first.topics and os.path.exists(word))
@@ -97,7 +97,7 @@ def _panels(
     duration_s: float | None,
     skips: bool,
 ) -> list[PlotPanel]:
-    """Return the panels of one bag, which is read once."""
+    """Return a plot panel for each topic, filled with fields of messages from one bag, which is read once."""
     from rosidl_py_gen.ros_cli.bag.display import ProgressBar
     from rosidl_py_gen.ros_cli.bag.selection import select_part
     from rosidl_py_gen.ros_cli.plotting.lines import PlotPanel, TopicLines

@@ -34,12 +34,12 @@ _EXPECTED = f"expected policies, of {', '.join(_KEYS)}"
 
 
 def read_qos_overrides(path: str | None) -> dict[str, QoSProfile]:
-    """Return profiles by full topic name; none without a file. Raises `CommandError`, `OSError`."""
+    """Read a file of QoS profiles by topic (None: {}); raises `CommandError` or OSError if it is invalid or missing."""
     return {} if path is None else parse_qos_overrides(read_text(path, "profiles"), path)
 
 
 def parse_qos_overrides(source: str, name: str = "<profiles>") -> dict[str, QoSProfile]:
-    """Return the profiles of a text; errors, as in `read_qos_overrides`, call it `name`."""
+    """Parse a text with QoS profiles by full topic name; raises `CommandError` with `name` and line if invalid."""
     profiles = {}
     for topic, policies in entries(parse(source, name), name, "expected topics, and the policies of each below it"):
         try:

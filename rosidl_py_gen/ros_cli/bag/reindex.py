@@ -1,4 +1,4 @@
-"""``bag reindex``: repair of metadata and indexes."""
+"""Command ``bag reindex``: repairs metadata and indexes of a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Services of rosbag2's player and recorder, of the package rosbag2_interfaces, which need not be installed."""
+"""Servers of the services of rosbag2's player and recorder; the package rosbag2_interfaces need not be installed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DEFINITIONS = {
     "set_rate": "float64 rate\n---\nbool success\n",
     "snapshot": "---\nbool success\n",
 }
-"""Definitions of the services with fields, by their usual name."""
+"""Definition texts of the services of rosbag2 that have fields, by the name of the service without its prefix."""
 
 
 def serve_rosbag2(
@@ -31,12 +31,13 @@ def serve_rosbag2(
     handlers: Mapping[str, Callable[[Any], dict[str, Any] | None]],
     before: Callable[[str], Awaitable[object]] | None = None,
 ) -> None:
-    """Create services until the node is closed.
+    """Serve services of rosbag2's player or recorder on a node, until the node is closed.
 
     Args:
-        prefix: of the names of services.
-        handlers: functions by name of the service, which return the fields of the response.
-        before: awaited with the name of a service before its function is called.
+        prefix: beginning of the service names, such as ``~/``.
+        handlers: functions by service name without the prefix; each is called with the request and returns the fields
+            of the response as a dict, or None if there are none.
+        before: coroutine function that is awaited with the service name before the handler is called.
     """
 
     def create(name: str, handler: Callable[[Any], dict[str, Any] | None]) -> None:

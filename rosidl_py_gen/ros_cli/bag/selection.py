@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.bags.definition_lookup import TopicDefinition
 
 _SAMPLES = 20
-"""Number of messages that are checked for each channel whose definition is a guess."""
+"""Maximum number of messages per channel that are checked against a definition that was found only by type name."""
 
 
 class BagSelection(NamedTuple):
-    """Topics and times of a bag: ``start_ns <= log_time < end_ns``."""
+    """Selection of topics and of a time range of a bag: messages with ``start_ns <= log_time < end_ns``."""
 
     topics: list[str]
     start_ns: int
@@ -42,7 +42,7 @@ class BagSelection(NamedTuple):
 
 
 def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> BagSelection:
-    """Return the selection of options; raises `CommandError` if a topic does not exist, or the bag is too short."""
+    """Return the selection that options describe; raises `CommandError` if the bag lacks a topic or the offset."""
     for name in topics:
         if name not in reader.topics:
             raise CommandError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
@@ -52,7 +52,7 @@ def select_part(reader: BagReader, topics: Sequence[str], offset_s: float, durat
 
 
 def start_of(name: str, start_ns: int, end_ns: int, offset_s: float) -> int:
-    """Return the time at an offset in a bag; raises `CommandError` after its end."""
+    """Return the time in ns at an offset from the start of a bag; raises `CommandError` if the bag ends before."""
     if (start := start_ns + round(offset_s * NS_PER_S)) > end_ns:
         raise CommandError(f"{name} is {duration_text(end_ns - start_ns)} long; expected a start offset within it")
     return start
@@ -61,7 +61,7 @@ def start_of(name: str, start_ns: int, end_ns: int, offset_s: float) -> int:
 def channels_with_definitions(
     reader: BagReader, topics: Sequence[str], keeps_unknown: bool
 ) -> dict[tuple[str, ...], BagTopic]:
-    """Return the channels to write, by the key of the original: with the definition in the bag, or a local one.
+    """Return the channels to write, by key of the recorded channel, each with its recorded or a local definition.
 
     Raises `CommandError` if a channel with messages has no matching definition, and `keeps_unknown` is False.
     """
@@ -92,9 +92,9 @@ def channels_with_definitions(
 
 
 def guess_mismatch(reader: BagReader, channel: BagTopic, known: TopicDefinition) -> str:
-    """Return why a definition that is a guess differs from the first messages of the channel; empty if it may fit.
+    """Return why a definition found only by type name does not fit the first messages of a channel; "" if it may fit.
 
-    Raises `BagError` if these messages are damaged.
+    Raises `BagError` if the first messages are damaged.
     """
     if known.is_recorded:
         return ""

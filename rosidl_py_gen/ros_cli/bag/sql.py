@@ -1,4 +1,4 @@
-"""``bag sql``: SQL queries over bags or datasets."""
+"""Command ``bag sql``: SQL queries over bags or datasets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``bag table``: bags as a Parquet dataset."""
+"""Command ``bag table``: writes bags as a Parquet dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small YAML files for ``bag`` commands, as trees whose nodes know their location.
+"""Reading of small YAML files for ``bag`` commands, as trees whose nodes know their location.
 
 The files are not trusted: they are parsed as trees of texts, without anchors or tags, and errors name the location.
 """
@@ -24,7 +24,7 @@ _NULLS = ("", "~", "null", "Null", "NULL")
 
 
 def read_text(path: str, what: str) -> str:
-    """Return the text of a file; `what` names its contents in errors. Raises `CommandError`, `OSError`."""
+    """Return the text of a file of `what`, such as rules; raises `CommandError` if it is too large or not UTF-8."""
     with Path(path).open("rb") as file:
         data = file.read(_MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
@@ -36,7 +36,7 @@ def read_text(path: str, what: str) -> str:
 
 
 def parse(text: str, name: str) -> yaml.Node | None:
-    """Return the tree of a text, None if it is empty. Raises `CommandError`, whose text contains `name`."""
+    """Parse a YAML text and return the root node, None if the text is empty. Raises `CommandError` with `name`."""
     try:
         return compose_yaml(text, max_bytes=_MAX_BYTES)
     except YamlError as error:
@@ -44,7 +44,7 @@ def parse(text: str, name: str) -> yaml.Node | None:
 
 
 def entries(node: yaml.Node | None, name: str, expected: str) -> Iterator[tuple[yaml.ScalarNode, yaml.Node]]:
-    """Yield keys and values of a mapping; none for null, and for an empty file. Raises `CommandError`."""
+    """Yield keys and values of a mapping, none for null; raises `CommandError` with `expected` for any other node."""
     if node is None or is_null(node):
         return
     if not isinstance(node, yaml.MappingNode):
@@ -59,22 +59,22 @@ def entries(node: yaml.Node | None, name: str, expected: str) -> Iterator[tuple[
 
 
 def text(node: yaml.Node, name: str, expected: str = "expected a name") -> str:
-    """Return the text of a node as written, so ``y`` and ``no`` are texts. Raises `CommandError`."""
+    """Return the text of a scalar node as written, so ``no`` is not False; raises `CommandError` for any other node."""
     if not isinstance(node, yaml.ScalarNode) or is_null(node) or len(node.value) > _MAX_TEXT:
         wrong(node, name, expected)
     return str(node.value)
 
 
 def is_null(node: yaml.Node) -> bool:
-    """Return True if a value is missing or null."""
+    """Return True if the value of a YAML node is missing or null."""
     return isinstance(node, yaml.ScalarNode) and node.tag == UNTAGGED and not node.style and node.value in _NULLS
 
 
 def place(node: yaml.Node, name: str) -> str:
-    """Return file, line and column."""
+    """Return the location of a YAML node as ``name:line:column``."""
     return f"{name}:{node.start_mark.line + 1}:{node.start_mark.column + 1}"
 
 
 def wrong(node: yaml.Node, name: str, reason: str) -> NoReturn:
-    """Raise `CommandError` with the location of a node."""
+    """Raise `CommandError` with the location of a YAML node and the reason."""
     raise CommandError(f"{place(node, name)}: {reason}")

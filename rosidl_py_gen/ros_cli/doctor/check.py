@@ -1,4 +1,4 @@
-"""``doctor``: runs the checks and prints their findings. A check that fails ends nothing."""
+"""Command ``doctor``, which runs checks and prints their findings. A check that raises an error is a finding, too."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _row(finding: Finding) -> dict[str, Any]:
 
 
 def _print(section: str, findings: list[Finding], *, as_report: bool) -> None:
-    """Print a line for each finding and each advice; all begin with the level."""
+    """Print a line for each finding of a section and one for its advice; both begin with the level of the finding."""
     for finding in findings:
         style = "" if as_report else _STYLES[finding.level]
         for text in (f"{section}: {finding.text}", *([f"-> {finding.advice}"] if finding.advice else [])):

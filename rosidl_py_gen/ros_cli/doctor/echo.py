@@ -1,4 +1,4 @@
-"""Second process of the doctor's self-test: publishes the messages that it receives."""
+"""Second process of the self-test of ``doctor``, which publishes the messages that it receives."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from rosidl_py_gen.ros_cli.command_node import CommandNode, NetworkOptions
 from rosidl_py_gen.runtime import run
 
 _MAX_LIFETIME_S = 60
-"""Time after which the process ends if the doctor was killed."""
+"""Maximum lifetime of the process in seconds, in case the command ``doctor`` was killed and cannot end it."""
 
 
 def topics(test_id: str) -> tuple[str, str]:
-    """Return the hidden topics to and from the process."""
+    """Return the names of the hidden topics to and from the second process of the self-test."""
     return f"/_rosidl_py_doctor/{test_id}/there", f"/_rosidl_py_doctor/{test_id}/back"
 
 
 async def main(domain_id: int, discovery: str, test_id: str) -> None:
-    """Publish received messages until the process is ended."""
+    """Publish each received message on the topic back to ``doctor``, until this process is ended."""
     there, back = topics(test_id)
     async with CommandNode(NetworkOptions(domain_id=domain_id, discovery=discovery)) as command_node:
         out, messages = (
@@ -31,6 +31,6 @@ async def main(domain_id: int, discovery: str, test_id: str) -> None:
 
 
 def start(domain_id: str, discovery: str, test_id: str) -> None:
-    """Run the process."""
+    """Run the second process of the self-test with the arguments of its command line."""
     # SIGTERM ends `run` in order; peers would wait for acknowledgements of a killed process.
     run(asyncio.wait_for(main(int(domain_id), discovery, test_id), _MAX_LIFETIME_S))

@@ -1,4 +1,4 @@
-"""Findings of checks, and their redaction for public reports."""
+"""Findings of the checks of ``doctor``, and their redaction for public reports."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ OK, NOTE, WARNING, BROKEN = "ok", "note", "warning", "error"
 
 _IPV4 = re.compile(r"\b(?!127\.|0\.0\.|2[2-5]\d\.)(\d{1,3}\.\d{1,3})\.\d{1,3}\.\d{1,3}\b")
 _MIN_NAME = 4
-"""Minimum length of names that are redacted; shorter ones would match parts of words."""
+"""Minimum length of texts that are redacted, such as a host name; shorter texts would match parts of words."""
 REDACTED_VARIABLES = (
     *("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "CYCLONEDDS_URI", "ROS_SECURITY_KEYSTORE"),
     *("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"),
     *("ZENOH_SESSION_CONFIG_URI", "ZENOH_ROUTER_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE"),
 )
-"""Environment variables whose values are not in reports."""
+"""Environment variables whose values are removed from public reports."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of a check.
+    """Result of a check of ``doctor``.
 
     Attributes:
         level: OK, NOTE, WARNING or BROKEN.
         advice: way to fix the problem.
-        public: replaces `text` in reports.
+        public: text that replaces `text` in public reports, unless empty.
         data: additional values for JSON.
     """
 
@@ -43,7 +43,7 @@ class Finding:
 
 
 def run_check(what: str, check: Callable[[], Iterable[Finding]]) -> list[Finding]:
-    """Return the findings of a check; an exception becomes a finding, as machines differ in unknown ways."""
+    """Return the findings of a check of `what`; an exception becomes a finding, as machines differ in unknown ways."""
     try:
         return list(check())
     except Exception as error:
@@ -51,13 +51,13 @@ def run_check(what: str, check: Callable[[], Iterable[Finding]]) -> list[Finding
 
 
 def redact_finding(finding: Finding) -> Finding:
-    """Return a finding without home folder, host name, and the last parts of addresses."""
+    """Return a finding for public reports, without data and with texts redacted by `redact_text`."""
     text = redact_text(finding.public or finding.text)
     return Finding(finding.level, text, redact_text(finding.advice))
 
 
 def redact_text(text: str) -> str:
-    """Return a text without home folder, host name, and the last parts of addresses."""
+    """Return a text without home folder, host name, ends of IPv4 addresses, and values of `REDACTED_VARIABLES`."""
     for name in REDACTED_VARIABLES:
         value = os.environ.get(name, "")
         if len(value) >= _MIN_NAME:

@@ -49,7 +49,7 @@ def python() -> Iterator[Finding]:
 
 
 def libraries() -> Iterator[Finding]:
-    """Check the required packages."""
+    """Check that the Python packages that a node requires are installed."""
     chosen, extra = ("zenoh", "zenoh") if uses_zenoh(os.environ) else ("dds", "node")
     for name in (*_MIDDLEWARE_OF, "PyYAML", "rich", "numpy"):
         try:
@@ -65,7 +65,7 @@ def libraries() -> Iterator[Finding]:
 
 
 def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
-    """Report the interface packages by origin."""
+    """Report how many interface packages each part of the search path has, and its problems."""
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         if not Path(prefix).is_dir():
             yield Finding(
@@ -126,7 +126,7 @@ def _caches() -> Iterator[Finding]:
 
 
 def discovery_ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_local_port_range")) -> Iterator[Finding]:
-    """Check that Linux does not assign the ports of the domain to other sockets."""
+    """Report a note if Linux may assign the UDP ports of the DDS domain to sockets of other programs."""
     try:
         low, high = map(int, file.read_text().split())
     except (OSError, ValueError):  # not Linux, or hidden
@@ -155,7 +155,7 @@ def _pitfalls(environ: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _security(environ: Mapping[str, str]) -> Iterator[Finding]:
-    """Check the enclave ``/``, or the enclave that ROS_SECURITY_ENCLAVE_OVERRIDE names."""
+    """Check the security files of the enclave ``/``, or of the enclave that ROS_SECURITY_ENCLAVE_OVERRIDE names."""
     warnings: list[str] = []
     try:
         security = find_security(environ, "/", warnings.append, is_supported=not uses_zenoh(environ))
@@ -169,7 +169,7 @@ def _security(environ: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def cyclonedds_uri(value: str) -> Iterator[Finding]:
-    """Check that the configuration is XML, or a list of files with XML."""
+    """Check that the value of CYCLONEDDS_URI is XML, or a list of files with XML."""
     from xml.etree import ElementTree
 
     if not value.strip():

@@ -28,7 +28,7 @@ _MULTICAST_TIMEOUT_S = 0.2
 FIRST_PORT = 7400
 PORTS_PER_DOMAIN = 250
 _MAX_DOMAIN = 101
-"""Ports of higher domains are assigned to other programs, too."""
+"""Highest DDS domain that is looked for: ports of higher domains are also assigned to other programs."""
 _UNICAST_OFFSETS = range(10, 42, 2)
 _MAX_INTERFACES = 64
 
@@ -46,7 +46,7 @@ class Interface:
 
 
 def interfaces() -> list[Interface]:
-    """Return at most 64 interfaces; empty if the system does not report them."""
+    """Return the network interfaces of this machine, at most 64; an empty list if the system does not report them."""
     try:
         names = [name for _, name in socket.if_nameindex()][:_MAX_INTERFACES]
     except (OSError, AttributeError):
@@ -74,7 +74,7 @@ def _interface(name: str) -> Interface:
 
 
 def multicast_works(address: str) -> bool:
-    """Return True if a packet that is sent to the group of DDS through an interface is received."""
+    """Return True if a multicast packet to the group of DDS, sent through the interface with `address`, is received."""
     own = socket.inet_aton(address)
     try:
         with (
@@ -94,7 +94,7 @@ def multicast_works(address: str) -> bool:
 
 
 def check_interfaces(interfaces: list[Interface], settings: DomainSettings | None) -> Iterator[Finding]:
-    """Report each interface, and check that they suffice for the discovery range of DDS."""
+    """Report each network interface, and check that the interfaces suffice for the discovery range of DDS."""
     is_local = settings is not None and settings.discovery_range.name == "LOCALHOST"
     for one in interfaces:
         yield _describe(one, is_local)

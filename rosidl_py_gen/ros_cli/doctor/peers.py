@@ -1,7 +1,7 @@
 """Checks of peers: a self-test with a second process, the participants of the domain, and incompatible endpoints.
 
 The middleware of a peer is derived from three facts: its GUID begins with a vendor id, ROS participants announce that
-they are, and type hashes exist since ROS Iron.
+they belong to ROS, and type hashes exist since ROS Iron.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _VENDORS = {
     17: "GurumDDS",
     18: "RustDDS",
 }
-"""Second byte of vendor ids (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
+"""DDS implementations by second byte of the vendor id (dds-foundation.org, "DDS-RTPS vendor and product ids")."""
 _ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
 _ZENOH_ADVICE = "check that `rosidl-py zenoh-router` runs on each machine, and that the routers are connected"
 START_TIMEOUT_S = 20.0
@@ -56,7 +56,7 @@ _MAX_MISMATCHES = 20
 
 
 class SelfTest:
-    """Second process that joins the same domain with the same settings, and sends messages back."""
+    """Self-test with a second process that joins the same domain with the same settings and sends messages back."""
 
     def __init__(self, command_node: CommandNode) -> None:
         self._command_node = command_node
@@ -70,10 +70,10 @@ class SelfTest:
             stderr=subprocess.DEVNULL,
         )
         self.guid = b""
-        """GUID of the participant of the process, once it was found."""
+        """GUID of the participant of the second process; empty until the participant is discovered."""
 
     async def result(self) -> Finding:
-        """Run the test."""
+        """Run the self-test and return its finding: the second process was found and sent a message back, or not."""
         there, back = topics(self._test_id)
         node = self._command_node.node
         try:
@@ -104,7 +104,7 @@ class SelfTest:
         return Finding(OK, f"{text} ({trip_ms:.1f} ms)", data={"found_s": found_s, "round_trip_ms": trip_ms})
 
     async def _has_started(self) -> bool:
-        """Return True if the process has its node or has ended, which may take long on a busy machine."""
+        """Wait until the second process has its node or has ended; return False if it takes longer than 20 s."""
         assert self._process.stdout is not None
         with suppress(asyncio.TimeoutError):
             await asyncio.wait_for(asyncio.to_thread(self._process.stdout.readline), START_TIMEOUT_S)
@@ -121,7 +121,7 @@ class SelfTest:
         return Finding(BROKEN, text, advice if _is_dds(self._command_node) else _ZENOH_ADVICE)
 
     def close(self) -> None:
-        """End the process."""
+        """End the second process of the self-test."""
         self._process.terminate()
         try:
             self._process.wait(_END_TIMEOUT_S)
@@ -136,7 +136,7 @@ class SelfTest:
 
 
 def peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
-    """Report participants by middleware, skipping `without`, the self-test's own."""
+    """Report the participants of other processes by middleware; `without` is the GUID of the self-test's, skipped."""
     participants = [one for one in command_node.context.participants() if not one.is_own and one.guid != without]
     if not participants:
         yield _no_peers(command_node)
@@ -149,7 +149,7 @@ def peers(command_node: CommandNode, without: bytes) -> Iterator[Finding]:
 
 
 def middleware_text(one: ParticipantInfo, middleware: str = "DDS") -> str:
-    """Return the middleware and the range of ROS distributions of a participant."""
+    """Return a text with the middleware and the range of ROS distributions of a participant."""
     vendor = _VENDORS.get(one.vendor[1]) if one.vendor[:1] == b"\1" else None
     if one.vendor != one.guid[:2]:
         vendor = f"secured {vendor or 'DDS, probably Cyclone DDS'}"

@@ -40,7 +40,7 @@ class Worker:
         self._thread: threading.Thread | None = None
 
     async def run(self, function: Callable[..., T], *args: Any) -> T:
-        """Run a function in the thread and return its result."""
+        """Run a function in the thread of the worker and return its result."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="rosidl-py foxglove", daemon=True)
             self._thread.start()
@@ -62,12 +62,12 @@ class Worker:
                 time.sleep(took_s)
 
     def close(self) -> None:
-        """Stop the thread after the queued functions; does not wait."""
+        """Make the thread of the worker end after the queued functions, without waiting for its end."""
         self._jobs.put(None)
 
 
 class Decoder:
-    """Decoder of a class, which refuses messages that would take memory out of proportion."""
+    """Decoder for viewers' messages of one class, which refuses messages whose objects may need too much memory."""
 
     def __init__(self, cls: type[Message], encoding: str = "cdr") -> None:
         self._cls = cls
@@ -78,7 +78,7 @@ class Decoder:
         self._defaults = max(counted.values())
 
     async def run(self, data: bytes, worker: Worker, convert: Callable[[Message], T]) -> T:
-        """Return `convert(message)`. Raises `RosidlError`."""
+        """Decode a message and return `convert(message)`; raises `RosidlError` if it is invalid or too large."""
         values = self._require_small(data)
         if max(len(data), values) <= limits.MAX_INLINE:
             return convert(self._decoded(data))
@@ -92,7 +92,7 @@ class Decoder:
         return self._cls()  # viewers do not always encode a message without fields as ROS 2 does
 
     def _require_small(self, data: bytes) -> int:
-        """Return the number of values that the message may have; raises `CommandError`."""
+        """Raise `CommandError` if a message is too large; return the maximum number of values in JSON, 0 for CDR."""
         if not self._is_json:
             if self._has_nested and len(data) > limits.MAX_NESTED_BYTES:
                 most = f"expected at most {limits.MAX_NESTED_BYTES}"
@@ -112,7 +112,7 @@ def _classes(cls: type[Message]) -> list[Any]:
 
 
 def _has_variable_elements(cls: type[Message]) -> bool:
-    """Return True if a sequence has strings, or a sequence or array has messages that vary in size."""
+    """Return True if a class contains a sequence of strings, or a sequence or array of messages that vary in size."""
     fields = [field for one in _classes(cls) for field in one._TYPE.fields]
     elements: list[Any] = [field.cls for field in fields if field.cls and field.type.arity is not Arity.SCALAR]
     return any("string" in field.type.base and _is_sequence(field) for field in fields) or any(
@@ -128,7 +128,7 @@ def _is_sequence(field: Field) -> bool:
 
 
 def _count_values(cls: Any, counted: dict[Any, int]) -> int:
-    """Return how many values a new message has; eight numbers of an array count as one."""
+    """Return how many values a new message of a class has (eight numbers of an array count as one); fill `counted`."""
     if cls not in counted:
         total = 1
         for field in cls._TYPE.fields:

@@ -1,4 +1,4 @@
-"""Tasks that show a changing set of things: topics, services, nodes, and channels of viewers."""
+"""Tasks for a changing set of keys, such as the topics, services or nodes of the graph: one task for each key."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ K = TypeVar("K")
 
 
 class KeyedTasks(Generic[K]):
-    """Task for each wanted key, by `run`; it is cancelled when the key is not wanted any more.
+    """Tasks by key: ``run(key)`` runs as a task for each wanted key, until the key is not wanted any more.
 
-    `limiter` is for the part of a task that sends requests to nodes.
+    Tasks hold the semaphore `limiter` while they send requests to nodes.
     """
 
     def __init__(self, run: Callable[[K], Coroutine[Any, Any, None]], max_concurrent: int = 8) -> None:
@@ -23,7 +23,7 @@ class KeyedTasks(Generic[K]):
         self._tasks: dict[K, asyncio.Task[None]] = {}
 
     def update(self, wanted: Collection[K]) -> None:
-        """Start the tasks of new keys, and cancel the tasks of keys that have disappeared."""
+        """Start a task for each new key in `wanted`, and cancel the tasks of keys that `wanted` does not contain."""
         for key in self._tasks.keys() - wanted:
             self._tasks.pop(key).cancel()
         for key in wanted:
@@ -31,7 +31,7 @@ class KeyedTasks(Generic[K]):
                 self._tasks[key] = asyncio.ensure_future(self._run(key))
 
     def forget(self, key: K) -> None:
-        """Make the next `update` start the task of a key again."""
+        """Make the next `update` start a new task for a key, without cancelling the old task."""
         self._tasks.pop(key, None)
 
     def __contains__(self, key: K) -> bool:

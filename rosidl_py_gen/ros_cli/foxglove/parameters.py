@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ParameterClient
 
 _TIMEOUT_S = 5.0
-"""Timeout of requests to a node."""
+"""Timeout of parameter requests to a node, in seconds."""
 _FIRST_REPLY_S = 1.5
-"""Time that the first viewer waits for the nodes; later replies are in the next update."""
+"""Maximum time that the first request of a viewer waits for nodes, in seconds; later replies are sent as updates."""
 _SEPARATOR = "."
-"""Separator of node and parameter; names of nodes do not contain it."""
+"""Separator between the names of node and parameter in ``/node.parameter``; names of nodes do not contain it."""
 
 
 class ParameterBridge:
-    """Copy of all parameters: `refresh` is called after changes of the graph; `get` and `set_` for viewers.
+    """Copy of the parameters of all nodes, which viewers read by `get` and change by `set_`.
 
-    It calls `changed` when `refreshed` has values.
+    Call `refresh` after each change of the graph. The bridge calls `changed` when `refreshed` has new values to return.
     """
 
     def __init__(
@@ -46,14 +46,14 @@ class ParameterBridge:
         self._changed = changed
         self._is_read_only = is_read_only
         self._values: dict[str, dict[str, Any]] = {}
-        """Node -> parameter -> value."""
+        """Known values: full node name -> parameter name -> value."""
         self._changed_names: set[str] = set()
         self._queries = KeyedTasks(self._query, max_concurrent=4)
         self._listening: asyncio.Task[None] | None = None
         self._first: asyncio.Task[None] | None = None
 
     def refresh(self) -> None:
-        """Query new nodes, and remove those that have disappeared."""
+        """Query parameters of new nodes and forget nodes that have disappeared; no effect before the first `get`."""
         if self._listening is None:
             return
         current = set(nodes_serving(self._node, *LIST_PARAMETERS, hidden=True))
@@ -91,7 +91,7 @@ class ParameterBridge:
             self._changed()
 
     def refreshed(self) -> dict[str, Any]:
-        """Return the values that changed since the last call."""
+        """Return the values of parameters, by ``/node.parameter``, that changed since the last call."""
         names, self._changed_names = self._changed_names, set()
         return self._values_of_names(names)
 
@@ -105,7 +105,7 @@ class ParameterBridge:
         return values
 
     async def get(self, names: list[str]) -> dict[str, Any]:
-        """Return values by name, of all parameters if `names` is empty; unset and unknown ones are omitted."""
+        """Return values by ``/node.parameter`` (all if `names` is empty), without unset and unknown parameters."""
         if self._first is None:
             self._first = asyncio.ensure_future(self._begin())
         self.refresh()
@@ -119,7 +119,7 @@ class ParameterBridge:
         await self._queries.wait(_FIRST_REPLY_S)
 
     async def set_(self, requested: dict[str, Any]) -> dict[str, Any]:
-        """Set parameters; return their values afterwards."""
+        """Set parameters by ``/node.parameter`` and return their values afterwards; viewers are sent failures."""
         by_node: dict[str, dict[str, Any]] = {}
         for name, value in requested.items():
             node, _, parameter = name.partition(_SEPARATOR)
@@ -152,7 +152,7 @@ class ParameterBridge:
                 self._server.send_control(f"{node} {name}", f"{node} rejected {name}: {result.reason}")
 
     async def close(self) -> None:
-        """Cancel all tasks."""
+        """Cancel all queries of nodes and stop following events."""
         await self._queries.close()
         tasks = [task for task in (self._first, self._listening) if task is not None]
         for task in tasks:
@@ -161,7 +161,7 @@ class ParameterBridge:
 
 
 async def _values_of(client: ParameterClient, names: Any) -> dict[str, Any]:
-    """Return all values; one by one if a parameter without a value makes the common reply empty."""
+    """Return the values of parameters of a node by name, without unset ones; requests them singly if one is unset."""
     try:
         return dict(zip(names, await client.get(list(names), _TIMEOUT_S), strict=True))
     except ParameterNotDeclaredError:
@@ -175,7 +175,7 @@ async def _values_of(client: ParameterClient, names: Any) -> dict[str, Any]:
 
 
 def _with_type_of(value: Any, previous: Any) -> Any:
-    """Return a value with the number type, and the type of an empty list, of the previous one."""
+    """Return a value from JSON with its numbers as int or float like those of the previous value of the parameter."""
     if isinstance(value, bool):
         return value
     if isinstance(previous, float) and isinstance(value, int):

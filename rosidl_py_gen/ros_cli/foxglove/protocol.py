@@ -1,4 +1,4 @@
-"""Foxglove WebSocket protocol without I/O: parses messages of viewers, and formats those to viewers.
+"""Foxglove WebSocket protocol without I/O: parses messages of viewers, and formats messages to viewers.
 
 Text messages are JSON with an ``op``; binary ones begin with an opcode, and are little-endian. Source: the published
 specification of `foxglove.websocket.v1`; `foxglove.sdk.v1` is the newer name in the SDK.
@@ -30,7 +30,7 @@ _CDR, _SCHEMA = "cdr", "ros2msg"
 
 
 class ProtocolError(RosidlError):
-    """Raised for a message that is invalid, or not permitted in the current state."""
+    """Raised for a message of a viewer that is invalid, or not permitted in the current state."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class ClientAdvertisement:
 
 
 class ServiceCallRequest(NamedTuple):
-    """Request to a service."""
+    """Call of a service by a viewer: id of the service, number of the call, encoding and bytes of the request."""
 
     service: int
     number: int
@@ -57,11 +57,11 @@ class ClientMessage(NamedTuple):
     """Message of a viewer.
 
     Attributes:
-        op: as in JSON; `publish` and `call` for binary messages.
-        what: for `subscribe`, ids of subscriptions and channels; for `advertise`, ids of channels and their
-            `ClientAdvertisement`; to end something, ids; for `publish`, id of a channel and data; for `call`, a
-            `ServiceCallRequest`; names of parameters, or names and values to set.
-        id: of a parameter request that expects a reply.
+        op: operation, named as in JSON; `publish` and `call` for binary messages.
+        what: contents: for `subscribe`, ids of subscriptions and channels; for `advertise`, ids of channels and their
+            `ClientAdvertisement`; for `unsubscribe` and `unadvertise`, ids; for `publish`, id of a channel and data;
+            for `call`, a `ServiceCallRequest`; for parameters, their names, or names and values to set.
+        id: id of a parameter request that expects a reply.
     """
 
     op: str
@@ -70,7 +70,7 @@ class ClientMessage(NamedTuple):
 
 
 def read(message: str | bytes) -> ClientMessage:
-    """Parse a message of a viewer; raises `ProtocolError`."""
+    """Parse a message of a viewer; raises `ProtocolError` if the message is invalid."""
     try:
         if isinstance(message, bytes):
             return _read_bytes(message)
@@ -106,14 +106,14 @@ def _no_number(text: str) -> float:
 
 
 def _integer(text: str) -> int:
-    """Return an integer that fits into 64 bits; parsing longer ones takes quadratic time."""
+    """Parse an integer of JSON; raises ValueError beyond 64 bits, as parsing takes quadratic time."""
     if len(text) > 20 or not -(1 << 63) <= (value := int(text)) < 1 << 63:
         raise ValueError(f"got the number {text:.30} of {len(text)} digits, expected -2^63 to 2^63 - 1")
     return value
 
 
 def _short(value: Any) -> str:
-    """Return a representation of bounded length, in bounded time also for a large list."""
+    """Return the `repr` of a value, cut to 50 characters, in bounded time also for a large list."""
     return f"{reprlib.repr(value):.50}"
 
 
@@ -183,27 +183,27 @@ OPERATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "unsubscribeConnectionGraph": ("", _text),
     "fetchAsset": ("", _text),
 }
-"""Operations of viewers: the key of their list, and the parser of an element."""
+"""Operations of text messages from viewers: the key of the list in the message, and the parser of an element."""
 
 
 def control(op: str, **fields: Any) -> str:
-    """Return a text message."""
+    """Return a text message to a viewer: JSON with the operation `op` and `fields`."""
     return json.dumps({"op": op, **fields}, separators=(",", ":"), allow_nan=False)
 
 
 def status(text: str, level: int = WARNING) -> str:
-    """Return a status message."""
+    """Return a status message to a viewer as JSON; `level` is `WARNING` or `ERROR`."""
     return control("status", level=level, message=printable(text, MAX_STATUS_LENGTH))
 
 
 def channel(number: int, topic: str, type_name: str, definition: str) -> dict[str, Any]:
-    """Return a topic of CDR messages, for `advertise`."""
+    """Return the entry of an `advertise` message for a topic of CDR messages."""
     named = {"id": number, "topic": topic, "encoding": _CDR, "schemaName": type_name}
     return {**named, "schema": definition, "schemaEncoding": _SCHEMA}
 
 
 def service(number: int, name: str, type_name: str, texts: tuple[str, str]) -> dict[str, Any]:
-    """Return a service with CDR, for `advertiseServices`; `texts` define request and response."""
+    """Return the entry of an `advertiseServices` message for a service; `texts` define request and response."""
     halves = {
         half.lower(): {"encoding": _CDR, "schemaName": f"{type_name}_{half}", "schemaEncoding": _SCHEMA, "schema": text}
         for half, text in zip(("Request", "Response"), texts, strict=True)
@@ -212,36 +212,36 @@ def service(number: int, name: str, type_name: str, texts: tuple[str, str]) -> d
 
 
 def message_data(subscription: int, time_ns: int, data: bytes) -> bytes:
-    """Return a message of a topic."""
+    """Return the binary message that sends a message of a topic to a viewer."""
     return _MESSAGE.pack(1, subscription, time_ns) + data
 
 
 def time(time_ns: int) -> bytes:
-    """Return a message with the time of the server."""
+    """Return the binary message that sends the time of the server to a viewer."""
     return _TIME.pack(2, time_ns)
 
 
 def response(call: ServiceCallRequest, data: bytes) -> bytes:
-    """Return the response of a service, in the encoding of the request."""
+    """Return the binary message that sends the response of a service to a viewer, in the encoding of the request."""
     encoding = call.encoding.encode()
     return _RESPONSE.pack(3, call.service, call.number, len(encoding)) + encoding + data
 
 
 def failure(call: ServiceCallRequest, text: str) -> str:
-    """Return a message with the reason for a failed call."""
+    """Return the text message that reports to a viewer why its service call failed."""
     return control(
         "serviceCallFailure", serviceId=call.service, callId=call.number, message=printable(text, MAX_STATUS_LENGTH)
     )
 
 
 def parameter_values(values: Mapping[str, Any], id: str | None = None) -> str:
-    """Return parameters by name without unset ones; `id` is the id of the request."""
+    """Return the text message with values of parameters, without unset ones; `id` is the id of the request."""
     parameters = [{"name": name, **_value(value)} for name, value in values.items() if value is not None]
     return control("parameterValues", parameters=parameters, **({} if id is None else {"id": id}))
 
 
 def _value(value: Any) -> dict[str, Any]:
-    """Return a value, with its type if JSON does not state it; JSON has neither infinity nor NaN."""
+    """Return the JSON fields of a parameter value, with its type if JSON does not imply it; NaN becomes null."""
     if isinstance(value, bytes):
         return {"type": "byte_array", "value": base64.b64encode(value).decode()}
     if isinstance(value, float):
@@ -252,12 +252,12 @@ def _value(value: Any) -> dict[str, Any]:
 
 
 Graph = tuple[dict[str, list[str]], dict[str, list[str]], dict[str, list[str]]]
-"""Nodes that publish a topic, subscribe to one, and serve a service, by name."""
+"""Connection graph: publishing nodes by topic, subscribing nodes by topic, and serving nodes by service."""
 NO_GRAPH: Graph = ({}, {}, {})
 
 
 def graph_update(before: Graph, now: Graph) -> str:
-    """Return the difference of two graphs."""
+    """Return the text message with the difference of two connection graphs."""
     changed = [
         [{"name": name, key: new.get(name, [])} for name in old | new if old.get(name) != new.get(name)]
         for old, new, key in zip(before, now, ("publisherIds", "subscriberIds", "providerIds"), strict=True)

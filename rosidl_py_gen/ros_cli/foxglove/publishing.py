@@ -1,8 +1,9 @@
 """Publishing of messages of viewers.
 
-Every message is decoded before it is published: one that is not of the topic's type is refused, with the wrong field.
-The type is the announced type of the topic; for a new topic, the type that the viewer names, known here or defined by
-the viewer. An unknown type may belong to a node that is not discovered yet, so it is awaited as in other commands.
+Every message is decoded before it is published: a message that is not of the topic's type is refused, and the viewer is
+sent the name of the wrong field. The type is the announced type of the topic; for a new topic, the type that the viewer
+names, known here or defined by the viewer. An unknown type may belong to a node that is not discovered yet, so the node
+is awaited as in other commands.
 """
 
 from __future__ import annotations
@@ -46,11 +47,11 @@ class _ClientPublisher:
         self.publisher: Publisher[Any] | None = None
         self.waiting: deque[bytes] = deque()
         self.lock = asyncio.Lock()
-        """Messages are decoded and published in order."""
+        """Lock that is held while a message is decoded and published, so that messages stay in order."""
 
 
 class ClientPublishing:
-    """Publishes messages of viewers: `update_publishers` is called after changes of their topics."""
+    """Publishers for viewers; call `update_publishers` after each change of the topics that viewers publish on."""
 
     def __init__(self, command_node: CommandNode, server: Server, *, paths: Sequence[str]) -> None:
         self._command_node = command_node
@@ -59,18 +60,18 @@ class ClientPublishing:
         self._publishers: dict[_Key, _ClientPublisher] = {}
         self._tasks = KeyedTasks(self._serve)
         self._compiled: dict[tuple[str, bytes], type[Any]] = {}
-        """Classes by name and hash of the schema; they are never freed."""
+        """Classes of viewers' definitions by type name and hash of the definition; the classes are never freed."""
         self._compiled_bytes = 0
         self._compiling, self._decoding = Worker(), Worker()
 
     def update_publishers(self) -> None:
-        """Create and close publishers as viewers advertise."""
+        """Create publishers for topics that viewers have advertised, and close those of withdrawn topics."""
         offers = self._server.offers.items()
         self._publishers = {key: self._publishers.get(key) or _ClientPublisher() for key in offers}
         self._tasks.update(offers)
 
     async def publish_from_viewer(self, key: ClientChannelKey, data: bytes) -> None:
-        """Publish a message of a viewer, now or when its type is known."""
+        """Publish a message of a viewer now, or when the type of its topic is known."""
         offer = self._server.offers[key]
         if (key, offer) not in self._publishers:  # it was advertised just now
             self.update_publishers()
@@ -129,14 +130,14 @@ class ClientPublishing:
         return cls
 
     def _has_type(self, topic: str, name: str) -> bool:
-        """Return True if a node has the topic with this type; raises `CommandError` for another type."""
+        """Return True if a node announces the topic with type `name`; raises `CommandError` if only with others."""
         announced = dict(self._command_node.node.get_topic_names_and_types()).get(topic, [])
         if announced and name not in announced:
             raise CommandError(f"its type is {', '.join(announced)}; expected {name}")
         return bool(announced)
 
     def _compiled_class(self, name: str, schema: bytes) -> type[Message]:
-        """Return the class of a definition. Thread: worker."""
+        """Return the class of a message definition that a viewer has sent; raises `CommandError`. Thread: worker."""
         key = (name, hashlib.sha256(schema).digest())
         if key not in self._compiled:
             count, size = len(self._compiled) + 1, self._compiled_bytes + len(schema)
@@ -161,7 +162,7 @@ class ClientPublishing:
             self._server.send_control(topic, f"a message for {topic} was not published: {error}")
 
     async def close(self) -> None:
-        """Close all publishers."""
+        """Stop the worker threads, and close all publishers."""
         self._compiling.close()
         self._decoding.close()
         await self._tasks.close()

@@ -1,7 +1,7 @@
-"""``foxglove``: a run from options to closing, with the clock of viewers and the graph of connections.
+"""Run of the command ``foxglove``, from its options to closing, with the clock of viewers and the connection graph.
 
-Viewers may connect before discovery is complete. Their clock has simulated time if ``/clock`` is published, else
-system time.
+Viewers may connect before discovery is complete. They are sent simulated time if ``/clock`` is published at the start;
+otherwise they use system time.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 _CLOCK_TOPIC = "/clock"
 _MIN_INTERVAL_S = 1 / 30
-"""Minimum interval of time updates. Viewers draw at most 30 times a second, and time updates are never dropped."""
+"""Minimum interval of time updates, in seconds: viewers draw at most 30 times a second; no update is dropped."""
 
 
 def connection_graph(node: Node, *, hidden: bool) -> Graph:
-    """Return the nodes of each topic and service, without nodes whose names are invalid in ROS."""
+    """Return the nodes of each topic and service; `hidden` includes hidden names, invalid node names are skipped."""
     graph: Graph = ({}, {}, {})
     for info in {(one.name, one.namespace): one for one in node.get_nodes()}.values():
         if not _is_shown(info, hidden):
@@ -66,16 +66,16 @@ def _is_shown(info: NodeInfo, hidden: bool) -> bool:
 
 _APP = "https://app.foxglove.dev"
 _UPDATE_INTERVAL_S = 0.1
-"""Minimum interval between two updates of a graph that keeps changing."""
+"""Minimum interval between two updates of viewers while the graph or parameters keep changing, in seconds."""
 _VIEWERS_INTERVAL_S = 0.01
-"""Minimum interval between two updates of subscriptions, which take time for each topic."""
+"""Minimum interval between two updates of subscriptions, in seconds; an update takes time for each topic."""
 
 
 def addresses(host: str, port: int, token: str) -> tuple[str, str]:
-    """Return the address for viewers, and a link to the app of this machine's browser.
+    """Return the address that viewers connect to, and a link that opens the app in a browser of this machine.
 
-    Nothing can connect to 0.0.0.0 and ::, which mean all addresses. Other machines need the name of this one then; a
-    browser lets the page of the app connect to its own machine only.
+    The hosts 0.0.0.0 and ::, which mean all addresses, are replaced: in the address by the name of this machine, in the
+    link by localhost, because a browser lets the page of the app connect to its own machine only.
     """
     is_all = host in ("0.0.0.0", "::")
     host = f"[{host}]" if ":" in host else host
@@ -87,7 +87,7 @@ def addresses(host: str, port: int, token: str) -> tuple[str, str]:
 
 
 async def serve(network: NetworkOptions, options: FoxgloveOptions) -> None:
-    """Serve viewers until cancelled."""
+    """Run the Foxglove server until cancelled."""
     async with CommandNode(network) as command_node:
         await command_node.wait_for_discovery()
         view = _View(command_node, options)
@@ -102,7 +102,7 @@ class _View:
         self._options = options
         self._node = command_node.node
         self._sim_ns: int | None = None
-        """Simulated time after `_follow_clock`, 0 before the first message of ``/clock``."""
+        """Simulated time in ns, 0 before the first message of ``/clock``; None if system time is used."""
         self._time_sent_s = 0.0
         self._parameters_changed = asyncio.Event()
         self._viewers_changed = asyncio.Event()  # or their subscriptions

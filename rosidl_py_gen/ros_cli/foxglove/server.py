@@ -1,7 +1,7 @@
 """WebSocket server: accepts viewers, and sends them channels, services, parameters and the graph. Thread: loop.
 
 A browser states the page that connects in the Origin header, which a page cannot change. Other programs may omit or
-forge it; a token keeps them out.
+forge the header; a token keeps such programs out.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
 
 KNOWN_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
-"""Origins of Foxglove, Lichtblick and desktop apps. Pages from files, or that hide their origin, send ``null``."""
+"""Permitted Origin headers: Foxglove, Lichtblick, desktop apps. Pages from files, or without origin, send ``null``."""
 _LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 ANY = "*"
 
 
 def _refusal(options: FoxgloveOptions, origins: Sequence[str], path: str) -> tuple[int, str] | None:
-    """Return status and text of an HTTP response that refuses a connection; None if it is permitted."""
+    """Return status and text of the HTTP response that refuses a connection; None if origin and token permit it."""
     if len(origins) > 1 or not all(_is_allowed(origin, options.origins) for origin in origins):
         text = ", ".join(origins)[:100]
         return 403, f"pages of {text} must not connect; permit them with rosidl-py foxglove --allow-origin"
@@ -72,20 +72,20 @@ def _has_token(path: str, token: str) -> bool:
 
 _NAME = "rosidl-py"
 _HANDSHAKE_TIMEOUT_S = 10.0
-"""Time limit for the handshake of a viewer."""
+"""Maximum time for the WebSocket handshake of a viewer, in seconds."""
 _CLOSE_GRACE_S = 0.2
-"""Time for a viewer to confirm the end; then its connection is aborted."""
+"""Time that a viewer has to confirm the end of its connection, in seconds; then the connection is aborted."""
 _WARNING_INTERVAL_S = 1.0
-"""Minimum interval of equal warnings."""
+"""Minimum interval between two warnings about the same subject, in seconds."""
 _READ_QUEUE = 1
-"""Messages that wait to be handled; each may have the maximum size."""
+"""Maximum number of received messages of a viewer that wait to be handled; each may have the maximum size."""
 _SILENT_LOGGER = logging.Logger("rosidl-py foxglove")
-"""Logger without output: errors of viewers are sent to them."""
+"""Logger without output for the WebSocket library, because errors of viewers are sent to the viewers."""
 _SILENT_LOGGER.addHandler(logging.NullHandler())
 
 
 class _Connection(ServerConnection):
-    """Connection that reads small blocks, and is closed if the peer does not read replies to its pings."""
+    """WebSocket connection that reads small blocks, and is aborted if the viewer does not read replies to its pings."""
 
     def connection_made(self, transport: Any) -> None:
         transport.max_size = limits.READ_BYTES
@@ -104,7 +104,7 @@ class _Connection(ServerConnection):
 
 
 class Server:
-    """Server between `start` and `stop`, with what all viewers share."""
+    """WebSocket server between `start` and `stop`, with the channels, services and graph that viewers share."""
 
     def __init__(self, options: FoxgloveOptions) -> None:
         self.options = options
@@ -112,10 +112,10 @@ class Server:
         self.channels: dict[int, AdvertisedChannel] = {}
         self.services: dict[int, AdvertisedService] = {}
         self.offers: dict[ClientChannelKey, ClientAdvertisement] = {}
-        """Topics that viewers publish on."""
+        """Topics that viewers have advertised to publish on, by ids of viewer and channel."""
         self.graph = protocol.NO_GRAPH
         self.heavy_message = asyncio.Lock()
-        """Held while a heavy message is handled, so that there is one at a time."""
+        """Lock that is held while a long text message is handled, so that the server handles one at a time."""
         self._has_time = False
         self._server: WebSocketServer | None = None
         self._numbers = itertools.count(1)
@@ -123,10 +123,11 @@ class Server:
         self._warned_at: dict[str, float] = {}
 
     async def start(self, handlers: Handlers, *, has_time: bool) -> int:
-        """Listen, and return the port. Raises `CommandError`.
+        """Listen for viewers, and return the port. Raises `CommandError` if the server cannot listen on the address.
 
         Args:
-            has_time: viewers are sent the time, instead of using their own.
+            handlers: functions that connections of viewers call.
+            has_time: True if viewers are sent the time, instead of using their own.
         """
         self.handlers, self._has_time = handlers, has_time
         host, port = self.options.host, self.options.port
@@ -203,14 +204,14 @@ class Server:
             viewer.send_control(text)
 
     def open_channel(self, topic: str, type_name: str, definition: str) -> AdvertisedChannel:
-        """Advertise a topic of CDR messages; an empty definition means that it is unknown."""
+        """Advertise a topic of CDR messages to all viewers; an empty `definition` means an unknown definition."""
         number = next(self._numbers)
         advertised = self.channels[number] = AdvertisedChannel(protocol.channel(number, topic, type_name, definition))
         self._broadcast(protocol.control("advertise", channels=[advertised.advertisement]))
         return advertised
 
     def close_channel(self, channel: AdvertisedChannel) -> None:
-        """Withdraw a topic."""
+        """Withdraw the topic of a channel from all viewers, and end their subscriptions."""
         del self.channels[channel.advertisement["id"]]
         channel.close()
         self._broadcast(protocol.control("unadvertise", channelIds=[channel.advertisement["id"]]))
@@ -218,7 +219,7 @@ class Server:
     def add_service(
         self, name: str, type_name: str, texts: tuple[str, str], call: Callable[[bytes], Awaitable[bytes]]
     ) -> int:
-        """Advertise a service, and return its number.
+        """Advertise a service to all viewers, and return the number of the service.
 
         Args:
             texts: definitions of request and response.
@@ -231,12 +232,12 @@ class Server:
         return number
 
     def remove_service(self, number: int) -> None:
-        """Withdraw a service."""
+        """Withdraw the service with this number from all viewers."""
         del self.services[number]
         self._broadcast(protocol.control("unadvertiseServices", serviceIds=[number]))
 
     def publish_graph(self, graph: protocol.Graph) -> None:
-        """Send the changes of the graph to the viewers that follow it."""
+        """Send the changes of the connection graph since the last call to the viewers that follow the graph."""
         if graph == self.graph:
             return
         update = protocol.graph_update(self.graph, graph)
@@ -246,19 +247,19 @@ class Server:
                 viewer.send_control(update)
 
     def publish_parameters(self, values: Mapping[str, Any]) -> None:
-        """Send new values to the viewers that follow them."""
+        """Send changed values of parameters, by name, to the viewers that follow these parameters."""
         for viewer in self._viewers.values():
             followed = viewer.followed
             if some := {name: value for name, value in values.items() if followed is None or name in followed}:
                 viewer.send_control(protocol.parameter_values(some))
 
     def send_time(self, time_ns: int) -> None:
-        """Send the time to viewers, if they do not use their own."""
+        """Send the time to all viewers, unless they use their own time."""
         if self._has_time:
             self._broadcast(protocol.time(time_ns))
 
     def send_control(self, subject: str, text: str) -> None:
-        """Send a warning to viewers, at most once a second for a subject."""
+        """Send a warning to all viewers, at most once a second for each `subject`."""
         now = monotonic()
         if now < self._warned_at.get(subject, 0.0) + _WARNING_INTERVAL_S:
             return

@@ -1,6 +1,7 @@
-"""Services as viewers see them, and their calls.
+"""Services of the graph, which are advertised to viewers and which viewers call.
 
-Requests and responses are decoded: an invalid request never reaches a server, and the viewer is sent the wrong field.
+Requests and responses are decoded: an invalid request never reaches a server, and the viewer is sent the name of the
+wrong field.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _RESPONSE = re.compile(r"^---[ \t\r]*\n", re.MULTILINE)
 
 
 class ServiceBridge:
-    """Advertises the services of the graph: `refresh` is called after changes."""
+    """Bridge that advertises the services of the graph to viewers; call `refresh` after each change of the graph."""
 
     def __init__(self, command_node: CommandNode, server: Server, *, paths: Sequence[str], hidden: bool) -> None:
         self._command_node = command_node
@@ -40,12 +41,12 @@ class ServiceBridge:
         self._paths = paths
         self._hidden = hidden
         self._clients: dict[int, Client[Any, Any] | None] = {}
-        """Clients of advertised services by their number for viewers; None before the first call."""
+        """Client of each advertised service, by the number that viewers use; None before the first call."""
         self._tasks = KeyedTasks(self._show)
         self._decoding = Worker()
 
     def refresh(self) -> None:
-        """Advertise new services, and withdraw those that have disappeared."""
+        """Advertise new services of the graph to viewers, and withdraw services that have disappeared."""
         node = self._command_node.node
         self._tasks.update(
             {
@@ -92,7 +93,7 @@ class ServiceBridge:
                 client.close()
 
     async def close(self) -> None:
-        """Close all clients."""
+        """Withdraw all services, and close their clients."""
         self._decoding.close()
         await self._tasks.close()
 

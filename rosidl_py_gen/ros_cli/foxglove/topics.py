@@ -1,7 +1,7 @@
 """Topics as viewers see them: a channel for each topic and type, with the bytes received from ROS.
 
-A topic is subscribed to only while a viewer watches it, with the QoS that all publishers offer. The subscription is
-recreated when a publisher appears that offers less, and, for transient local publishers, for each further viewer.
+A topic is subscribed to only while a viewer watches the topic, with the QoS that all publishers offer. The subscription
+is recreated when a publisher appears that offers less, and, for transient local publishers, for each further viewer.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class _WatchedTopic:
     def __init__(self, channel: AdvertisedChannel, cls: type[Message] | None) -> None:
         self.channel = channel
         self.cls = cls
-        """Class with the definition that viewers get; None if it is unknown."""
+        """Class with the name and hash of the definition that viewers receive; None if the definition is unknown."""
         self.subscription: AdaptiveSubscription[bytes] | None = None
         self.viewers: frozenset[int] = frozenset()
         self.has_failed = False
-        """True if subscribing failed; it is retried for the next viewer."""
+        """True if subscribing to the topic failed; it is retried when a further viewer watches the topic."""
 
     def unsubscribe(self) -> None:
         if self.subscription is not None:
@@ -49,7 +49,7 @@ class _WatchedTopic:
 
 
 class TopicBridge:
-    """Advertises the topics of the graph: `refresh` is called after its changes."""
+    """Bridge that advertises the topics of the graph to viewers; call `refresh` after each change of the graph."""
 
     def __init__(
         self,
@@ -70,12 +70,12 @@ class TopicBridge:
         self._tasks = KeyedTasks(self._show)
 
     def refresh(self) -> None:
-        """Advertise new topics, and withdraw those that have disappeared."""
+        """Advertise new topics of the graph to viewers, and withdraw topics that have disappeared."""
         self._tasks.update(self._current())
         self.update_subscriptions()
 
     def _current(self) -> set[_Key]:
-        """Return the topics and types of other participants."""
+        """Return name and type of each topic on which another participant has an endpoint."""
         return {
             _Key(topic, one.topic_type)
             for topic, _ in self._node.get_topic_names_and_types()
@@ -84,7 +84,7 @@ class TopicBridge:
         }
 
     def _others(self, topic: str) -> list[TopicEndpointInfo]:
-        """Return the endpoints of other participants, as node names arrive later than endpoints."""
+        """Return the endpoints of a topic that belong to other participants, without waiting for node names."""
         node = self._node
         infos = [*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)]
         own = {one.guid for one in node.context.participants() if one.is_own}
@@ -115,7 +115,7 @@ class TopicBridge:
             return "", None
 
     def update_subscriptions(self) -> None:
-        """Update the subscriptions of watched topics, and close the subscriptions of other topics."""
+        """Create or update the subscriptions of topics that viewers watch, and close all other subscriptions."""
         for key, entry in self._topics.items():
             before, entry.viewers = entry.viewers, entry.channel.viewers
             has_newcomer = bool(entry.viewers - before)
@@ -144,5 +144,5 @@ class TopicBridge:
         return AdaptiveSubscription(self._node, key.topic, cls, lambda data: send(data, now_ns()), raw=True)
 
     async def close(self) -> None:
-        """Close all subscriptions."""
+        """Withdraw all topics from viewers, and close the subscriptions."""
         await self._tasks.close()

@@ -1,8 +1,8 @@
-"""A viewer of ``foxglove``: its queues, subscriptions and requests.
+"""Connection to a viewer of ``foxglove``: its queues, subscriptions and requests.
 
 The costs of a viewer are limited. Of waiting messages of topics, the oldest are dropped. Other messages to a viewer are
-never dropped: a viewer that does not read them is disconnected. Its messages are handled at a pace that depends on the
-time they take, and what the server retains for it is limited by number and size.
+never dropped: a viewer that does not read them is disconnected. Messages of the viewer are handled at a pace that
+depends on the time they take, and the data that the server retains for the viewer are limited by number and size.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
     from rosidl_py_gen.ros_cli.foxglove.server import Server
 
 ClientChannelKey = tuple[int, int]
-"""Id of a viewer, and its id of a channel."""
+"""Id of a viewer, and the id by which the viewer names a channel."""
 
 
 @dataclass(slots=True)
 class Handlers:
-    """Functions that viewers call.
+    """Functions that connections of viewers call.
 
     Attributes:
-        refresh: subscriptions or advertised topics of a viewer have changed.
-        publish: a viewer sent a message for a topic that it advertised.
-        get: returns values of parameters by name, all if there are no names.
-        set: sets values; returns the values of these parameters afterwards.
+        refresh: called after subscriptions or advertised topics of a viewer have changed.
+        publish: publishes a message of a viewer on a topic that the viewer has advertised.
+        get: returns values of parameters by name, of all parameters if the list of names is empty.
+        set: sets parameters by name, and returns their values afterwards.
     """
 
     refresh: Callable[[], None]
@@ -54,12 +54,12 @@ class Handlers:
 
 
 class AdvertisedChannel:
-    """Topic as viewers see it, with the `advertisement` that was sent to them."""
+    """Topic as viewers see it: the `advertisement` sent to all viewers, and the viewers that watch the topic."""
 
     def __init__(self, advertisement: dict[str, Any]) -> None:
         self.advertisement = advertisement
         self.watchers: dict[Viewer, int] = {}
-        """Viewer -> its subscription id."""
+        """Subscription id of each viewer that watches the topic."""
 
     @property
     def viewers(self) -> frozenset[int]:
@@ -72,7 +72,7 @@ class AdvertisedChannel:
             viewer.send(subscription, time_ns, data)
 
     def close(self) -> None:
-        """End all subscriptions."""
+        """End the subscriptions of all viewers to the topic."""
         for viewer, subscription in self.watchers.items():
             del viewer.watched[subscription]
         self.watchers.clear()
@@ -86,7 +86,7 @@ class AdvertisedService(NamedTuple):
 
 
 class RateLimit:
-    """Rate limit of a viewer: `per_s` messages per second, with bursts of as many.
+    """Limit of the messages read from a viewer: `per_s` messages per second, with bursts of up to `per_s` messages.
 
     A faster viewer is read more slowly, so that it has to wait; no message is lost.
     """
@@ -105,7 +105,7 @@ class RateLimit:
 
 
 class Viewer:
-    """Connection to a viewer with an id."""
+    """Connection to a viewer; `number` is the id of the viewer."""
 
     def __init__(self, connection: ServerConnection, server: Server, number: int) -> None:
         self._connection = connection
@@ -115,24 +115,24 @@ class Viewer:
         self._control: deque[str | bytes] = deque()
         self._control_bytes = 0
         self._messages: deque[tuple[int, int, bytes]] = deque()
-        """Subscription, time and data; the data is shared by all viewers."""
+        """Queued messages of topics: subscription id, time in ns, and data that all viewers share."""
         self._message_bytes = 0
         self._news = asyncio.Event()
         self._jobs: dict[asyncio.Task[None], int] = {}
-        """Size in bytes that each job retains."""
+        """Calls and parameter requests in flight, with the size in bytes that each retains."""
         self._parameter_lock = asyncio.Lock()
         self._publishing: asyncio.Future[None] | None = None
         self._rejected = 0
-        """Number of refused entries in the current message."""
+        """Number of refused entries in the message that is being handled."""
         self._advertised: dict[int, ClientAdvertisement] = {}
         self.watched: dict[int, AdvertisedChannel] = {}
-        """Channels by subscription id."""
+        """Channels that the viewer watches, by subscription id."""
         self.follows_graph = False
         self.followed: set[str] | None = set()
         """Names of parameters whose changes are sent to the viewer; None stands for all."""
 
     def send(self, subscription: int, time_ns: int, data: bytes) -> None:
-        """Queue a message of a topic; the oldest is dropped if the queue is full."""
+        """Queue a message of a topic for the viewer; the oldest queued message is dropped if the queue is full."""
         self._messages.append((subscription, time_ns, data))
         self._message_bytes += len(data)
         while len(self._messages) > self._server.options.queue or (
@@ -147,7 +147,7 @@ class Viewer:
         return message
 
     def send_control(self, text: str | bytes) -> None:
-        """Queue a message that must not be dropped."""
+        """Queue a message for the viewer that must not be dropped; disconnects the viewer if the queue is full."""
         is_full = len(self._control) >= limits.MAX_CONTROL_MESSAGES or self._control_bytes > limits.MAX_CONTROL_BYTES
         if is_full:
             self.abort()
@@ -157,11 +157,11 @@ class Viewer:
         self._news.set()
 
     def abort(self) -> None:
-        """Disconnect at once, without sending queued messages."""
+        """Disconnect the viewer at once, without sending queued messages."""
         self._connection.transport.abort()
 
     async def run(self, pace: RateLimit) -> None:
-        """Handle messages until the connection is closed."""
+        """Handle messages of the viewer, no faster than `pace`, until the connection is closed."""
         sending = asyncio.ensure_future(self._send())
         try:
             with suppress(ConnectionClosed):
@@ -194,14 +194,14 @@ class Viewer:
                         await self._connection.send(protocol.message_data(*self._next_message()))
 
     def cancel(self) -> None:
-        """Cancel calls, and the message that is being published."""
+        """Cancel calls and parameter requests of the viewer, and the message that is being published."""
         for job in self._jobs:
             job.cancel()
         if self._publishing is not None:
             self._publishing.cancel()
 
     async def _handle(self, message: str | bytes, pace: RateLimit) -> None:
-        """Handle a message, then pause for as long as it took, which leaves half of the time to other viewers."""
+        """Handle a message, then pause for as long as handling took, which leaves half of the time to others."""
         began = monotonic()
         self._rejected = 0
         publishing = None
@@ -224,7 +224,7 @@ class Viewer:
             self.send_control(protocol.status(why, protocol.ERROR))
 
     def _dispatch(self, message: ClientMessage, size: int) -> Awaitable[None] | None:
-        """Handle a message of `size` bytes; return what must complete before the next one."""
+        """Handle a message of `size` bytes; return an awaitable to complete before the next message, or None."""
         match message.op:
             case "subscribe":
                 for subscription, number in message.what:

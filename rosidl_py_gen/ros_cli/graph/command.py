@@ -1,7 +1,7 @@
-"""``graph``: connections of nodes through topics, services and actions.
+"""Command ``graph``: connections of nodes through topics, services and actions.
 
-An action is one item, instead of its two topics and three services. What every node has is omitted. `graph/text.py` and
-`graph/svg.py` draw.
+An action is one item, instead of its two topics and three services. Topics and services that every node has are
+omitted. `graph/text.py` and `graph/svg.py` draw the graph.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _picture(command_node: CommandNode, everything: bool) -> Picture:
 
 
 def _unmatched_nodes(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:
-    """Return publisher's node, topic and subscriber's node of pairs without any matched endpoints."""
+    """Return (publisher's node, topic, subscriber's node) for nodes of which no endpoints on the topic match."""
     match: dict[tuple[str, str, str], bool] = {}
     for topic in {edge.name for edge in edges if edge.kind == "topic"}:
         incompatible = {
@@ -143,7 +143,7 @@ def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool
 
 
 def _edges_without_node(node: Node, everything: bool) -> Iterator[Edge]:
-    """Yield endpoints without a node, or whose node name did not arrive."""
+    """Yield an edge for each endpoint that belongs to no node, or whose node name has not arrived."""
     from rosidl_py_gen.ros_cli.graph.text import Edge
 
     for topic, _ in node.get_topic_names_and_types():

@@ -42,7 +42,7 @@ _ARROW = (
 
 @dataclass
 class _NodeBox:
-    """Box with its position; `y` is its middle."""
+    """Box of a node, topic, service or action with its position; `y` is the middle of the box."""
 
     name: str
     kind: str
@@ -53,7 +53,7 @@ class _NodeBox:
 
 
 def svg(picture: Picture) -> str:
-    """Return an SVG file."""
+    """Return the SVG file of a graph as text."""
     layouts = [
         _ColumnLayout(
             [edge for edge in picture.edges if edge.kind == "topic"], ("publishers", "topics", "subscribers")

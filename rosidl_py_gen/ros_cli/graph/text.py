@@ -30,7 +30,7 @@ class Picture:
     """Graph to draw.
 
     Attributes:
-        nodes: nodes with edges; without filters also those without.
+        nodes: nodes with edges; if no filter is used, also nodes without edges.
         edges: edges of these nodes and of their counterparts.
         incompatible: publisher's node, topic and subscriber's node of pairs that do not match.
     """
@@ -45,7 +45,7 @@ class Picture:
         return [edge for edge in self.edges if edge.node == node]
 
     def counterparts(self, edge: Edge) -> list[str]:
-        """Return the nodes at the other side of an edge."""
+        """Return the nodes at the other side of an edge, such as the subscribers of a published topic."""
         counterpart = (COUNTERPARTS[edge.role], edge.kind, edge.name)
         return [
             other.node
@@ -61,7 +61,7 @@ _SHAPES = {"topic": ('(["', '"])'), "service": ('{{"', '"}}'), "action": ('[["',
 
 
 def lines(picture: Picture) -> Iterator[tuple[str, str]]:
-    """Yield nodes, their topics, services and actions, and the counterparts; each with a style of rich."""
+    """Yield the lines of the graph as text, each with a style of rich: nodes, their topics, and the counterparts."""
     if not picture.nodes:
         yield f"no nodes in domain {picture.domain_id}", ""
     for node in picture.nodes:
@@ -79,7 +79,7 @@ def lines(picture: Picture) -> Iterator[tuple[str, str]]:
 
 
 def document(picture: Picture) -> dict[str, Any]:
-    """Return the domain, and the topics, services and actions of each node, for JSON."""
+    """Return the graph for JSON: the domain, and the topics, services and actions of each node."""
     nodes = []
     for node in picture.nodes:
         entry: dict[str, Any] = {"name": node}
@@ -94,7 +94,7 @@ def _row(picture: Picture, edge: Edge) -> dict[str, Any]:
 
 
 def mermaid(picture: Picture) -> str:
-    """Return a flowchart: nodes are boxes, topics round, services hexagons, actions boxes with double sides."""
+    """Return a Mermaid flowchart: nodes are boxes, topics round, services hexagons, actions double boxes."""
     nodes = {
         name: f"n{number}"
         for number, name in enumerate(sorted({*picture.nodes, *(edge.node for edge in picture.edges)}))

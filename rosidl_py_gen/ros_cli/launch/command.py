@@ -1,4 +1,4 @@
-"""``rosidl-py launch``."""
+"""Command ``rosidl-py launch`` and its options."""
 
 from __future__ import annotations
 

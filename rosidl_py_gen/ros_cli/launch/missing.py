@@ -30,22 +30,22 @@ from rosidl_py_gen.ros_cli.prefix.build import Prefix
 
 _ERRORS = ("PackageNotFoundError", "SubstitutionFailure", "FileNotFoundError")
 _NOT_FOUND = re.compile("(executable|package|command|file not found:?) ")
-"""Beginnings of the texts of these errors, if they are about a missing part."""
+"""Pattern of error texts that are about a missing executable, package, command or file."""
 _SHARE, _TARGET = "_share_folder", "_LoadComposableNodes__target_container"
-"""Private names: our function that finds share folders, and an attribute of launch_ros without a public name."""
+"""Private names: the function of ament_index_python that finds share folders, and an attribute of launch_ros."""
 _PLACE = "_rosidl_py_gen_place"
 """Attribute that we add to actions: the launch file that has created them, and the line, which is 0 in XML and YAML."""
 _PYTHON_FILE, _FRONTEND_FILE = "python_launch_file", "frontend_launch_file_path"
-"""Name of the module of each launch file in Python; variable of launch with the path of one in XML or YAML."""
+"""Module name of every launch file in Python, and variable in launch with the path of a file in XML or YAML."""
 _MAX_DEPTH = 100
 """Maximum depth of includes of launch files."""
 _MAX_VALUE_CHARS = 60
 _NAMING = r"\b(?:exec|cmd|pkg|find-pkg-\w+)\W+{}(?![\w.-])"
-"""Pattern of a name in XML and YAML."""
+"""Pattern of XML and YAML that names a package, executable or command, the name of which replaces ``{}``."""
 
 
 class MissingParts:
-    """Checks of actions before and after they run."""
+    """Checks for missing packages and executables before and after each action of a launch file runs."""
 
     def __init__(self, skip: bool, file: str, prefix: Prefix) -> None:
         self._skip, self._file, self._prefix = skip, file, prefix
@@ -54,7 +54,7 @@ class MissingParts:
         self._containers: set[str] = set()
 
     def install(self) -> None:
-        """Replace `Action.visit`, through which launch runs each action, and what finds packages and commands."""
+        """Replace functions of launch so that each action, and each package and command that it needs, is checked."""
         packages: Any = import_module("ament_index_python.packages")
         action, local = import_module("launch").Action, import_module("launch.actions").ExecuteLocal
         load = import_module("launch_ros.actions").LoadComposableNodes
@@ -119,7 +119,7 @@ class MissingParts:
             terminal_output.note(f"missing, skipped: {part}")
 
     def _load(self, execute: Any, action: Any, context: Any) -> Any:
-        """Load nodes into a container, unless it was skipped and they would wait for it forever."""
+        """Execute an action that loads nodes into a container, unless the container was skipped as missing."""
         target = vars(action)[_TARGET]
         name = target.node_name if hasattr(target, "node_name") else _text(target, context)
         if is_skipped := f"/{name.lstrip('/')}" in self._containers:
@@ -127,7 +127,7 @@ class MissingParts:
         return None if is_skipped else execute(action, context)
 
     def part_of(self, error: BaseException, action: Any = None, context: Any = None) -> str | None:
-        """Return the missing part that an error is about; None for other errors."""
+        """Return a text about the missing package, executable or file that an error is about; None for other errors."""
         for one in _causes(error):
             if isinstance(one, ModuleNotFoundError):
                 return f"Python module {one.name}"
@@ -202,7 +202,7 @@ def require_description(description: Any, file: str) -> None:
 
 
 def _checked_description(description: Any, file: str) -> Any:
-    """Return a description; raises `TypeError` with the file if it is something else."""
+    """Return `description` if it is a LaunchDescription; raises `TypeError` with the launch file otherwise."""
     if isinstance(description, import_module("launch").LaunchDescription):
         return description
     if iscoroutine(description):
@@ -244,7 +244,7 @@ def _described(value: Any) -> str:
 
 
 def _place(frames: Iterable[tuple[FrameType, int]]) -> tuple[str, int] | None:
-    """Return the launch file, and the line, of the first frame that runs one in Python, or reads one in XML or YAML."""
+    """Return launch file and line of the first frame that runs one in Python, or reads one in XML or YAML; or None."""
     for frame, line in frames:
         if frame.f_globals.get("__name__") == _PYTHON_FILE:
             return frame.f_code.co_filename, line
@@ -254,7 +254,7 @@ def _place(frames: Iterable[tuple[FrameType, int]]) -> tuple[str, int] | None:
 
 
 def _line_naming(name: str, file: str) -> int:
-    """Return the line of an XML or YAML file that names a package, executable or command; 0 unless it is one line."""
+    """Return the line of an XML or YAML file that names a package, executable or command; 0 if not exactly one does."""
     text = Path(file).read_text(encoding="utf-8", errors="replace")
     lines = [text.count("\n", 0, one.end()) + 1 for one in re.finditer(_NAMING.format(re.escape(name)), text)]
     return lines[0] if len(lines) == 1 else 0

@@ -1,4 +1,4 @@
-"""Running or printing a launch file: its packages and prefix, its arguments, and the end of all its processes."""
+"""Run of the command ``launch``: packages and prefix, arguments of a launch file, and the end of all its processes."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from rosidl_py_gen.ros_cli.prefix.variables import SITE_PACKAGES, variables
 from rosidl_py_gen.ros_cli.program_runner.run import make_importable, roots, workspaces
 
 ORIGINS = dict.fromkeys(("launch", "launch_xml", "launch_yaml"), "launch@jazzy") | {"launch_ros": "launch_ros@jazzy"}
-"""Repositories of ros2 with the branch of Jazzy, which gets corrections. The package index has another `launch`:
-docs/internals/protocol.md 15."""
+"""Repository below github.com/ros2, and branch (Jazzy, which gets corrections), of each needed package of ROS. The
+package index has another `launch`: docs/internals/protocol.md 15."""
 _PIP_FOLDERS = ("AMENT_PREFIX_PATH", sys.prefix), ("AMENT_PREFIX_PATH", site.USER_BASE)
-"""Folders into which pip installs the share files of launch, and a resource index."""
+"""Variables and the folders to add to them, into which pip installs share files of launch and a resource index."""
 _PARSERS = {".xml": "launch_xml", ".yaml": "launch_yaml", ".yml": "launch_yaml"}
 _BUILT_IN = {"emulate_tty", "launch-prefix", "launch-prefix-filter", "sigkill_timeout", "sigterm_timeout"}
 """Launch configurations that actions of launch and launch_ros read, and that no launch file declares."""
@@ -44,7 +44,14 @@ _GRACE_S = 1.0
 def start(
     words: Sequence[str], paths: Sequence[str], checkouts: Sequence[str], settings: Mapping[str, Any]
 ) -> Callable[[], None]:
-    """Prepare imports, environment and prefix; returns a function that runs or prints the launch file, and exits."""
+    """Prepare a launch: build a prefix of the workspaces, set environment variables, and install the import hook.
+
+    Returns:
+        Function that runs or prints the launch file, and exits.
+
+    Raises:
+        CommandError: the launch file, its package, or a package of ROS that launch needs does not exist.
+    """
     is_file = os.path.isfile(words[0])
     if not is_file and (os.sep in words[0] or words[0].endswith((".py", *_PARSERS))):
         kind = "it is a folder" if os.path.isdir(words[0]) else "no such file"
@@ -70,7 +77,7 @@ def start(
 
 
 def _require_packages(*names: str) -> None:
-    """Raise `CommandError` with the commands of pip if a package of ROS is missing, or another one has its name."""
+    """Raise `CommandError` with commands of pip if a package of ROS is missing, or is another one of that name."""
     for name in names:
         spec = find_spec(name)
         if spec is None or spec.origin is None:
@@ -149,7 +156,7 @@ def _run(file: str, arguments: dict[str, str], settings: Mapping[str, Any], pref
 
 
 def _arguments_text(arguments: list[Any]) -> str:
-    """Return what `ros2 launch --show-args` prints."""
+    """Return the text about arguments of a launch file that `ros2 launch --show-args` prints."""
     text = "Arguments (pass arguments as '<name>:=<value>'):"
     for one in arguments:
         text += f"\n\n    '{one.name}':{'*' if vars(one).get(_CONDITIONAL) else ''}\n        {one.description}"
@@ -176,7 +183,7 @@ def _check_arguments(description: Any, given: dict[str, str], file: str) -> None
 
 
 def _serve(service: Any) -> int:
-    """Run the service to its end; SIGTERM ends all processes as SIGINT does, and none remains."""
+    """Run a LaunchService to its end and return its exit code; SIGTERM, like SIGINT, ends all processes."""
     manager: Any = import_module("launch.launch_service").AsyncSafeSignalManager
     handle = manager.handle
     # The handler of launch would leave its processes running.
@@ -209,7 +216,7 @@ def _end_remaining_processes() -> None:
 
 
 def _children() -> dict[int, str]:
-    """Return the names of running child processes by number; Linux only."""
+    """Return the names of running child processes by process ID; empty except on Linux."""
     names = {}
     for file in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):  # the process has ended

@@ -1,5 +1,5 @@
-"""``rosidl-py bag play``.
+"""Command ``rosidl-py bag play``.
 
-`recording` reads the bags and selects topics, `senders` send messages, and `player` combines them with the time, for
-the services of rosbag2's player and the keys of the terminal, too.
+`recording` reads bags and selects topics, `senders` has publishers and clients, and `player` sends each message when it
+is due. Services of rosbag2's player and keys of the terminal control the player.
 """

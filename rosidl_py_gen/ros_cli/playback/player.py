@@ -1,4 +1,4 @@
-"""Player of recordings, which sends each message when it is due, and a run of ``bag play``."""
+"""Player that sends each recorded message when it is due, and the run of the command ``bag play``."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ if TYPE_CHECKING:
 
 
 class Timeline:
-    """Clock that runs at a rate, pauses and jumps. Thread: loop."""
+    """Clock of a playback, which runs at a rate, pauses and jumps. Thread: loop."""
 
     def __init__(self, at_ns: int, rate: float, *, is_paused: bool = False) -> None:
         self._at_ns = at_ns
         self._since_s = now_s()
         self.rate = rate
-        """Speed; 2.0 is twice as fast."""
+        """Speed of the clock; 2.0 is twice as fast as real time."""
         self.is_paused = is_paused
         self._wake_up: asyncio.Future[bool] | None = None
         self._changes = 0
 
     def now_ns(self) -> int:
-        """Return the time of the recording, in nanoseconds."""
+        """Return the time in the recording that playback has reached, in nanoseconds."""
         if self.is_paused:
             return self._at_ns
         return self._at_ns + round((now_s() - self._since_s) * self.rate * NS_PER_S)
 
     def set_paused(self, is_paused: bool) -> None:
-        """Stop the time, or continue it."""
+        """Stop the clock if `is_paused` is True, else continue it."""
         self.jump(self.now_ns())
         self.is_paused = is_paused
 
     def set_rate(self, rate: float) -> bool:
-        """Set the rate; returns False if it is not a positive number."""
+        """Set the rate of the clock; returns False if `rate` is not a positive finite number."""
         if not 0 < rate < float("inf"):
             return False
         self.jump(self.now_ns())
@@ -61,18 +61,18 @@ class Timeline:
         return True
 
     def jump(self, at_ns: int) -> None:
-        """Set the time, and wake up `until`."""
+        """Set the time of the clock in nanoseconds, and make a waiting `until` return False."""
         self._at_ns, self._since_s = at_ns, now_s()
         self.wake()
 
     def wake(self) -> None:
-        """Make `until` return."""
+        """Make a waiting `until` return False."""
         self._changes += 1
         if self._wake_up is not None and not self._wake_up.done():
             self._wake_up.set_result(False)
 
     async def until(self, at_ns: int | None) -> bool:
-        """Wait for a time, None without end; returns False if the time was changed, so that it must be rechecked."""
+        """Wait until the clock reaches a time (None: never); returns False if the clock was changed meanwhile."""
         if not self.is_paused and at_ns is not None:
             left_s = self._since_s + (at_ns - self._at_ns) / NS_PER_S / self.rate - now_s()
             if left_s <= 0:
@@ -99,7 +99,7 @@ def _set_due(waiting: asyncio.Future[bool]) -> None:
 
 
 class Player:
-    """Player with the methods that keys and services call. Thread: loop. Raises `CommandError`."""
+    """Player of a recording, with methods for keys and services; raises `CommandError` for options. Thread: loop."""
 
     def __init__(
         self,
@@ -135,7 +135,7 @@ class Player:
         self.count = 0
         """Number of messages published and requests sent."""
         self.on_change: Callable[[], None] = lambda: None
-        """Called when `state` has changed."""
+        """Function that is called when the result of `state` has changed."""
 
     def _sender(self, reader: BagReader, channel: BagTopic) -> Callable[[bytes], bool]:
         if cannot_play_reason(channel):
@@ -174,7 +174,7 @@ class Player:
         return send
 
     async def publish_clock(self, hz: float) -> None:
-        """Publish ``/clock`` at a rate until cancelled."""
+        """Publish the time of playback on ``/clock`` at a rate of `hz` until cancelled."""
         rate = self._node.create_rate(hz)
         while True:
             self._clock(self.timeline.now_ns())
@@ -183,7 +183,7 @@ class Player:
     async def play(self) -> None:
         """Publish all messages, repeatedly with ``--loop``, until `stop`; at the end, wait while paused.
 
-        Without messages there is nothing to repeat.
+        A selection without messages is not repeated.
         """
         self._begin(self._part.start_ns)
         self._has_begun.set()
@@ -224,12 +224,12 @@ class Player:
         await self._has_begun.wait()
 
     def toggle(self) -> None:
-        """Pause or resume."""
+        """Pause playback, or resume playback that is paused."""
         self.timeline.set_paused(not self.timeline.is_paused)
         self.on_change()
 
     def change_rate(self, by: float) -> None:
-        """Add to the rate, which stays above 0."""
+        """Add `by` to the rate of playback, unless the rate would not be above 0."""
         self.timeline.set_rate(round(self.timeline.rate + by, 6))
         self.on_change()
 
@@ -254,7 +254,7 @@ class Player:
         return done
 
     def seek(self, at_ns: int) -> bool:
-        """Continue at another time within the selection; returns False if it is after the end."""
+        """Continue playback at a time, not before the start of the selection; returns False if it is after the end."""
         if at_ns >= self._part.end_ns:
             return False
         self._begin(max(at_ns, self._part.start_ns))
@@ -262,12 +262,12 @@ class Player:
         return True
 
     def stop(self) -> None:
-        """End playback."""
+        """End playback: make `play` return."""
         self._is_stopped = True
         self.timeline.wake()
 
     def state(self) -> str:
-        """Return the progress as a line of text."""
+        """Return the progress of playback as a line of text."""
         length = duration_text(self._part.end_ns - self._part.start_ns)
         at = duration_text(min(max(0, self.timeline.now_ns() - self._part.start_ns), self._part.end_ns))
         rate = "" if self.timeline.rate == 1 else f", at {self.timeline.rate:g} times the rate"
@@ -292,20 +292,20 @@ def _remapped_names(
 
 
 _SUBSCRIBER_DISCOVERY_S = 2.0
-"""Time for discovering subscribers; Fast DDS takes up to a second longer (docs/internals/dds.md 6)."""
+"""Maximum time to wait for subscribers before playback, in seconds; Fast DDS is slower (docs/internals/dds.md 6)."""
 _RATE_STEP = 0.1
 _PLAYER = "/rosbag2_player"
 _NEED_START = ("burst", "play_next", "seek")
 
 
 def play_bag(network: NetworkOptions, options: PlayOptions) -> AsyncCommand:
-    """Return the command for the options. Raises as `read_qos_overrides`."""
+    """Return a command that plays bags; raises `CommandError` or OSError for the file of QoS profiles."""
     overrides = read_qos_overrides(options.qos_file)
     return AsyncCommand(_play(network, options, overrides), endless=options.loop)
 
 
 def _playable_topics(recording: Recording, topics: Sequence[str]) -> list[str]:
-    """Return the topics without those whose name or type is invalid in ROS 2. Raises `CommandError`."""
+    """Return the topics that ROS 2 permits to publish, and note others; raises `CommandError` if none is left."""
     left = {}
     for _, channel in recording.channels:
         if channel.name not in topics:
@@ -379,7 +379,7 @@ async def _repeat(show: Callable[[], None], every_s: float) -> None:
 
 
 def _serve(node: Node, player: Player) -> None:
-    """Create the services of a player."""
+    """Create the services of rosbag2's player, which control `player`."""
     timeline = player.timeline
 
     async def wait_for_start(service: str) -> None:

@@ -31,7 +31,7 @@ _KINDS = {".db3": "sqlite3", ".mcap": "mcap"}
 
 
 class Recording:
-    """Bags whose messages are played by their times; a context manager. Raises `CommandError` for another `storage`."""
+    """Bags that are played together; a context manager. Raises `CommandError` if a bag has another `storage`."""
 
     def __init__(self, places: Sequence[str], paths: Sequence[str], storage: str | None = None) -> None:
         with ExitStack() as stack:
@@ -40,22 +40,22 @@ class Recording:
                 _require_storage(reader, storage)
             self._open = stack.pop_all()
         self.name = ", ".join(str(reader.path) for reader in self._readers)
-        """Paths of the bags, for messages."""
+        """Paths of the bags, joined for texts to the user."""
         self.channels: list[tuple[BagReader, BagTopic]] = [
             (reader, channel) for reader in self._readers for channel in reader.channels
         ]
-        """Recorded channels and the reader of each."""
+        """Recorded channels of all bags, each with the reader of its bag."""
         self.owners = {channel.name: topic_owner(channel.name, channel.type_name) for _, channel in self.channels}
-        """Service, action or topic that each topic belongs to."""
+        """Service, action or topic that each recorded topic belongs to, by name of the topic."""
         self.topics = sorted(self.owners)
         filled = [reader for reader in self._readers if reader.end_ns]
         self.start_ns = min((reader.start_ns for reader in filled), default=0)
-        """Log time of the first message; 0 without messages."""
+        """Log time of the first message in all bags, in nanoseconds; 0 without messages."""
         self.end_ns = max((reader.end_ns for reader in filled), default=0)
-        """Log time of the last message."""
+        """Log time of the last message in all bags, in nanoseconds; 0 without messages."""
 
     def messages(self, topics: Sequence[str], start_ns: int, end_ns: int) -> Iterator[RawMessage]:
-        """Yield messages with ``start_ns <= log_time < end_ns``, by log time."""
+        """Yield the messages of topics with ``start_ns <= log_time < end_ns`` from all bags, by log time."""
         each = [
             reader.raw_messages([name for name in topics if name in reader.topics], start_ns=start_ns, end_ns=end_ns)
             for reader in self._readers
@@ -64,7 +64,7 @@ class Recording:
 
     @property
     def is_damaged(self) -> bool:
-        """True if damaged parts were skipped so far."""
+        """True if damaged parts of the bags were skipped so far."""
         return any(reader.damaged for reader in self._readers)
 
     def __enter__(self) -> Recording:
@@ -93,7 +93,7 @@ def by_publish_time(messages: Iterable[RawMessage], ahead: int) -> Iterator[RawM
 
 
 def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
-    """Return the topics to play, sorted. Raises `CommandError`."""
+    """Return the sorted names of the topics that options select; raises `CommandError` if none is selected."""
     owners = recording.owners
     included = {"topic": options.topics, "service": options.services, "action": options.actions}
     excluded = {"topic": options.exclude_topics, "service": options.exclude_services, "action": options.exclude_actions}
@@ -121,7 +121,7 @@ def selected_topics(recording: Recording, options: PlayOptions) -> list[str]:
 
 
 def _existing_names(recording: Recording, kind: str, names: Sequence[str], prefix: str) -> set[str]:
-    """Return full names that exist. A missing name raises `CommandError`; a missing excluded name is noted."""
+    """Return the full names that the bags have; a missing name is an error, but only noted with a `prefix`."""
     owners = recording.owners.values()
     existing = {one.name for one in owners if one.kind == kind} | (set(recording.topics) if kind == "topic" else set())
     full = {name if name.startswith("/") else f"/{name}" for name in names}
@@ -141,10 +141,10 @@ def _matches(pattern: re.Pattern[str] | None, *names: str) -> bool:
 
 
 def select_messages(recording: Recording, topics: Sequence[str], options: PlayOptions) -> BagSelection:
-    """Return the messages of these topics that are played.
+    """Return the selection of messages that are played: topics, start and end.
 
-    The end is the later one of ``--playback-duration`` and ``--playback-until-…``, and is inclusive as in rosbag2; that
-    of ``--duration`` is exclusive as for the other commands.
+    The end is the later one of ``--playback-duration`` and ``--playback-until-…``, and is inclusive as in rosbag2. An
+    earlier end by ``--duration`` is exclusive as for other commands.
     """
     start = start_of(recording.name, recording.start_ns, recording.end_ns, options.offset_s)
     ends = []

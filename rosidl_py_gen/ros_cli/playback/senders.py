@@ -1,9 +1,9 @@
 """Publishers of recorded topics, and clients that send the requests in recorded service events.
 
-The user may set the QoS of a publisher; else it is the strongest that was offered when recorded, which connects to the
-same subscriptions. A topic with messages of two definitions has a publisher for each.
+The user may set the QoS of a publisher; otherwise the QoS is the strongest that was offered when the bag was recorded,
+which connects to the same subscriptions. A topic with messages of two definitions has a publisher for each.
 
-A request is sent once, although both client and server may have published its event: only events of one side are used.
+A request is sent once, although both client and server may have published an event: only events of one side are used.
 Responses are awaited at the end only, so that requests keep their recorded timing.
 """
 
@@ -44,7 +44,7 @@ _ACKNOWLEDGEMENT_TIMEOUT_S = 5.0
 
 
 def cannot_play_reason(channel: BagTopic) -> str:
-    """Return why messages of a channel cannot be published; empty if they can."""
+    """Return why messages of a recorded channel cannot be published; "" if they can."""
     if channel.message_encoding != "cdr":
         return f"messages are {channel.message_encoding}; expected cdr"
     try:
@@ -56,7 +56,7 @@ def cannot_play_reason(channel: BagTopic) -> str:
 
 
 class TopicPublishers:
-    """Publishers of a player, with QoS profiles by topic of the bag, or by the name it is published with."""
+    """Publishers of a player; QoS overrides are found by the recorded topic or by the name it is published under."""
 
     def __init__(self, node: Node, overrides: Mapping[str, QoSProfile], note: terminal_output.OnceNotes) -> None:
         self._node = node
@@ -65,7 +65,7 @@ class TopicPublishers:
         self._publishers: list[Publisher[Any]] = []
 
     def sender(self, reader: BagReader, channel: BagTopic, name: str) -> Callable[[bytes], bool]:
-        """Return a function that publishes a message of a channel, and returns True if it did."""
+        """Create a publisher; return a function that publishes a message of a channel and returns True on success."""
         qos = self._overrides.get(channel.name) or self._overrides.get(name) or _offered_qos(channel)
         publisher = self._node.create_publisher(_class_of(reader, channel), name, qos)
         self._publishers.append(publisher)
@@ -88,9 +88,9 @@ class TopicPublishers:
         await wait_each_until_timeout(publisher.wait_for_subscribers(timeout_s) for publisher in self._publishers)
 
     async def wait_acknowledged(self, timeout_ms: int | None) -> None:
-        """Wait until published messages are acknowledged; None waits 5 s at most, 0 without limit.
+        """Wait until subscribers have acknowledged all messages; a timeout of None is 5 s, of 0 no limit.
 
-        With a limit of the user, missing acknowledgements are noted.
+        Missing acknowledgements are noted unless `timeout_ms` is None.
         """
         timeout_s = _ACKNOWLEDGEMENT_TIMEOUT_S if timeout_ms is None else timeout_ms / 1000 or None
         waits = [publisher.wait_for_acknowledged(timeout_s) for publisher in self._publishers]
@@ -116,7 +116,7 @@ async def wait_each_until_timeout(waits: Iterable[Awaitable[object]]) -> list[Wa
 
 
 def _class_of(reader: BagReader, channel: BagTopic) -> type[Message]:
-    """Return the class of a channel; a class without fields if its definition is missing or wrong."""
+    """Return the message class of a channel; a class without fields if the definition is missing or does not fit."""
     try:
         known = reader.definition(channel)
     except RosidlError:  # there is none
@@ -128,7 +128,7 @@ def _class_of(reader: BagReader, channel: BagTopic) -> type[Message]:
 
 
 def _offered_qos(topic: BagTopic) -> QoSProfile:
-    """Return the QoS of a topic, with a depth of at least 10, as recorders often do not know it."""
+    """Return the strongest recorded QoS of a topic, with a depth of at least 10, as recorders often omit the depth."""
     offered = qos_profiles(topic.offered_qos)
     profile = QoSProfile(depth=max(_MIN_DEPTH, *(publisher.depth for publisher in offered)) if offered else _MIN_DEPTH)
     if offered and all(publisher.reliability is Reliability.BEST_EFFORT for publisher in offered):
@@ -143,13 +143,13 @@ _EVENT_TYPES = {
     "client_introspection": ServiceEventType.REQUEST_SENT,
 }
 _RESPONSE_TIMEOUT_S = 5.0
-"""Maximum time to wait for responses after the last request."""
+"""Maximum time to wait for responses at the end of playback, in seconds."""
 _CALL_TIMEOUT_S = 300.0
 _MAX_PENDING = 1000
 
 
 class Requests:
-    """Clients of a player.
+    """Clients of a player, which send the requests in recorded service events.
 
     Args:
         source: side whose events are used, ``service_introspection`` or ``client_introspection``.
@@ -167,7 +167,7 @@ class Requests:
         """Number of requests sent."""
 
     def sender(self, reader: BagReader, channel: BagTopic, service: str) -> Callable[[bytes], bool]:
-        """Return a function that sends the request in an event of a channel, and returns True if it did."""
+        """Create a client, and return a function that sends the request in an event and returns True if it did."""
         cls, event = self._classes(reader, channel)
         key = service, type_hash(event)
         if key not in self._clients:
@@ -230,7 +230,7 @@ class Requests:
         await wait_each_until_timeout(client.wait_for_service(timeout_s) for client in self._clients.values())
 
     async def wait_for_responses(self) -> None:
-        """Wait for responses, and note how many are missing."""
+        """Wait at most 5 s for responses in flight, then note how many are missing and cancel the calls."""
         if self._pending:
             await asyncio.wait(self._pending, timeout=_RESPONSE_TIMEOUT_S)
         if self._pending:

@@ -41,7 +41,7 @@ def require_format(path: str) -> None:
 
 
 def write_figure(panels: Sequence[PlotPanel], axis: TimeAxis, path: str) -> None:
-    """Write a file. Raises `OSError`."""
+    """Write a plot of the panels to a file, whose ending selects the format. Raises OSError."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=_size(len(panels)), dpi=_DPI, layout="constrained")
         draw(figure, panels, axis)
@@ -49,7 +49,7 @@ def write_figure(panels: Sequence[PlotPanel], axis: TimeAxis, path: str) -> None
 
 
 def draw(figure: Any, panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
-    """Replace the contents of a figure by the panels."""
+    """Replace the contents of a matplotlib figure by plots of the panels."""
     figure.clear()
     plots = figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0]
     for panel, plot in zip(panels, plots, strict=True):
@@ -86,7 +86,7 @@ def _size(count: int) -> tuple[float, float]:
 
 @contextmanager
 def open_window(count: int) -> Iterator[PlotWindow | None]:
-    """Open a window for `count` panels; yields None if no toolkit for windows is installed."""
+    """Open a window for a plot of `count` panels; yields None if no toolkit for windows is installed."""
     with matplotlib.rc_context(_STYLE):
         try:
             from matplotlib import pyplot
@@ -106,7 +106,7 @@ def open_window(count: int) -> Iterator[PlotWindow | None]:
 
 
 class PlotWindow:
-    """Window of matplotlib, which the program keeps alive itself."""
+    """Window of matplotlib with a plot: shown until it is closed (`show`), or redrawn while data arrive (`update`)."""
 
     def __init__(self, pyplot: Any, figure: Any) -> None:
         self._pyplot, self.figure = pyplot, figure
@@ -121,7 +121,7 @@ class PlotWindow:
         self._pyplot.show()
 
     def update(self, panels: Sequence[PlotPanel] | None, axis: TimeAxis) -> None:
-        """Draw the panels if there are some, and handle the events of the window without waiting."""
+        """Draw the panels unless `panels` is None, and handle pending events of the window without waiting."""
         if panels is not None:
             draw(self.figure, panels, axis)
             self._pyplot.show(block=False)

@@ -22,10 +22,10 @@ from rosidl_py_gen.ros_cli.type_resolution import require_stamp
 
 Floats: TypeAlias = "np.ndarray[Any, np.dtype[np.float64]]"
 BUCKETS = 2000
-"""Buckets of a line. A plot is about 1500 pixels wide; more buckets take time and memory without a visible effect."""
+"""Number of time buckets of a line. A plot is about 1500 pixels wide; more buckets cost time without visible effect."""
 _MAX_POINTS = 8 * BUCKETS
 MAX_ELEMENTS = 20
-"""Maximum number of lines of one array; more cannot be told apart."""
+"""Maximum number of elements of one array that are drawn as lines; more lines cannot be told apart."""
 MAX_LINES = 100
 _MAX_LISTED = 60
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
@@ -39,7 +39,7 @@ class PlotLine:
         self._times, self._values = array("d"), array("d")
 
     def add(self, time_s: float, value: float) -> None:
-        """Add a point."""
+        """Add a point to the line."""
         self._times.append(time_s)
         self._values.append(value)
         if len(self._times) >= _MAX_POINTS:
@@ -47,7 +47,7 @@ class PlotLine:
             self._times, self._values = array("d", times.tobytes()), array("d", values.tobytes())
 
     def retain_last(self, duration_s: float) -> None:
-        """Remove points that are much older than a duration before the last one."""
+        """Remove points that are older than `duration_s`, once the line is longer than 1.25 times `duration_s`."""
         if not self._times or self._times[0] >= self._times[-1] - 1.25 * duration_s:
             return
         times, values = self.points()
@@ -56,7 +56,7 @@ class PlotLine:
         self._values = array("d", values[kept].tobytes())
 
     def points(self) -> tuple[Floats, Floats]:
-        """Return times and values by time, with NaN for infinite values."""
+        """Return times and values of the points in order of time, with NaN for infinite values."""
         times, values = np.array(self._times), np.array(self._values)
         values[~np.isfinite(values)] = np.nan
         if (np.diff(times) < 0).any():
@@ -68,7 +68,7 @@ class PlotLine:
 def reduced(times: Floats, values: Floats, count: int) -> tuple[Floats, Floats]:
     """Return at most four points of each of `count` buckets of time: the first, smallest, largest and last.
 
-    The times rise. Values that are not numbers count only as the first and last ones.
+    The times must be in ascending order. A point whose value is NaN is returned only as the first or last one.
     """
     width = (times[-1] - times[0]) / count or 1.0
     buckets = np.minimum((times - times[0]) // width, count - 1)
@@ -98,7 +98,7 @@ class TopicLines:
 
     Args:
         topic: name for error texts.
-        paths: fields; none means the only number that the messages have.
+        paths: paths of the fields; if empty, the only number that the messages have.
         by_stamp: use the time of ``header.stamp`` instead of the time that is passed to `add`.
     """
 
@@ -119,7 +119,7 @@ class TopicLines:
                 self._line(column, column.name)
 
     def add(self, message: Any, time_ns: int) -> None:
-        """Add a message that was received at a time."""
+        """Add the fields of a message, which was received at `time_ns`, to the lines."""
         if type(message) not in self._columns:
             self.use(type(message))
         if self._by_stamp:
@@ -151,7 +151,7 @@ class TopicLines:
 
 
 def _elements(column: Column, values: Any, note: Callable[[str], object]) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of the first elements of an array."""
+    """Yield name and value of the first 20 elements of an array; note that further elements are not drawn."""
     before, _, after = column.name.partition("[") if ":" in column.name else (column.name, "", "]")
     part, _, after = after.partition("]")
     start = part.partition(":")[0].strip()
@@ -164,9 +164,10 @@ def _elements(column: Column, values: Any, note: Callable[[str], object]) -> Ite
 
 
 def numeric_columns(cls: type[Any], topic: str, paths: Sequence[str]) -> list[Column]:
-    """Return the columns with the numbers of fields; raises `CommandError`, whose text names the numeric fields.
+    """Return a column for each number in the fields that `paths` name.
 
-    The texts in a message are skipped; a field that is a text is an error.
+    Texts inside a message are skipped; a path of a text is an error. Raises `CommandError`, whose text lists the
+    numeric fields.
     """
     names = list(islice(_numeric_names(cls), _MAX_LISTED + 1))
     listed = ", ".join(names[:_MAX_LISTED]) + (", ..." if len(names) > _MAX_LISTED else "")
@@ -203,7 +204,7 @@ def _numeric_names(cls: type[Any], prefix: str = "", depth: int = 0) -> Iterator
 
 
 def topics_and_fields(words: Iterable[str]) -> list[tuple[str, list[str]]]:
-    """Return the topics of ``/topic FIELD... /other FIELD...`` with their fields; raises `CommandError`."""
+    """Return topics and their fields from the words ``/topic FIELD... /other FIELD...``; raises `CommandError`."""
     topics: dict[str, list[str]] = {}
     at: list[str] | None = None
     for word in words:
@@ -217,7 +218,7 @@ def topics_and_fields(words: Iterable[str]) -> list[tuple[str, list[str]]]:
 
 
 class DrawnLine(NamedTuple):
-    """Line as it is drawn; times are seconds since the start of the plot, or since 1970."""
+    """Points of a line as they are drawn; times are seconds since the start of the plot, or since 1970."""
 
     label: str
     times: Floats
@@ -233,8 +234,8 @@ class TimeAxis:
         is_wall_clock: local date and time instead of seconds since the start.
         by_stamp: the times are header stamps, which the label states.
         own_starts: each panel starts at 0.
-        last_s: draw only this time before the last point.
-        start_s: zero of the axis, seconds since 1970.
+        last_s: length of the drawn time before the last point, in seconds; None to draw all.
+        start_s: time at which the axis has 0, in seconds since 1970.
     """
 
     is_wall_clock: bool = False
@@ -249,11 +250,11 @@ class TimeAxis:
         return ("time of header.stamp" if self.by_stamp else "time") + ("" if self.is_wall_clock else " [s]")
 
     def begin(self, panels: Sequence[PlotPanel]) -> None:
-        """Set the start to the first message of all panels."""
+        """Set the time at which the axis has 0 to the time of the first message of all panels."""
         self.start_s = min((panel.start_s for panel in panels if panel.count), default=0.0)
 
     def drawn(self, panel: PlotPanel) -> list[DrawnLine]:
-        """Return the lines of a panel that have points."""
+        """Return the lines of a panel that have points, with times relative to the 0 of the axis."""
         zero = 0.0 if self.is_wall_clock else panel.start_s if self.own_starts else self.start_s
         lines = []
         for line in panel.lines:
@@ -263,7 +264,7 @@ class TimeAxis:
         return lines
 
     def left(self, panels: Sequence[PlotPanel]) -> float | None:
-        """Return the left end of the axis for `last_s`; None if the whole time is drawn."""
+        """Return the left end of the axis if `last_s` limits the drawn time; None if all points are drawn."""
         ends = [line.times[-1] for panel in panels for line in self.drawn(panel)]
         starts = [line.times[0] for panel in panels for line in self.drawn(panel)]
         if self.last_s is None or not ends or max(ends) - min(starts) < self.last_s:
@@ -272,7 +273,7 @@ class TimeAxis:
 
     @staticmethod
     def dates(times: Floats) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Return seconds since 1970 as days in local time, which matplotlib displays as dates."""
+        """Convert seconds since 1970 to days since 1970 in local time, which matplotlib displays as dates."""
         from datetime import datetime
 
         try:

@@ -50,7 +50,7 @@ def require_output(out: str | None, in_terminal: bool) -> None:
 
 
 def show_plot(panels: Sequence[PlotPanel], axis: TimeAxis, out: str | None, in_terminal: bool) -> None:
-    """Write the file, or show the window until it is closed, or print the plot."""
+    """Output a plot: write the file `out`, show a window until the user closes it, or print the plot."""
     axis.begin(panels)
     if out is not None:
         from rosidl_py_gen.ros_cli.plotting.figure import write_figure
@@ -66,7 +66,7 @@ def show_plot(panels: Sequence[PlotPanel], axis: TimeAxis, out: str | None, in_t
 
 
 def count_text(panels: Sequence[PlotPanel]) -> str:
-    """Return the number of messages and topics as text."""
+    """Return a text with the numbers of messages and topics in a plot, such as ``9 messages of /imu``."""
     count, topics = sum(panel.count for panel in panels), len(panels)
     messages = pluralize(count, "message")
     return f"{messages} of {topics} topics" if topics > 1 else f"{messages} of {panels[0].title}"
@@ -81,7 +81,7 @@ def _has_display() -> bool:
 
 @contextmanager
 def plot_window(count: int, in_terminal: bool) -> Iterator[PlotWindow | None]:
-    """Open a window for `count` panels; yields None if the plot is drawn in the terminal, with a note on the reason."""
+    """Open a window for a plot of `count` panels; yields None if the plot must be drawn in the terminal instead."""
     if in_terminal or not _has_display():
         yield None
         return
@@ -98,7 +98,7 @@ def plot_window(count: int, in_terminal: bool) -> Iterator[PlotWindow | None]:
 
 
 def print_plot(panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
-    """Print the plot, with colours on a terminal."""
+    """Print a plot as text, with colours if standard output is a terminal."""
     plot = _text(panels, axis)
     if terminal_output.is_terminal():
         from rich.console import Console
@@ -112,7 +112,7 @@ def print_plot(panels: Sequence[PlotPanel], axis: TimeAxis) -> None:
 
 @contextmanager
 def live_plot() -> Iterator[Callable[[Sequence[PlotPanel], TimeAxis], None]]:
-    """Yield a function that replaces the plot in the terminal; elsewhere it does nothing, and the caller prints it."""
+    """Yield a function that replaces the drawn plot; the function does nothing unless output is a terminal."""
     if not terminal_output.is_terminal():
         yield lambda panels, axis: None
         return
@@ -133,7 +133,7 @@ def _text(panels: Sequence[PlotPanel], axis: TimeAxis) -> str:
 
 
 def rich_text(plot: str) -> Any:
-    """Return the result of `text_plot` as a text of rich, which adapts the colours to the terminal."""
+    """Convert a plot of `text_plot` to a text of rich, which adapts the colours to the terminal."""
     from rich.text import Text
 
     return Text.from_ansi(plot, no_wrap=True)

@@ -16,14 +16,14 @@ from rosidl_py_gen.ros_cli.plotting.lines import DrawnLine, PlotPanel, TimeAxis
 _COLORS = ("cyan", "orange", "green", "magenta", "red", "blue")
 """Colours of the lines, repeated if there are more; plotext calls the yellow of terminals orange."""
 _MAX_VALUE = 8e307
-"""Twice this value is still a finite number."""
+"""Maximum absolute value that is drawn; twice the value is still a finite number."""
 _MIN_WIDTH, _MIN_ROWS = 20, 4
 _FRAME_ROWS = 3
 """Rows of a plot in addition to its canvas: the frame and the texts of the time axis."""
 
 
 def text_plot(panels: Sequence[PlotPanel], axis: TimeAxis, width: int, height: int) -> str:
-    """Return the plot, with the escape sequences of colours, in `width` columns and about `height` rows."""
+    """Return a plot of the panels as text, with escape sequences of colours; it has about `height` rows."""
     lines = [axis.drawn(panel) for panel in panels]
     filled = [one for some in lines for one in some]
     first = min((float(one.times[0]) for one in filled), default=0.0)
@@ -95,13 +95,13 @@ def _scale(lines: Sequence[DrawnLine], first: float) -> tuple[float, float]:
 
 
 def _ticks(low: float, high: float, rows: int) -> list[str]:
-    """Return the texts of values from `low` to `high`; the texts of plotext have up to 300 digits."""
+    """Return texts for values from `low` to `high` on the axis; the texts of plotext have up to 300 digits."""
     count = max(2, min(5, rows // 3 + 1))
     return [_number(float(value), high - low) for value in np.linspace(low, high, count)]
 
 
 def _number(value: float, span: float) -> str:
-    """Return a number with the digits that matter in a range of `span`."""
+    """Return a number as text with the digits that matter in a range of `span`."""
     digits = 2 - math.floor(math.log10(span)) if 0 < span < math.inf else 2
     if not 0 <= digits + 3 <= 9 or abs(value) >= 1e9:
         return f"{value:.5g}"

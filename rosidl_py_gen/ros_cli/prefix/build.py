@@ -1,4 +1,4 @@
-"""An ament prefix of source packages, with setup scripts: planned from install rules, which are not run; written."""
+"""Creation of an ament prefix of source packages, with setup scripts; install rules are read, but not run."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from rosidl_py_gen.type_loading.disk_cache import cached_folder
 STATE = ".rosidl-py-prefix"
 """File of a prefix with the paths of the files that this module has written, one on a line."""
 _ON_PACKAGE_INDEX = ("xacro",)
-"""Packages of the package index that launch files use by their ROS names, if they are installed."""
+"""Packages of the package index, used if installed, whose executables launch files run by the ROS name."""
 _MODE = 0o755
-"""Mode of the folders of a prefix that the user has named: other users may use it, as far as the umask permits."""
+"""File mode of the folders of a prefix that the user has named: other users may use the prefix if the umask permits."""
 _NAME = re.compile(r"[A-Za-z0-9][\w-]{1,200}", re.ASCII)
-"""Names that ament_index_python accepts; 201 characters are enough, and fit into a file name."""
+"""Pattern of package names that ament_index_python accepts; 201 characters are enough, and fit into a file name."""
 NAME_RULE = "2 to 201 ASCII letters, digits, _ and -, of which the first is a letter or digit"
 
 
 @dataclass(frozen=True)
 class Prefix:
-    """An ament prefix.
+    """An ament prefix that `build_prefix` has created or updated.
 
     Attributes:
         packages: source folders of its packages by name.
@@ -47,7 +47,8 @@ class Prefix:
         problems: texts about files that could not be read or installed.
         notes: texts about packages whose files are linked because their install rules are not known.
         unsafe: why other users can change the files of the prefix, and with them run code as its user; else empty.
-        created: number of files that this call created or changed; it has `removed` others.
+        created: number of files that the call has created or changed.
+        removed: number of obsolete files that the call has removed.
     """
 
     folder: Path
@@ -61,7 +62,7 @@ class Prefix:
 
 
 def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, runs_setup: bool = False) -> Prefix:
-    """Create or update the prefix of all packages below some folders.
+    """Create or update an ament prefix of all packages below some folders, and return the prefix.
 
     Args:
         sources: package folders, folders of packages, or workspaces; None for the workspace of the current folder.
@@ -106,12 +107,12 @@ def build_prefix(sources: Iterable[Path] | None, out: Path | None = None, *, run
 
 
 def is_ament_name(name: str) -> bool:
-    """Return True for a name of a package that ament accepts, whose rule is wider than the rule for interfaces."""
+    """Return True if ament accepts the name of a package; packages with interfaces have a stricter rule."""
     return _NAME.fullmatch(name) is not None
 
 
 def _distrust_reason(prefix: Path) -> str:
-    """Return why other users can change files of a prefix; an empty text if they cannot."""
+    """Return why other users can change files of a prefix; "" if they cannot."""
     own = part_reason(os.path.realpath(prefix), is_folder=True)
     return distrust_reason(prefix) or own or entries_reason(prefix, accepts_private_group=True)
 
@@ -147,7 +148,7 @@ def _find_packages(searched: list[Path], problems: list[str]) -> dict[str, Path]
 
 
 def _own_files(prefix: Path, plans: Iterable[PackagePlan]) -> dict[str, PrefixFile]:
-    """Return the files at the top of a prefix, and the module ``sitecustomize``, by their paths."""
+    """Return setup scripts, module ``sitecustomize`` and program ``ros2`` of a prefix, by path below the prefix."""
     if os.pathsep in str(prefix):
         raise CommandError(f'{prefix}: a prefix must not have "{os.pathsep}" in its path, which separates folders')
     names = {name for distro in DISTRIBUTIONS for name in bundled_packages(distro)}
@@ -188,7 +189,7 @@ def _fish_script(prefix: Path) -> str:
 
 
 def _bundled_files() -> dict[str, PrefixFile]:
-    """Return files of packages whose executables are bundled or installed by pip."""
+    """Return the files of ROS packages whose executables are bundled or installed by pip, by path below the prefix."""
     found: dict[str, PrefixFile] = {}
     for package in (*executables.BUNDLED, *_ON_PACKAGE_INDEX):
         for name, one in (executables.of_bundled(package) or executables.of_distribution(package)).items():
@@ -203,7 +204,7 @@ def _bundled_files() -> dict[str, PrefixFile]:
 
 
 class _Writer:
-    """Writes the files of a prefix that differ, and removes obsolete files of an earlier call; leaves all others alone.
+    """Writer of the files of a prefix that differ; removes obsolete files of an earlier call, but no other file.
 
     Every folder of a path is a real folder below the prefix, so that nothing is written elsewhere.
     """
@@ -224,7 +225,7 @@ class _Writer:
             raise CommandError(f"{display_path(prefix)}: {text}; choose another one with --out")
 
     def write(self, files: dict[str, PrefixFile], problems: list[str]) -> tuple[int, int]:
-        """Write files; returns how many have changed and how many were removed."""
+        """Write files by their paths and remove obsolete files; returns the numbers of written and removed files."""
         removed = sum(self._remove(place) for place in sorted(self._old - files.keys(), reverse=True))
         if not files.keys() <= self._old:  # first, so that an interrupted call leaves no unknown files
             self._write_state(self._old | files.keys())
@@ -243,7 +244,7 @@ class _Writer:
         self._replace(self._state, PrefixFile(content=os.fsencode("\n".join(sorted(places)))))
 
     def _write_file(self, place: str, file: PrefixFile) -> bool:
-        """Write a file; returns False if it is up to date."""
+        """Write a file of the prefix; returns False if the file is up to date."""
         path = self._prefix / place
         if path.parent not in self._made:
             if os.path.realpath(path.parent) != str(path.parent):  # a link, which may lead out of the prefix
@@ -269,7 +270,7 @@ class _Writer:
         self._new.replace(path)
 
     def _remove(self, place: str) -> bool:
-        """Remove a file and empty folders above it; returns False if it remains."""
+        """Remove a file of the prefix and empty folders above it; returns False if the file remains."""
         path = self._prefix / place
         if os.path.realpath(path.parent) != str(path.parent):
             return False

@@ -1,4 +1,4 @@
-"""``rosidl-py prefix``."""
+"""Command ``rosidl-py prefix``."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ with open(__file__, "rb") as _script:
 exec(_code)
 """
 _MAX_SHEBANG = 120
-"""Maximum length of the first line of a program; Linux reads 127 bytes before 5.1."""
+"""Maximum length of the first line of a program, which names the interpreter; Linux before 5.1 reads 127 bytes."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class Executable:
 
     @property
     def place(self) -> Path:
-        """The script, or a folder, in the workspace of the executable."""
+        """Path in the workspace of the executable: its script, or else its folder."""
         return self.folder if self.file is None else self.file.resolve()
 
     def program(self) -> bytes:
-        """Return a program that runs the script in its folder, or ends with the function's result, with this Python."""
+        """Return the text of a program that runs the script, or ends with the function's result, with this Python."""
         first = f"#!{sys.executable}"
         if len(os.fsencode(first)) > _MAX_SHEBANG or any(map(str.isspace, first)) or not first.isascii():
             quoted = sys.executable.replace("\\", "\\\\").replace('"', '\\"').replace("$", "\\$").replace("`", "\\`")

@@ -1,8 +1,8 @@
 """Executables of a package, read from its sources, which are not run.
 
-They are console scripts, scripts, the files that CMakeLists.txt installs as PROGRAMS, and Python programs that are
-installed into ``lib/<package>``. An installed package has the scripts of its distribution, and the executable files of
-its prefix.
+Executables are console scripts, scripts, the files that CMakeLists.txt installs as PROGRAMS, and Python programs that
+are installed into ``lib/<package>``. An installed package has the console scripts of its distribution, and the
+executable files of its prefix.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ BUNDLED: dict[str, dict[str, str]] = {
     "robot_state_publisher": {"robot_state_publisher": "rosidl_py_gen.robot.robot_state_publisher:main"},
     "tf2_ros": {"static_transform_publisher": "rosidl_py_gen.robot.static_transform_publisher:main"},
 }
-"""ROS packages whose executables are part of this package, each as ``module:function``."""
+"""Executables of ROS packages that rosidl-py-gen contains: ROS package -> name -> ``module:function``."""
 
 
 def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dict[str, Executable]:
     """Return the executables of a source package by name.
 
     Args:
-        folder: of the package.
-        name: of the package, for warnings about executables that a build installs elsewhere.
-        run: function for a setup.py that cannot be read completely; None if no code may run.
+        folder: folder of the package.
+        name: name of the package, for warnings about executables that a build does not install into ``lib/NAME``.
+        run: function that runs a setup.py that cannot be read completely; None if no code may run.
 
     Raises:
         CommandError: a file cannot be read.
@@ -68,7 +68,7 @@ def of_sources(folder: Path, name: str = "", run: RunSetup | None = None) -> dic
 
 
 def uncertain_text(setup: PackageSetup, folder: Path, *arguments: str) -> str:
-    """Return a text about arguments of `setup` that are not known; empty if all are known."""
+    """Return a text about those `arguments` of the call of ``setup()`` that are unknown; "" if all are known."""
     unknown = [name for name in arguments if name in setup.uncertain]
     place = display_path(folder / (setup.unread or "setup.py"))
     text = f"{' and '.join(unknown)} of {place} are not known{'' if setup.unread else ' without running it'}: "
@@ -92,7 +92,7 @@ def console_scripts(
 
 
 def _elsewhere(setup: PackageSetup, package: str) -> str:
-    """Return a warning for an executable that ros2 run and launch would not find after a build."""
+    """Return a warning for an executable that a build installs where ros2 run and launch do not find it."""
     return (
         f"a build installs this executable of {package} into {setup.scripts_folder}, where ros2 run and launch do not "
         f"find it; setup.cfg needs [develop] script_dir=$base/lib/{package} and "
@@ -101,7 +101,7 @@ def _elsewhere(setup: PackageSetup, package: str) -> str:
 
 
 def _scripts(setup: PackageSetup, folder: Path) -> Iterator[Executable]:
-    """Yield the scripts of setup.py, and programs among its data files below ``lib``."""
+    """Yield the scripts that setup.py declares, and the Python programs among its data files below ``lib``."""
     installs = [
         Install(folder, "PROGRAMS", tuple(setup.texts("scripts")), setup.scripts_folder),
         *(one for one in setup_installs(folder, setup.values.get("data_files")) if _IN_LIB.match(one.destination)),
@@ -113,12 +113,12 @@ def _scripts(setup: PackageSetup, folder: Path) -> Iterator[Executable]:
 
 
 def is_lib_program(file: Path) -> bool:
-    """Return True for a file in ``lib`` that is a Python program."""
+    """Return True if a file that is installed below ``lib`` is a Python program."""
     return (file.suffix == ".py" and os.access(file, os.X_OK)) or is_python_program(file)
 
 
 def is_python_program(file: Path) -> bool:
-    """Return True for a script that starts with the name of Python."""
+    """Return True for a file whose first line, ``#!...``, names Python as interpreter."""
     if not file.is_file():  # opening a pipe would wait for its writer
         return False
     with file.open("rb") as opened:
@@ -127,7 +127,7 @@ def is_python_program(file: Path) -> bool:
 
 
 def of_distribution(package: str) -> dict[str, Executable]:
-    """Return the console scripts of a package that pip has installed."""
+    """Return the console scripts of a package that pip has installed, by name; {} if it is not installed."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
@@ -139,7 +139,7 @@ def of_distribution(package: str) -> dict[str, Executable]:
 
 
 def of_bundled(package: str) -> dict[str, Executable]:
-    """Return the executables that this package has for a ROS package."""
+    """Return the executables of a ROS package that rosidl-py-gen contains, by name."""
     return _functions(BUNDLED.get(package, {}), Path(__file__).parents[3])
 
 
@@ -149,7 +149,7 @@ def _functions(values: Mapping[str, str], folder: Path) -> dict[str, Executable]
 
 
 def of_prefixes(package: str) -> dict[str, Executable]:
-    """Return the executable files in ``lib/<package>`` of the prefixes in AMENT_PREFIX_PATH."""
+    """Return the executable files in ``lib/<package>`` of the prefixes in AMENT_PREFIX_PATH, by name."""
     executables: dict[str, Executable] = {}
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         for path in sorted(Path(prefix, "lib", package).glob("*")):
@@ -159,7 +159,7 @@ def of_prefixes(package: str) -> dict[str, Executable]:
 
 
 def _programs(folder: Path, budget: PackageBudget) -> Iterator[Executable]:
-    """Yield files that are installed as PROGRAMS, and Python files that are installed into ``lib/<package>``."""
+    """Yield files that CMakeLists.txt installs as PROGRAMS, and Python files that it installs into ``lib``."""
     for one in cmake_installs(folder, CMakeScript(folder, read_text(folder, "CMakeLists.txt"), budget)):
         is_program = one.kind == "PROGRAMS"
         if is_program or one.destination.startswith("lib/"):

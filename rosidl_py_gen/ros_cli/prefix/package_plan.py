@@ -1,7 +1,7 @@
 """Files of a prefix that one source package installs, read from its setup.py or CMakeLists.txt, which are not run.
 
-Folders are real, and files are links (docs/internals/protocol.md 14.1). Python packages are links to their source
-folders. If install rules cannot be read, the files of the source folder are linked instead.
+Folders of the prefix are real, and files are links (docs/internals/protocol.md 14.1). Python packages are links to
+their source folders. If install rules cannot be read, the files of the source folder are linked instead.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ INDEX = "share/ament_index/resource_index"
 COMPANIONS = frozenset(entry.name for entry in RCLPY_COMPAT_DIR.iterdir())
 """Python packages that the import hook provides instead of the packages of the workspace."""
 MAX_FILES = 20_000
-"""Maximum number of files that a package installs; as many directory entries are read for them."""
+"""Maximum number of files that a package installs, and of directory entries that are read to find the files."""
 MAX_COPY_BYTES = 16 << 20
 _CODE_FOLDERS = ("include", "src", "test", "tests")
-"""Folders that are not linked if the install rules are unknown."""
+"""Folders at the top of a package that are not linked if the install rules are unknown."""
 _LAUNCH_FILE = re.compile(r"(launch\.(py|xml|ya?ml)|\.launch)\Z")
 _NOT_DATA = ("setup.py", "setup.cfg", "pyproject.toml", "package.xml", "CMakeLists.txt", "MANIFEST.in")
 """Files at the top of a package that are not linked if its data files are unknown."""
 _SITE_PACKAGES = re.compile(r"lib(64)?/python3(\.\d+)?/(site|dist)-packages(?=/|\Z)")
-"""Folder of modules for any version of Python; the prefix has the folder of this Python."""
+"""Pattern of the folder of modules for any version of Python, which becomes the folder of this Python."""
 _NOT_IN_NAMES = re.compile(r"[^\w.]+")
 _VERSION = re.compile(r"[\w.+-]+")
 
@@ -57,28 +57,28 @@ class PrefixFile(NamedTuple):
 
 
 PROGRAM = 0o755
-"""Permissions of a program."""
+"""Permissions of a program in a prefix."""
 
 
 class PackagePlan:
-    """Files that a package installs.
+    """Plan of the files that a package installs into a prefix.
 
     Attributes:
         files: files by their paths below the prefix.
         problems: texts about what could not be read or installed.
         notes: texts about a setup.py that could not be run, and what is linked instead of unknown files.
         missing: names of the executables that need a build.
-        has_targets: there is C++ code.
+        has_targets: True if the package has C++ code.
     """
 
     def __init__(self, name: str, folder: Path, run: RunSetup | None = None) -> None:
-        """Plan a package.
+        """Read the install rules of a package.
 
         Args:
-            name: of the package.
-            folder: of the package.
-            run: function for a setup.py that cannot be read completely; with it, ``lib/<package>`` also has the
-                executables that a build installs elsewhere.
+            name: name of the package.
+            folder: source folder of the package.
+            run: function that runs a setup.py that cannot be read completely, or None; unless None, ``lib/<package>``
+                also has the executables that a build installs elsewhere.
         """
         self.name, self._folder, self._run = name, folder, run
         self.files: dict[str, PrefixFile] = {}
@@ -115,7 +115,7 @@ class PackagePlan:
 
     @property
     def text(self) -> str:
-        """Line about a package with C++ code: the missing executables, and what the prefix has of it."""
+        """Line about a package with C++ code: its missing executables, and the numbers of files in the prefix."""
         share = [place for place in self.files if place.startswith(f"share/{self.name}/")]
         launch = sum(_LAUNCH_FILE.search(place) is not None for place in share)
         programs = sum(file.mode == PROGRAM for file in self.files.values())
@@ -128,7 +128,7 @@ class PackagePlan:
         self._problems[text] = None
 
     def _read(self, rules: Callable[[], None]) -> None:
-        """Call a function that reads rules; an error is a problem."""
+        """Call a function that reads install rules; an error becomes a problem of the package."""
         try:
             rules()
         except (RosidlError, OSError) as error:
@@ -153,7 +153,7 @@ class PackagePlan:
     # --- adding files -------------------------------------------------------------------------------------------------
 
     def _add(self, place: str, file: PrefixFile) -> None:
-        """Add a file at a path below the prefix; other paths, and paths of other files, are problems."""
+        """Add a file at a path below the prefix; add a problem if the path is outside or of another file."""
         self._spend(1)
         self._budget.install(place, is_new_source=file.source not in self._sources)
         self._sources.add(file.source)
@@ -180,7 +180,7 @@ class PackagePlan:
             raise UnreadableError(f"it installs more than {MAX_FILES} files; the others are skipped")
 
     def _source(self, path: str) -> Path | None:
-        """Return a file or folder of the package that is installed; None, and a problem, if it is elsewhere."""
+        """Return a path in the package folder, or add a problem and return None if the path is outside the folder."""
         if UNKNOWN in path:
             self._is_complete = False
         elif (place := "." if posixpath.normpath(path) == "." else inside(path)) is not None:
@@ -201,7 +201,7 @@ class PackagePlan:
             self._add(f"{INDEX}/rosidl_interfaces/{self.name}", PrefixFile(content=lines))
 
     def _add_file(self, place: str, source: Path, is_program: bool = False) -> None:
-        """Add a file; scripts below ``lib`` become programs that run with this Python."""
+        """Add a file to the prefix; scripts below ``lib`` become programs that run with this Python."""
         is_below_lib = place.startswith(("lib/", "bin/")) and not _SITE_PACKAGES.match(place)
         if is_below_lib or is_program:
             note(source)
@@ -216,7 +216,7 @@ class PackagePlan:
         return self._add(place, file)
 
     def _expand_folders(self, path: str) -> None:
-        """Replace a linked Python package by links to its files if another file is installed into it."""
+        """Replace a linked Python package above `path` by links to its files, so that `path` can be added."""
         parts = path.split("/")
         for end in range(len(SITE_PACKAGES.split("/")) + 1, len(parts)):
             above = "/".join(parts[:end])
@@ -237,7 +237,7 @@ class PackagePlan:
         return self._setup
 
     def _add_entry_points(self, setup: PackageSetup, scripts_folder: str) -> None:
-        """Add programs of console scripts."""
+        """Add a program to `scripts_folder` for each console script of the package."""
         package = self.name if self._run is not None and scripts_folder == setup.scripts_folder else ""
         for one in executables.console_scripts(setup, self._folder, package, self._problem):
             file = PrefixFile(None, replace(one, warning="").program(), PROGRAM)
@@ -278,7 +278,7 @@ class PackagePlan:
             self._install(install)
 
     def _note_uncertain(self, setup: PackageSetup) -> None:
-        """Note what is uncertain: files are linked instead, executables may be missing."""
+        """Note unknown arguments of ``setup()``: executables may be missing, or all files are linked instead."""
         self._note_executables(setup)
         ask = self._advice(setup)
         if text := executables.uncertain_text(setup, self._folder, "data_files"):
@@ -295,7 +295,7 @@ class PackagePlan:
         return "" if is_run else "; rosidl-py run, launch and test run setup.py to know them"
 
     def _add_modules(self, setup: PackageSetup) -> None:
-        """Add links to the Python packages and modules."""
+        """Add links to the Python packages and modules that setup.py installs."""
         folders = setup.folders
         root = folders.get("", "")
         names = {*setup.texts("packages")}
@@ -397,7 +397,7 @@ class PackagePlan:
                     self._add_file(posixpath.join(destination, path), folder / entry.name)
 
     def _accepts(self, install: Install, path: str, is_folder: bool) -> bool:
-        """Return True if a file or folder below an installed folder passes its patterns."""
+        """Return True if the patterns of an install rule select a file or folder below an installed folder."""
         matched = [
             excluded
             for pattern, excluded in install.filters

@@ -1,7 +1,7 @@
 """Running the setup.py of a package in a process of its own, to get the arguments of `setup` exactly.
 
-Only commands that run code of the workspace anyway do this: ``run``, ``launch`` and ``test``. The result is cached
-until a file changes that setup.py has read.
+Only commands that run code of the workspace anyway run setup.py: ``run``, ``launch`` and ``test``. The result is cached
+until a file that setup.py has read changes.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ from rosidl_py_gen.type_loading.scan_cache import cached
 from rosidl_py_gen.type_loading.setup_reader.setup_py import SetupArguments, merge_calls
 
 TIMEOUT_S = 10.0
-"""Maximum time that setup.py may take, before its process group is killed."""
+"""Maximum run time of a setup.py in seconds, after which its process group is killed."""
 _MAX_RESULT_BYTES = 4 << 20
 _MAX_ERROR_BYTES = 64 << 10
 _READ_GRACE_S = 1.0
-"""Time to read the rest of the output after the process has ended: a child of it may keep its output open."""
+"""Time to read remaining output after setup.py has ended, in seconds; a child process may keep the output open."""
 _OF_SHELLS = {"_", "OLDPWD", "PWD", "SHLVL"}
-"""Environment variables that differ from command to command; a result counts for equal values of all others."""
+"""Environment variables that shells change with each command; a cached result depends on all others."""
 
 
 _results: dict[tuple[Path, str, Stamp], Any] = {}
-"""Results of this process, or error texts, by folder, digest of the environment, and stamp of setup.py."""
+"""Results or error texts of setup.py files, by package folder, digest of the environment, and stamp of setup.py."""
 
 
 class SetupRunError(RosidlError):
-    """A setup.py has failed, or did not end in time."""
+    """Raised if a setup.py has failed, or did not end in time."""
 
 
 def run_setup_py(folder: Path, why: str) -> SetupArguments:
-    """Run the setup.py of a package; return the arguments of all its calls of `setup`.
+    """Return the arguments of all calls of `setup` in the setup.py of a package, which runs unless a result is cached.
 
     Args:
-        folder: of the package.
-        why: the reason, for a line on standard error; the file is run once in a process.
+        folder: folder of the package.
+        why: reason for running setup.py, which is printed on standard error.
 
     Raises:
-        SetupRunError: it has failed.
+        SetupRunError: setup.py failed, or did not end within 10 s.
     """
 
     def run() -> Any:
@@ -117,7 +117,7 @@ def _record(folder: Path) -> Any:
 
 
 class _Tail:
-    """Last bytes of a stream, read in a thread."""
+    """Reader of a stream in a thread, which retains the last bytes."""
 
     def __init__(self, stream: IO[bytes] | None, max_bytes: int) -> None:
         assert stream is not None

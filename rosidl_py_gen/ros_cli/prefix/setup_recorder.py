@@ -1,8 +1,8 @@
 """Program that runs the setup.py of the current folder with a `setup` that records its arguments.
 
 colcon does the same (docs/internals/protocol.md 14.3). The arguments are written as JSON to standard output; output of
-setup.py goes to standard error. The program imports nothing of this package. Without setuptools, a replacement has what
-setup.py files import.
+setup.py goes to standard error. The program imports no module of this package. Without setuptools, a replacement
+provides the names that setup.py files import.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _NAMES = (
     ),
 )
 _MAX_READ = 1000
-"""Maximum number of files that setup.py has read, for the cache of its result."""
+"""Maximum number of read files that are recorded; the cached result of setup.py depends on these files."""
 
 
 def main() -> None:
@@ -88,7 +88,7 @@ def _plain_arguments(call: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any, depth: int = 0) -> Any:
-    """Return a value of JSON; other objects become None."""
+    """Convert a value to strings, lists, dicts and None; numbers become strings, other objects None."""
     if isinstance(value, str) or value is None:
         return value
     if isinstance(value, os.PathLike):
@@ -103,7 +103,7 @@ def _plain(value: Any, depth: int = 0) -> Any:
 
 
 def _replace_setup(record: Callable[..., None]) -> None:
-    """Replace the function `setup` of setuptools and distutils, and modules that do not exist."""
+    """Replace the function `setup` of setuptools and distutils by `record`, and provide missing modules."""
     try:
         setuptools: Any = importlib.import_module("setuptools")
     except ImportError:
@@ -127,7 +127,7 @@ def _replace_setup(record: Callable[..., None]) -> None:
 
 
 class _AnyClass:
-    """Class such as `Extension` or `Command`, with any arguments and attributes."""
+    """Base of replacements for classes such as `Extension` or `Command`, with any arguments and attributes."""
 
     def __init__(self, *arguments: object, **words: object) -> None:
         self.__dict__.update(words)
@@ -140,7 +140,7 @@ class _AnyClass:
 
 
 def _replacement(name: str) -> Any:
-    """Return a module whose other names are new classes."""
+    """Return a replacement for a missing module, each attribute of which is a new class."""
     module = ModuleType(name)
     module.__path__ = []
     module.__file__ = f"<{name}>"

@@ -11,12 +11,12 @@ from rosidl_py_gen.base.resources import RUN_PREFIX
 
 SITE_PACKAGES = f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages"
 PROGRAMS = "lib/rosidl_py_gen/bin"
-"""Folder of a prefix with programs that a ROS installation has on PATH."""
+"""Folder of a prefix with programs that a ROS installation has on PATH, such as ros2."""
 FIXED = {"ROS_VERSION": "2", "ROS_PYTHON_VERSION": "3"}
 
 
 def variables(prefix: Path | None) -> dict[str, str]:
-    """Return the environment variables of a process that may use a prefix; lists continue with their current values."""
+    """Return the environment variables for a process that uses `prefix`, if not None; lists retain current values."""
     found = {name: os.environ.get(name, value) for name, value in FIXED.items()} | of_distribution()
     found[RUN_PREFIX] = ""
     for name, folder in folders(prefix).items() if prefix is not None else ():
@@ -28,7 +28,7 @@ def variables(prefix: Path | None) -> dict[str, str]:
 
 
 def of_distribution() -> dict[str, str]:
-    """Return the variables of the selected distribution; none if ROS_DISTRO has another value than the default."""
+    """Return the variables that name the selected distribution; {} if only the user has set ROS_DISTRO."""
     choice = selected()
     if choice.is_explicit:
         return {ENVIRONMENT_VARIABLE: choice.name}
@@ -37,5 +37,5 @@ def of_distribution() -> dict[str, str]:
 
 
 def folders(prefix: Path) -> dict[str, Path]:
-    """Return the folders of a prefix by the variables that list them."""
+    """Return the folders of a prefix, each by the environment variable that lists it."""
     return {"AMENT_PREFIX_PATH": prefix, "PYTHONPATH": prefix / SITE_PACKAGES, "PATH": prefix / "bin"}

@@ -2,8 +2,8 @@
 
 The syntax trees of the program and of the modules of its package and workspace are read. Names of rclpy and of message
 packages are looked up in these modules, which are imported; of other packages only the presence is checked. An import
-in a `try` that handles ImportError, or for type checkers, may be missing; an import of its handler is required if one
-in the `try` is missing.
+in a `try` that handles ImportError, or for type checkers, may be missing; an import in the handler is required if an
+import in the `try` is missing.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from rosidl_py_gen.ros_cli.prefix.executable import Executable
 
 @dataclass
 class _Import:
-    """Imported module or name.
+    """Imported module or name in a file of a program.
 
     Attributes:
         alias: name in the importing file.
-        is_required: False if the program handles its absence.
-        alternatives: imports of a `try`; this one is required if one of them is missing.
+        is_required: False if the program handles the absence of the module or name.
+        alternatives: imports of a `try` whose handler has this import, which is required if one of them is missing.
     """
 
     module: str
@@ -50,7 +50,7 @@ class _Import:
 
 
 def check(program: Executable, as_json: bool) -> int:
-    """Print what the program lacks; returns 1 if anything is missing."""
+    """Print the modules and names that a program uses and that are missing; returns 1 if there are any, else 0."""
     sys.path[:1] = [str(program.folder)]
     start = program.file
     if start is None:
@@ -79,7 +79,7 @@ def check(program: Executable, as_json: bool) -> int:
 
 
 class _FileChecker:
-    """Checks one file of a program."""
+    """Checker of one file of a program, which adds missing modules and names to `findings`."""
 
     def __init__(self, file: Path, module: str, findings: set[tuple[str, int, str]]) -> None:
         self._file, self._module, self._findings = file, module, findings
@@ -87,7 +87,7 @@ class _FileChecker:
         self._own_imports: list[tuple[Path, str]] = []
 
     def run(self, function: str | None) -> list[tuple[Path, str]]:
-        """Check the file, and that it defines a function; returns the imported files of the program."""
+        """Check the file, and that it defines `function` unless None; returns imported files of the workspace."""
         try:
             tree = ast.parse(self._file.read_bytes())
         except (SyntaxError, ValueError) as error:
@@ -113,7 +113,7 @@ class _FileChecker:
         self._findings.add((display_path(self._file), line, text))
 
     def _resolve_import(self, one: _Import) -> Any:
-        """Return the module or object if it is one of ours; a missing required import is added to the findings."""
+        """Return an imported object of rclpy or a message package, else None; a missing required one is a finding."""
         top = one.module.partition(".")[0]
         if not top:
             return None
@@ -159,7 +159,7 @@ class _FileChecker:
         return bool(findings)
 
     def _check_attribute(self, node: ast.Attribute) -> None:
-        """Check ``rclpy.x.y`` where `rclpy` is imported: attributes of modules, classes and enumerations."""
+        """Check that ``y`` exists in ``rclpy.x.y``, if ``rclpy.x`` is a known module, class or enumeration."""
         owner = self._resolve(node.value)
         if isinstance(owner, ModuleType) and _is_ours(owner.__name__):
             name = owner.__name__
@@ -183,7 +183,7 @@ class _FileChecker:
         return None
 
     def _check_class(self, node: ast.ClassDef, assigned: set[str]) -> None:
-        """Check ``self.x`` in a class with base classes of ours only, unless the file assigns any x."""
+        """Check that ``self.x`` exists in a class whose bases are all of rclpy, unless the file assigns any ``x``."""
         bases = [self._resolve(base) for base in node.bases]
         if not bases or not all(isinstance(base, type) and _is_ours(base.__module__) for base in bases):
             return
@@ -228,7 +228,7 @@ def _handles_import_error(kind: ast.expr | None) -> bool:
 
 
 def _is_ours(module: str) -> bool:
-    """Return True for a module of the rclpy layer, and of a message package."""
+    """Return True for a module that rosidl-py-gen provides: of its rclpy, or of a message package."""
     from rosidl_py_gen.type_loading.import_hook import RCLPY_COMPAT_DIR
 
     top, _, rest = module.partition(".")
@@ -241,7 +241,7 @@ def _is_ours(module: str) -> bool:
 
 
 def _import_module(name: str) -> ModuleType | None:
-    """Return a module; None if it does not exist. Raises ModuleNotFoundError if it needs another that is missing."""
+    """Import a module, None if it does not exist. Raises ModuleNotFoundError if a module that it needs is missing."""
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
@@ -264,7 +264,7 @@ def _is_installed(top: str) -> bool:
 
 
 def _own_file(module: str) -> Path | None:
-    """Return the source of a module next to the script or in the workspace, without importing it."""
+    """Return the source file of a module next to the script or in the workspace, without importing it; else None."""
     top, *rest = module.split(".")
     spec = PathFinder.find_spec(top, sys.path[:1])
     if spec is None or spec.origin is None:

@@ -14,11 +14,11 @@ from rosidl_py_gen.ros_cli import CommandError, options, terminal_output
 
 _PLUGIN = "rosidl_py_gen.ros_cli.program_runner.missing_test_tools"
 _TEST_COMMANDS = {"ament_add_pytest_test": 1, "add_launch_test": 0}
-"""Commands of CMakeLists.txt that declare a Python test, with the position of its file."""
+"""Commands of CMakeLists.txt that declare a Python test, with the index of the argument that names its file."""
 
 
 class _Program(click.Command):
-    """Command that passes all words after the program to it, as python does."""
+    """Click command that passes all words after the name of a program to the program, as python does."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         known = {name: one for one in self.get_params(ctx) for name in one.opts if isinstance(one, click.Option)}
@@ -95,7 +95,7 @@ def test(package: str, arguments: tuple[str, ...], paths: Sequence[str]) -> Call
 
 
 def _declared_tests(folder: Path) -> list[str]:
-    """Return the Python tests of CMakeLists.txt; none if it is missing, or one of them is not known."""
+    """Return the paths of tests that CMakeLists.txt declares; [] if it is missing, or a path does not exist."""
     from rosidl_py_gen.compiler.frontend.cmake_reader import CMakeScript, inside
     from rosidl_py_gen.compiler.frontend.package_files import UnreadableError, read_text
 

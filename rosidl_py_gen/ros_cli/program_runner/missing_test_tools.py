@@ -22,7 +22,7 @@ class _SkippedModule(pytest.Module):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module | None:
-    """Return a skipped module for a file that imports a missing tool; it is not imported."""
+    """Return a skipped module for a test file that imports a missing tool, without importing the file; else None."""
     if missing := _missing_tool(module_path):
         module: _SkippedModule = _SkippedModule.from_parent(parent, path=module_path)
         module.missing = missing

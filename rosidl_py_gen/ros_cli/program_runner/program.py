@@ -35,7 +35,7 @@ _MESSAGE_PACKAGE_NAME = re.compile(r"\w+_(msgs?|srvs|interfaces)")
 
 
 def start(program: Executable, arguments: Sequence[str]) -> None:
-    """Run a program; it ends with its exit code, an exception whose traceback was printed, or a signal."""
+    """Run a program in this process as python does; raises SystemExit, or an exception whose traceback was printed."""
     sys.path[:1] = [str(program.folder)]
     sys.argv[:] = [program.name, *arguments]
     try:
@@ -100,7 +100,7 @@ def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> Modu
 
 
 def _spec(name: str) -> ModuleSpec:
-    """Return the spec of the module for ``-m``; for a package, the spec of its `__main__`."""
+    """Return the spec of the module that ``-m`` names, or of `__main__` in a package. Raises `CommandError`."""
     try:
         spec = importlib.util.find_spec(name)
         if spec is not None and spec.submodule_search_locations is not None:
@@ -124,7 +124,7 @@ def _without_own_frames(traceback: TracebackType | None) -> TracebackType | None
 
 
 def filter_traceback(error: BaseException) -> None:
-    """Change the exception to the form that is printed."""
+    """Prepare an exception for printing: hide frames of rclpy for Ctrl-C, add a hint for a missing message package."""
     if isinstance(error, KeyboardInterrupt):
         error.__traceback__ = _program_frames(error.__traceback__)
     elif isinstance(error, ModuleNotFoundError) and error.name is not None:
@@ -138,9 +138,9 @@ def filter_traceback(error: BaseException) -> None:
 
 
 def refused_arguments(error: BaseException) -> str:
-    """Return the text of an error in ROS arguments or a parameter file; empty for other errors.
+    """Return the text of an error in ROS arguments or a parameter file; "" for other errors.
 
-    Also looks at `__context__`: clean-up code may have raised a second error.
+    Causes and contexts of the error are searched, too: clean-up code may have raised a second error.
     """
     seen: set[int] = set()
     one: BaseException | None = error
@@ -153,7 +153,7 @@ def refused_arguments(error: BaseException) -> str:
 
 
 def _program_frames(traceback: TracebackType | None) -> TracebackType | None:
-    """Return the frames of the program, and the first one of each sequence of our frames."""
+    """Return the frames of the program, and of each sequence of frames of rosidl-py-gen only the first."""
     frames: list[TracebackType] = []
     is_inside = False
     for one in _entries(traceback):
@@ -182,7 +182,7 @@ def _is_of_python(file: str) -> bool:
 
 
 def _is_message_module(module: str, traceback: TracebackType | None) -> bool:
-    """Return True if a missing module is a message package, by its name or by the line that imports it."""
+    """Return True if a missing module is of a message package, by its name or by the line that imports it."""
     package, _, rest = module.partition(".")
     if rest in KINDS or _MESSAGE_PACKAGE_NAME.fullmatch(package):
         return True

@@ -1,4 +1,4 @@
-"""Finding the program of ``rosidl-py run`` (a file, a module, or an executable of a package), and preparing imports."""
+"""Look-up of the program of ``rosidl-py run`` (file, module, or executable of a package), and set-up of its imports."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def start(
     words: Sequence[str], paths: Sequence[str], check: bool, listed: bool, as_json: bool
 ) -> Callable[[], None] | int:
-    """Return a function that runs the program; for --list and --check, the exit code."""
+    """Find a program and return a function that runs it; for --list and --check, print and return the exit code."""
     if listed:
         return _list(words, paths, as_json)
     if as_json and not check:
@@ -55,7 +55,7 @@ def start(
 
 
 def _set_environment(place: Path, paths: Sequence[str]) -> None:
-    """Set the environment variables of ROS, with a prefix in which programs that this one starts find all packages."""
+    """Set environment variables of ROS, with a prefix in which child processes of the program find all packages."""
     prefix = None
     if os.name != "nt":  # it cannot have links
         try:
@@ -68,7 +68,7 @@ def _set_environment(place: Path, paths: Sequence[str]) -> None:
 
 
 class _PrefixFinder:
-    """Finder of modules that a package installs as data files; modules of the sources precede."""
+    """Import finder of modules in a prefix, such as modules that a package installs as data files."""
 
     def __init__(self, prefix: Path) -> None:
         self._places = [str(prefix / SITE_PACKAGES)]
@@ -78,7 +78,7 @@ class _PrefixFinder:
 
 
 def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
-    """Return the prefix of some workspaces in the cache, built again only if files or folders have changed."""
+    """Return a prefix of workspaces in the cache; it is built again only if files or folders have changed."""
     built = []
 
     def build() -> list[str]:
@@ -105,14 +105,14 @@ def _cached_prefix(workspaces: Sequence[Workspace]) -> Path:
 
 
 def _note_misplaced_option(program: Executable, first: str) -> None:
-    """Print a note if the first argument is an option of ``run``, unless the program mentions it."""
+    """Print a note if the first argument of the program is an option of ``run`` that the program does not mention."""
     if first in ("--check", "--list") and (program.file is None or first.encode() not in program.file.read_bytes()):
         text = f"note: {first} is passed to the program; for the option use rosidl-py run {first} PROGRAM"
         terminal_output.note(text)
 
 
 def make_importable(place: Path, paths: Sequence[str]) -> None:
-    """Install the import hook; print a warning if it replaces an installed rclpy."""
+    """Make rclpy, messages and workspace packages importable; print a warning if an installed rclpy is replaced."""
     real = PathFinder.find_spec("rclpy")
     if real is not None and real.origin is not None:
         from rosidl_py_gen import __version__
@@ -126,7 +126,7 @@ def make_importable(place: Path, paths: Sequence[str]) -> None:
 
 
 def _workspace_folder(place: Path) -> Path:
-    """Return the program, or the current folder if that is in the workspace of the program."""
+    """Return the path around which to find a workspace: `place`, or the current folder if in its workspace."""
     here = Path.cwd()
     package = package_around(place)
     if package is None:  # the folder of a script may be large, and is not searched for packages
@@ -139,7 +139,7 @@ def _workspace_folder(place: Path) -> Path:
 
 
 def _program(words: Sequence[str], paths: Sequence[str], runs_setup: bool) -> tuple[Executable, Sequence[str]]:
-    """Return the program of a command line, and its arguments."""
+    """Return the executable that the words of a command line name, and its arguments. Raises `CommandError`."""
     if not words:
         raise click_module().UsageError("expected a file, -m and a module, or a package and an executable")
     first, *rest = words
@@ -157,7 +157,7 @@ def _program(words: Sequence[str], paths: Sequence[str], runs_setup: bool) -> tu
 
 
 def _file_program(path: Path) -> Executable:
-    """Return the program of a file; a file with relative imports is run as a module of its package."""
+    """Return the executable of a Python file; a file with relative imports is run as a module of its package."""
     real = path.resolve()
     inside = [*takewhile(lambda folder: (folder / "__init__.py").is_file(), real.parents)]
     if inside and _has_relative_imports(real):
@@ -176,7 +176,7 @@ def _has_relative_imports(file: Path) -> bool:
 
 
 def workspaces(paths: Sequence[str], place: Path | None = None) -> list[Workspace]:
-    """Return the workspaces of ``--path``, then the workspace of a program, or of the current folder."""
+    """Return the workspaces of ``--path``, then the workspace of the program `place`, or of the current folder."""
     around = workspace_around(Path.cwd() if place is None else _workspace_folder(place))
     return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
 
@@ -198,7 +198,7 @@ def _run_setup_py(folder: Path, why: str) -> SetupArguments:
 def _executables(
     package: str, paths: Sequence[str], runs_setup: bool = False
 ) -> tuple[dict[str, Executable], list[str]]:
-    """Return the executables of a package from its sources, pip or a prefix, and their location."""
+    """Return the executables of a package by name, from its sources, pip or a prefix, and the folders with them."""
     from rosidl_py_gen.ros_cli.prefix import executables
 
     run = _run_setup_py if runs_setup else None
@@ -242,7 +242,7 @@ def _executable_program(
 
 
 def _list(words: Sequence[str], paths: Sequence[str], as_json: bool) -> int:
-    """Print lines as `ros2 pkg executables` does."""
+    """Print the executables of a package, or of all packages, as `ros2 pkg executables` does; returns 0."""
     if len(words) > 1:
         raise click_module().UsageError("expected at most a package")
     packages = words or sorted({name for workspace in workspaces(paths) for name in workspace_packages(workspace)})

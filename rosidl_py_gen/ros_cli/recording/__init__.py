@@ -1,1 +1,1 @@
-"""``rosidl-py bag record``: `selection` chooses topics, `recorder` receives messages, `writer` writes them."""
+"""Command ``rosidl-py bag record``: `selection` selects topics, `recorder` receives messages, `writer` writes them."""

@@ -1,6 +1,7 @@
-"""Recorder, which receives messages and passes them to the writer, and a run of ``bag record`` until the report.
+"""Recorder, which receives messages and passes them to the writer of the bag, and the run of ``bag record``.
 
-A topic is subscribed to before its definition is known, so that no message is missed while it is requested from peers.
+A topic is subscribed to before its definition is known, so that no message is missed while the definition is requested
+from peers.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 
 
 _DEPTH = 1000
-"""Queue depth: number of messages that may arrive while the process is busy."""
+"""Depth of the queue of a subscription: number of messages that may arrive while the process is busy."""
 _PROGRESS_INTERVAL_S = 0.5
 _MISSING = {
     "topic": "{}",
@@ -51,7 +52,7 @@ _MISSING = {
 
 
 class Recorder:
-    """Subscribes to the selected topics, with the given QoS, or as their publishers offer it."""
+    """Recorder that subscribes to the selected topics, with the given QoS, or with the QoS that publishers offer."""
 
     def __init__(
         self,
@@ -72,30 +73,30 @@ class Recorder:
         self._tasks: list[asyncio.Task[None]] = []
         self._owners: set[TopicOwner] = set()  # of what is recorded
         self.is_paused = options.start_paused
-        """True while messages are skipped."""
+        """True while received messages are skipped instead of recorded."""
         self.recorded: set[str] = set()
         """Names of recorded topics."""
         self._refused: set[str] = set()
         self.early = 0
-        """Number of skipped messages before the first time of ``/clock``."""
+        """Number of messages that were skipped because they arrived before the first time of ``/clock``."""
 
     def set_paused(self, is_paused: bool) -> None:
-        """Skip received messages, or record them."""
+        """Skip received messages from now on if `is_paused`, or else record them."""
         if is_paused != self.is_paused:
             self.is_paused = is_paused
             self._note("paused" if is_paused else "recording resumed")
 
     def toggle_paused(self) -> None:
-        """Pause or resume."""
+        """Pause recording, or resume recording that is paused."""
         self.set_paused(not self.is_paused)
 
     def split(self) -> None:
-        """Continue in a new file."""
+        """Continue the bag in a new file, or print a note if the bag is a single file."""
         if not self._writer.split():
             self._note(f"{self._writer.path} is one file; only a folder can be split")
 
     def snapshot(self) -> bool:
-        """Write the retained messages; returns False while an earlier snapshot is written."""
+        """Write the messages retained for a snapshot; returns False while an earlier snapshot is being written."""
         is_done = self._writer.snapshot()
         self._note(
             f"snapshot into {self._writer.path}" if is_done else "no snapshot: the previous one is still being written"
@@ -108,7 +109,7 @@ class Recorder:
 
     @property
     def dropped(self) -> int:
-        """Number of messages that arrived faster than they were read."""
+        """Number of messages that the subscriptions dropped, as they arrived faster than they were read."""
         return sum(one.dropped for one in self._subscriptions)
 
     async def run(self) -> None:
@@ -136,7 +137,7 @@ class Recorder:
             await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def report(self, show: Any) -> None:
-        """Display the progress until cancelled."""
+        """Display the progress of recording until cancelled; raises the error of a topic that failed."""
         began = now_s()
         while True:
             dropped = f", {self.dropped} dropped" if self.dropped else ""
@@ -233,7 +234,7 @@ class Recorder:
         return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
 
     async def _topic_of(self, topic: str, cls: type[Message], qos: Sequence[Any]) -> BagTopic:
-        """Return a topic; a topic of an action has the definition of the whole action."""
+        """Return the topic of the bag with its definition, which for a topic of an action is the whole action."""
         try:
             return topic_of(topic, cls, qos)
         except TypeNotFoundError:
@@ -250,7 +251,7 @@ class Recorder:
 
 
 def record_bag(network: NetworkOptions, options: RecordOptions) -> AsyncCommand:
-    """Return the command for the options. Raises as `Selection` and `read_qos_overrides`."""
+    """Return a command that records; raises `CommandError`, `InvalidNameError` or OSError for wrong options."""
     selection, qos = Selection(options), read_qos_overrides(options.qos_file)
     return AsyncCommand(_record(network, options, selection, qos), endless=True)
 

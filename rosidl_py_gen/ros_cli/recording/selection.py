@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 
 
 def owner_of(topic: str, type_name: str) -> TopicOwner:
-    """Return the service, the action or the topic itself that a topic belongs to."""
+    """Return the service or action that a topic belongs to, or else the topic itself."""
     kind, name, _ = topic_owner(topic, type_name)
     return TopicOwner(kind, name)
 
 
 class Selection:
-    """Selection of the options; raises `CommandError` for invalid patterns, `InvalidNameError` for invalid names."""
+    """Topics that options select; raises `CommandError` for invalid patterns, `InvalidNameError` for invalid names."""
 
     def __init__(self, options: RecordOptions) -> None:
         topics = [*options.topics, *options.more_topics]
         included = {"topic": topics, "service": options.services, "action": options.actions}
         self.named = [TopicOwner(kind, name) for kind, names in included.items() for name in _full_names(names)]
-        """Named topics, services and actions, hidden or not."""
+        """Topics, services and actions that the user has named, hidden or not."""
         self._excluded = {
             "topic": {*_full_names(options.exclude_topics)},
             "service": {*_full_names(options.exclude_services)},
@@ -50,7 +50,7 @@ class Selection:
         self._hidden = options.hidden
 
     def takes(self, topic: str, type_name: str) -> bool:
-        """Return True if a topic is recorded."""
+        """Return True if the options select a topic for recording."""
         if TopicOwner("topic", topic) in self.named:  # also if it belongs to a service or action
             return not self._is_excluded(TopicOwner("topic", topic), type_name)
         owner = owner_of(topic, type_name)

@@ -1,6 +1,7 @@
 """Writer of a bag in a thread, so that compression and a slow disk do not delay receiving.
 
-It limits the memory of waiting messages and the time until they are in the file, and keeps messages for snapshots.
+The writer limits the memory of waiting messages and the time until messages are in the file. In snapshot mode the
+writer retains messages for snapshots.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 512 << 20
 SNAPSHOT_BYTES = 100 << 20
-"""Default of rosbag2."""
+"""Default maximum memory of the messages in a snapshot, in bytes, as in rosbag2."""
 _FLUSH_INTERVAL_S = 1.0
 _OVERHEAD_BYTES = 200
-"""Memory of a waiting message in addition to its data: objects, times, and an entry of the queue."""
+"""Memory of a waiting message in addition to its data, in bytes: objects, times, and an entry of the queue."""
 
 
 class _Message(NamedTuple):
@@ -40,12 +41,12 @@ def _memory(message: _Message) -> int:
 
 
 class WriterThread:
-    """Writes enqueued messages until `end`.
+    """Writer of a bag, whose thread writes enqueued messages until `end`.
 
     Args:
         on_error: called once, from the thread, when the bag cannot be written.
-        max_bytes: maximum memory of messages that wait, or that a snapshot contains; None is the default. With 0,
-            everything is passed to the operating system at once.
+        max_bytes: maximum memory of messages that wait, or that a snapshot contains; None and 0 mean the default. With
+            0, every message is passed to the operating system at once.
         snapshots: write only snapshots, each into a new file, unless the bag is one file.
     """
 
@@ -68,9 +69,9 @@ class WriterThread:
         self._enqueued_bytes = 0  # memory of all enqueued messages
         self._written_bytes = 0  # memory of all written messages; changed by the thread
         self.bytes = self.messages = 0
-        """Size and number of enqueued messages; of snapshots in snapshot mode."""
+        """Size and number of enqueued messages; in snapshot mode, only of messages in snapshots."""
         self.dropped = 0
-        """Number of messages that were dropped, because too many waited, or because they exceed a snapshot."""
+        """Number of dropped messages: too many were waiting, or one alone is larger than a snapshot."""
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="bag writer", daemon=True)
         self._thread.start()
@@ -81,11 +82,11 @@ class WriterThread:
         return None if self._retained is None else len(self._retained)
 
     def add_topic(self, topic: BagTopic) -> None:
-        """Register a topic before its first message."""
+        """Add a topic to the bag, before a message of the topic is enqueued."""
         self._items.put(partial(self._bag.add_topic, topic.name, topic))
 
     def enqueue(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Write a message soon, or retain it for a snapshot."""
+        """Enqueue a message for the thread, or retain it for a snapshot; it is dropped if too many messages wait."""
         message = _Message(topic, data, log_time_ns, publish_time_ns)
         if self._retained is not None:
             self._retain(message, self._retained)
@@ -110,7 +111,7 @@ class WriterThread:
             self._retained_bytes -= _memory(retained.popleft())
 
     def snapshot(self) -> bool:
-        """Write retained messages; returns False while an earlier snapshot is written."""
+        """Enqueue the retained messages for a new file; returns False while an earlier snapshot is being written."""
         if self._retained is None or self._enqueued_bytes != self._written_bytes:
             return False
         self.split()
@@ -120,7 +121,7 @@ class WriterThread:
         return True
 
     def split(self) -> bool:
-        """Continue in a new file, unless the current one is empty; returns False for a bag of one file."""
+        """Continue the bag in a new file, unless the current file is empty; returns False for a bag of one file."""
         if self.path.suffix == ".mcap":
             return False
         self._items.put(self._bag.split)
@@ -153,7 +154,7 @@ class WriterThread:
                 flushed = monotonic()
 
     def end(self) -> None:
-        """Write waiting messages, and close the bag; retained messages are discarded. Raises `CommandError`."""
+        """Write waiting messages and close the bag; retained ones are discarded. Raises `CommandError` on failure."""
         self._items.put(None)
         self._thread.join()
         try:

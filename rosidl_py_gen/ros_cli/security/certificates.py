@@ -1,6 +1,6 @@
 """Keys, certificates and signatures of a keystore; the only module that uses the package cryptography.
 
-Keys are elliptic-curve keys on P-256, stored as PKCS #8 without a password, because nodes have nobody to ask.
+Keys are elliptic-curve keys on P-256, stored as PKCS #8 without a password, because nodes cannot ask for a password.
 Source: DDS Security 1.1, 9.3.1 and 9.4.1.
 """
 
@@ -28,7 +28,7 @@ CA_NAME = "sros2CA"
 """Common name of the certificate authority, as in keystores of ROS."""
 VALIDITY = timedelta(days=3650)
 _MARGIN = timedelta(days=1)
-"""Time before the creation at which validity begins, for peers whose clock is behind."""
+"""Time before its creation from which a certificate is valid, for peers whose clock is behind."""
 
 
 def new_key() -> ec.EllipticCurvePrivateKey:
@@ -46,13 +46,13 @@ def certificate_pem(certificate: x509.Certificate) -> bytes:
 
 
 def ca_certificate(key: PrivateKey) -> x509.Certificate:
-    """Return a certificate for a certificate authority, signed with its own key."""
+    """Return a certificate for a certificate authority with this key, signed with the same key."""
     name = _name(CA_NAME)
     return _certificate(name, name, key.public_key(), key, x509.BasicConstraints(ca=True, path_length=1))
 
 
 def enclave_certificate(enclave: str, key: PrivateKey, ca: x509.Certificate, ca_key: PrivateKey) -> x509.Certificate:
-    """Return a certificate for an enclave, whose full name is the common name."""
+    """Return a certificate for the key of an enclave, issued by the authority `ca`; its common name is `enclave`."""
     constraints = x509.BasicConstraints(ca=False, path_length=None)
     return _certificate(_name(enclave), ca.subject, key.public_key(), ca_key, constraints)
 
@@ -79,7 +79,7 @@ def _certificate(
 
 
 def load_key(path: Path) -> PrivateKey:
-    """Return the private key in a file. Raises `CommandError`, without anything of the file in its text."""
+    """Return the private key in a PEM file; raises `CommandError`, whose text has nothing of the contents."""
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), None)
     except TypeError:
@@ -92,7 +92,7 @@ def load_key(path: Path) -> PrivateKey:
 
 
 def load_certificate(path: Path) -> x509.Certificate:
-    """Return the certificate in a file. Raises `CommandError`."""
+    """Return the certificate in a PEM file. Raises `CommandError` if the file has none."""
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except (ValueError, UnsupportedAlgorithm) as error:

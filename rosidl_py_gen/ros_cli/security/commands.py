@@ -36,7 +36,7 @@ def _keystore(root: Path) -> Keystore:
 
 @contextmanager
 def _changing(root: Path, domain_id: int) -> Iterator[Keystore]:
-    """Yield a complete keystore that no other command changes; note at the end if it does not have the domain."""
+    """Yield a complete keystore that no other command changes; print a note if its governance lacks the domain."""
     from rosidl_py_gen.ros_cli.security import key_files
 
     keystore = _keystore(root)
@@ -195,7 +195,7 @@ def generate_artifacts(root: Path | None, enclaves: Sequence[str], policy_files:
 
 
 def _wanted_enclaves(names: Sequence[str], policy_files: Sequence[str]) -> dict[str, PolicyEnclave]:
-    """Return the rules of all enclaves on the command line; rules of a policy take precedence."""
+    """Return rules by enclave: of the policy files, and for other enclaves in `names` rules that allow everything."""
     from rosidl_py_gen.ros_cli.security.policy import check_enclave_name, read_policy, wildcard_enclave
 
     for name in names:

@@ -1,4 +1,4 @@
-"""``security generate_policy``."""
+"""Command ``security generate_policy``."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ async def generate_policy(command_node: CommandNode, policy_file: str, as_json: 
 
 
 def _add_node(root: XmlElement, node: Node, other: NodeInfo) -> bool:
-    """Add a profile for another node. Returns False, with a note, if ROS does not allow its names."""
+    """Add a profile of another node to a policy; returns False, with a note, if ROS does not allow its names."""
     from rosidl_py_gen.errors import InvalidNameError
     from rosidl_py_gen.ros_cli.security.policy import check_enclave_name
     from rosidl_py_gen.runtime import validate_namespace, validate_node_name
@@ -94,7 +94,7 @@ def _is_valid(name: str) -> bool:
 
 
 def _relative(name: str, node: NodeInfo) -> str:
-    """Return a name as it is in a program: ``~/x`` below the node, ``x`` in its namespace."""
+    """Return a name as programs write it: ``~/x`` below the node's name, ``x`` in its namespace, else in full."""
     if name.startswith(f"{node.fully_qualified_name}/"):
         return f"~{name[len(node.fully_qualified_name) :]}"
     if node.namespace == "/":
@@ -103,7 +103,7 @@ def _relative(name: str, node: NodeInfo) -> str:
 
 
 def _profile(root: XmlElement, node: NodeInfo) -> XmlElement:
-    """Return the profile of a node, created unless it exists."""
+    """Return the profile of a node in a policy, which is created if it does not exist."""
     enclaves = _child(root, "enclaves", {})
     enclave = _child(enclaves, "enclave", {"path": node.enclave})
     return _child(_child(enclave, "profiles", None), "profile", {"ns": node.namespace, "node": node.name})
@@ -119,9 +119,9 @@ def _add_rule(profile: XmlElement, kind: str, attribute: str, names: Iterable[st
 
 
 def _child(parent: XmlElement, tag: str, attributes: dict[str, str] | None) -> XmlElement:
-    """Return the child with exactly these attributes, or any for None; it is created unless it exists.
+    """Return the child element with a tag and exactly these attributes (None: any), created if it does not exist.
 
-    A rule with more attributes is not used: names added to it would be allowed for more than a node does.
+    A rule with more attributes is not used: names added to such a rule would be allowed for more than a node does.
     """
     from rosidl_py_gen.base.xml_reader import XmlElement
 

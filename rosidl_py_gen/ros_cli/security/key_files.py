@@ -22,7 +22,7 @@ def write_file(path: Path, data: bytes, *, is_private: bool = False) -> None:
     """Write a file that only its owner can write, and that others can read as far as the umask permits.
 
     Args:
-        is_private: only the owner can read the file.
+        is_private: True if only the owner can read the file.
     """
     temporary = ""
     try:
@@ -46,7 +46,7 @@ def write_file(path: Path, data: bytes, *, is_private: bool = False) -> None:
 
 
 def link(path: Path, target: Path) -> None:
-    """Make `path` a symbolic link to `target`, relative to its own folder; a link to the same file stays."""
+    """Make `path` a relative symbolic link to `target`, unless both are the same file already."""
     if path.exists() and target.exists() and path.samefile(target):
         return
     relative = os.path.relpath(target, path.parent)
@@ -64,7 +64,7 @@ def link(path: Path, target: Path) -> None:
 
 
 def is_readable_by_others(path: Path) -> bool:
-    """Return True if the mode of an existing file permits its group or other users to read it."""
+    """Return True if a file exists and its mode gives its group or other users any permission."""
     with suppress(OSError):
         return os.name != "nt" and bool(stat.S_IMODE(path.stat().st_mode) & 0o077)
     return False
@@ -72,7 +72,7 @@ def is_readable_by_others(path: Path) -> bool:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Wait until no other command changes a keystore, and keep others waiting, where the file system supports locks."""
+    """Hold the lock of a keystore, for which other commands wait; without effect if locks are not supported."""
     try:
         import fcntl
     except ImportError:  # Windows

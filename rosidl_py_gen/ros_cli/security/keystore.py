@@ -9,7 +9,7 @@
                     governance.p7s identity_ca.cert.pem permissions_ca.cert.pem are links
 
 The enclave ``/`` is the folder ``enclaves`` itself. A command that was interrupted can be repeated: each file is
-written completely or not at all, and those that exist are used.
+written completely or not at all, and existing files are used.
 
 Existing files and folders are used only if no other user can have created or changed them, because the authority signs
 the governance, and keys in a folder of another user are not secret. New folders have mode 0700.
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 _IDENTITY, _PERMISSIONS = "identity_ca", "permissions_ca"
 _NOT_RULES = re.compile(r"<(validity|domains)>.*?</\1>", re.DOTALL)
-"""Parts of permissions that differ between equal rules."""
+"""Pattern of the parts of permissions that may differ although the rules are equal."""
 _LINKED_CERTIFICATES = f"{_IDENTITY}.cert.pem", f"{_PERMISSIONS}.cert.pem"
 _ENCLAVE_FILES = ("key.pem", "cert.pem", "permissions.xml", "permissions.p7s", "governance.p7s", *_LINKED_CERTIFICATES)
 
@@ -69,13 +69,13 @@ class Keystore:
         return self.root / "enclaves"
 
     def missing_files(self) -> list[Path]:
-        """Return the required files that do not exist."""
+        """Return the files of authority and governance that a keystore requires and that do not exist."""
         required = [self._certificate(role) for role in (_PERMISSIONS, _IDENTITY)]
         required += [self._key(role) for role in (_PERMISSIONS, _IDENTITY)]
         return [path for path in (*required, self.enclaves / "governance.p7s") if not path.is_file()]
 
     def require(self) -> None:
-        """Raise `CommandError` if this is not a complete keystore."""
+        """Raise `CommandError` if a required file of the keystore is missing."""
         if missing := self.missing_files():
             raise CommandError(
                 f"{self.root}: not a keystore: {missing[0].relative_to(self.root)} is missing; create one with "
@@ -83,7 +83,7 @@ class Keystore:
             )
 
     def enclave_folder(self, name: str) -> Path:
-        """Return the folder of an enclave, which need not exist; raises `CommandError` outside the keystore."""
+        """Return the folder of an enclave, which need not exist; raises `CommandError` if a link leads elsewhere."""
         folder = self.enclaves.joinpath(*name.split("/"))
         if not folder.resolve().is_relative_to(self.enclaves.resolve()):
             raise CommandError(
@@ -130,14 +130,14 @@ class Keystore:
         self._require_trusted(os.path.realpath(folder) if folder == self.root else folder)
 
     def _close(self, folder: Path) -> None:
-        """Remove the permissions of other users."""
+        """Remove the permissions of other users on a folder."""
         if os.name != "nt" and folder.stat().st_mode & 0o077:
             folder.chmod(folder_trust.PRIVATE)
 
     # ------------------------------------------------------------------------------------------------------- creation
 
     def create(self, domain_id: int) -> datetime:
-        """Create the missing files, and return the end of the validity of the certificate authority.
+        """Create the missing files of the keystore, and return the end of validity of its certificate authority.
 
         Raises `CommandError` if the keystore is complete, or a file that cannot be recreated is missing.
         """
@@ -221,7 +221,7 @@ class Keystore:
         key_files.write_file(path, certificates.signed(text, certificate, key))
 
     def _authority(self, role: str) -> Certificate:
-        """Return the certificate of an authority. Raises `CommandError` if it or its key cannot sign."""
+        """Return the certificate of an authority (`role`). Raises `CommandError` if certificate or key cannot sign."""
         from rosidl_py_gen.ros_cli.security import certificates
 
         path, key_path = self._certificate(role), self._key(role)
@@ -290,7 +290,7 @@ class Keystore:
         return certificate
 
     def write_permissions(self, enclave: PolicyEnclave, certificate: Certificate, domain_id: int) -> Path:
-        """Write and sign the permissions of an enclave, and return their file."""
+        """Write and sign the permissions of an enclave, and return the path of permissions.xml."""
         folder = self.enclave_folder(enclave.name)
         text = permissions_xml(enclave, domain_id, certificate.not_valid_before_utc, certificate.not_valid_after_utc)
         if enclave.allows_everything and self._have_changed(folder / "permissions.xml", text):
@@ -301,7 +301,7 @@ class Keystore:
         return folder / "permissions.xml"
 
     def _have_changed(self, path: Path, text: str) -> bool:
-        """Return True if a file exists and has other rules than the new text."""
+        """Return True if a file of permissions exists and has other rules than the new text."""
         try:
             former = path.read_text(encoding="utf-8", errors="replace")
         except FileNotFoundError:
@@ -309,7 +309,7 @@ class Keystore:
         return _NOT_RULES.sub("", former).split() != _NOT_RULES.sub("", text).split()
 
     def note_if_ungoverned(self, domain_id: int) -> None:
-        """Print a note if the governance does not have the domain, in which nodes could not start."""
+        """Print a note if the governance lacks a domain, in which nodes then cannot start."""
         path = self.enclaves / "governance.xml"
         try:
             root = read_xml(str(path))
@@ -344,7 +344,7 @@ class Keystore:
 
 
 def _has_domain(element: XmlElement, domain_id: int) -> bool:
-    """Return True for an ``<id>`` or ``<id_range>`` with the domain."""
+    """Return True if an ``<id>`` or ``<id_range>`` element of a governance contains the domain."""
 
     def number(text: str, default: int) -> int:
         return int(text) if text.strip().isdecimal() else default

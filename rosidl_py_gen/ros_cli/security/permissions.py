@@ -38,22 +38,22 @@ _TOPIC_RULES = {
     "data_protection_kind": "ENCRYPT",
 }
 _GRAPH_TOPIC = "ros_discovery_info"
-"""Topic on which every participant announces its nodes."""
+"""DDS topic on which every participant of ROS announces its nodes."""
 _ACTION_SERVICES = "cancel_goal", "get_result", "send_goal"
 _ACTION_TOPICS = "feedback", "status"
 
 
 def governance_xml(domain_id: int) -> str:
-    """Return the governance of a keystore: all participants are authenticated, and everything is encrypted."""
+    """Return the governance of a keystore as XML: participants are authenticated, and everything is encrypted."""
     topic_rules = _element("topic_access_rules", _element("topic_rule", *_texts(_TOPIC_RULES)))
     rule = _element("domain_rule", _domains(domain_id), *_texts(_DOMAIN_RULES), topic_rules)
     return _document("governance", _element("domain_access_rules", rule))
 
 
 def permissions_xml(enclave: PolicyEnclave, domain_id: int, not_before: datetime, not_after: datetime) -> str:
-    """Return the permissions of an enclave; the first rule that names a topic decides, and denials are first.
+    """Return the permissions of an enclave as XML; the first rule that names a topic decides, and denials precede.
 
-    The validity equals the validity of the certificate, in UTC.
+    The permissions are valid as long as the certificate of the enclave: from `not_before` to `not_after`, in UTC.
     """
     times = {"not_before": not_before, "not_after": not_after}
     grants = []
@@ -100,7 +100,7 @@ def _rule(tag: str, domain_id: int, published: list[str], subscribed: list[str])
 
 
 def _topics(rules: Sequence[PolicyRule], qualifier: str) -> tuple[list[str], list[str]]:
-    """Return the DDS topics to publish and to subscribe that the rules allow or deny, as `qualifier` says."""
+    """Return the DDS topics to publish on, and to subscribe to, that rules allow or deny (`qualifier`)."""
     published: list[list[str]] = []
     subscribed: list[list[str]] = []
     for rule in rules:
@@ -117,7 +117,7 @@ def _merged(groups: list[list[str]]) -> list[str]:
 
 
 def _directions(rule: PolicyRule, attribute: str) -> tuple[list[str], list[str]]:
-    """Return the DDS topics that an attribute of a rule is about: those to publish, and those to subscribe."""
+    """Return the DDS topics to publish on, and to subscribe to, that an attribute of a rule is about."""
     if rule.kind == "topics":
         topics = [f"rt{name}" for name in rule.names]
         return (topics, []) if attribute == "publish" else ([], topics)

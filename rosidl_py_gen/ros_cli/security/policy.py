@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.errors import Diagnostic
 
 _MAX_COMMON_NAME = 64
-"""Maximum characters of the common name in a certificate (ub-common-name, RFC 5280)."""
+"""Maximum number of characters of the common name in a certificate (ub-common-name, RFC 5280)."""
 VERSION = "0.2.0"
 ALLOW, DENY = "ALLOW", "DENY"
 RULES = {
@@ -28,22 +28,22 @@ RULES = {
     "services": ("service", ("request", "reply")),
     "actions": ("action", ("call", "execute")),
 }
-"""Elements of a profile: the element of each name, and the attributes that allow or deny it."""
+"""Child elements of a profile: the tag of the names in each, and the attributes that allow or deny the names."""
 _MAX_DIAGNOSTICS = 20
 _NAMES = frozenset(tag for tag, _ in RULES.values())
 _CLARK_NAME = re.compile(r"\{([^}]*)\}(.*)", re.DOTALL)
 _XML = "http://www.w3.org/XML/1998/namespace"
 _IGNORED = re.compile(r"\{http://www\.w3\.org/(XML/1998/namespace|2001/XMLSchema-instance)\}\w+")
-"""Attributes that XInclude or editors add: ``xml:base``, ``xsi:schemaLocation``."""
+"""Pattern of ignored attributes, which XInclude or editors add: ``xml:base``, ``xsi:schemaLocation``."""
 _EXPRESSION = re.compile(r"(~(?=/|\Z))?[A-Za-z0-9_/*?!\[\]-]*")
-"""Name with wildcards of fnmatch. ``~`` at the beginning is the name of the node."""
+"""Pattern of a name with wildcards of fnmatch. ``~`` at the beginning is the name of the node."""
 _NAMESPACE = re.compile(r"/[A-Za-z0-9_/*?!\[\]-]*")
 _NODE = re.compile(r"[A-Za-z0-9_*?!\[\]-]+")
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyRule:
-    """Names and what is allowed or denied for them.
+    """Rule of a policy: names, and what nodes are allowed or denied to do with these names.
 
     Attributes:
         kind: ``topics``, ``services`` or ``actions``.
@@ -61,8 +61,8 @@ class PolicyEnclave:
     """Rules of an enclave.
 
     Attributes:
-        grants: rules of all profiles, for each ``<profiles>`` element.
-        allows_everything: the rules come from `wildcard_enclave`.
+        grants: for each ``<profiles>`` element, the rules of all its profiles.
+        allows_everything: True if the rules come from `wildcard_enclave`.
     """
 
     name: str
@@ -80,8 +80,9 @@ class SecurityPolicy:
 
 
 def check_enclave_name(name: str) -> None:
-    """Raise `InvalidNameError` unless the name is one of rcl, such as ``/`` or ``/robot/talker``, and fits in a
-    certificate.
+    """Raise `InvalidNameError` unless rcl accepts the name of an enclave, and the name fits in a certificate.
+
+    Valid names are, for example, ``/`` and ``/robot/talker``.
     """
     from rosidl_py_gen.runtime import validate_namespace
 
@@ -99,7 +100,7 @@ def check_enclave_name(name: str) -> None:
 
 
 def read_policy(path: str) -> SecurityPolicy:
-    """Read and validate a policy file. Raises `DefinitionError`."""
+    """Read and validate a policy file. Raises `DefinitionError` with all problems of the policy."""
     root = read_policy_tree(path)
     return _Validator().policy(root)
 
@@ -111,7 +112,7 @@ def wildcard_enclave(name: str) -> PolicyEnclave:
 
 
 def expand_name(expression: str, namespace: str, node: str) -> str:
-    """Return the full name of a topic, service or action in a profile."""
+    """Expand the name of a topic, service or action in a node's profile to the full name."""
     prefix = namespace if namespace.endswith("/") else f"{namespace}/"
     if expression.startswith("/"):
         return expression
@@ -120,7 +121,7 @@ def expand_name(expression: str, namespace: str, node: str) -> str:
 
 @dataclass(slots=True)
 class _Validator:
-    """Validation that reports all problems of a policy at once."""
+    """Validator of a policy, which reports all problems at once."""
 
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
@@ -211,7 +212,7 @@ class _Validator:
                 self._report(element, f"<{element.tag}> has the attribute {name}; expected {expected}")
 
     def _children(self, element: XmlElement, *tags: str, at_least_one: bool = False) -> list[XmlElement]:
-        """Return the children with these tags, and report others. Without tags, the element has text."""
+        """Return the child elements with these tags, and report all others; without `tags`, no child is permitted."""
         found = []
         for child in element.elements:
             if child.tag in tags:
@@ -279,7 +280,7 @@ def _attributes(element: XmlElement) -> Iterable[str]:
 
 
 def _sorted(children: list[XmlElement]) -> list[XmlElement]:
-    """Return children in the order of `ros2 security generate_policy`, comments first."""
+    """Sort child elements as `ros2 security generate_policy` does, comments first, without repeated names."""
 
     def key(child: XmlElement) -> tuple[str, ...]:
         if child.tag == COMMENT:

@@ -1,4 +1,4 @@
-"""A policy file with its ``xi:include`` elements replaced by what they include.
+"""Reading of a policy file whose ``xi:include`` elements are replaced by the included elements.
 
 An included file must be below the folder of the policy, also after symbolic links are resolved. The number of files
 and of elements is limited, because a file that includes another one twice doubles the size with each level.
@@ -29,13 +29,13 @@ _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 
 
 def read_policy_tree(path: str) -> XmlElement:
-    """Return the root element of a policy file, without ``xi:include`` elements. Raises `DefinitionError`."""
+    """Read a policy file, expand its ``xi:include`` elements, and return the root. Raises `DefinitionError`."""
     return _Includes(os.path.realpath(os.path.dirname(path) or ".")).read(path)
 
 
 @dataclass(slots=True)
 class _Includes:
-    """Expansion of one policy; includes must be below its resolved folder."""
+    """Expansion of the includes of one policy; included files must be below its folder, with links resolved."""
 
     folder: str
     includes: int = 0
@@ -57,7 +57,7 @@ class _Includes:
             self._count(child)
 
     def _expand(self, element: XmlElement, folder: str, open_files: tuple[str, ...]) -> None:
-        """Replace the includes in an element of the last of `open_files`, which include each other."""
+        """Replace includes inside an element by their elements; each of `open_files` includes the next file."""
         children: list[XmlElement] = []
         for child in element.children:
             if match := _INCLUDE.fullmatch(child.tag):

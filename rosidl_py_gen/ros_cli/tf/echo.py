@@ -1,4 +1,4 @@
-"""``tf echo``: prints one transform repeatedly, in the form of tf2_echo."""
+"""Command ``tf echo``: prints one transform repeatedly, in the form of tf2_echo."""
 
 from __future__ import annotations
 

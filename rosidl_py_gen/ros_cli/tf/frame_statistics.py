@@ -1,4 +1,4 @@
-"""Parent, rate, delay and publishers of each frame.
+"""Statistics of received transforms: parent, rate, delay and publishers of each frame.
 
 A delay is the arrival time by the clock of this machine minus the stamp; in recordings it is log time minus stamp.
 """
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 TOPICS = {"/tf": False, "/tf_static": True}
 _DEPTH = 100
 _MAX_LEVELS = 40
-"""Maximum number of levels for which `walk` returns marks, so that a long chain needs little memory."""
+"""Maximum number of levels of the tree for which `walk` returns marks, so that long chains need little memory."""
 
 
 @dataclass
 class FrameArrivals:
-    """Statistics of a frame with a parent: arrival times and delays of the last transforms, in ns.
+    """Statistics of a frame with a parent: arrival times and delays of its last transforms, in ns.
 
-    `sources` are the publishers of the transform; of a recording, topics.
+    `sources` are the publishers of the transforms, or topics of a recording.
     """
 
     name: str
@@ -44,29 +44,29 @@ class FrameArrivals:
 
     @property
     def rate_hz(self) -> float | None:
-        """Transforms per second; None before the second one."""
+        """Number of transforms per second; None before the second transform."""
         if len(self.arrivals) < 2 or self.arrivals[-1] <= self.arrivals[0]:
             return None
         return (len(self.arrivals) - 1) * NS_PER_S / (self.arrivals[-1] - self.arrivals[0])
 
     @property
     def delay_s(self) -> tuple[float, float] | None:
-        """Mean and maximum delay; None for a static frame."""
+        """Mean and maximum delay of transforms in seconds; None for a static frame."""
         return None if self.is_static else mean_and_max_s(self.delays_ns)
 
     def publishers(self, names: dict[Any, str]) -> list[str]:
-        """Return the names of the publishers, from `names_of`."""
+        """Return the sorted node names of the publishers; `names` is a result of `names_of`."""
         return sorted({names.get(one, "(gone)") for one in self.sources})
 
     def summary(self, names: dict[Any, str]) -> str:
-        """Return the rate, the delay and the publishers as text."""
+        """Return the rate, the delay and the publishers of the frame as text."""
         parts = ["static"] if self.is_static else ["once"] if self.rate_hz is None else [f"{self.rate_hz:.1f} Hz"]
         if (delay := self.delay_s) is not None:
             parts.append(f"{delay[0]:.3f} s late")
         return ", ".join([*parts, *self.publishers(names)])
 
     def row(self, names: dict[Any, str]) -> dict[str, Any]:
-        """Return the frame for JSON."""
+        """Return the statistics of the frame as a row for JSON."""
         delay = self.delay_s
         return {
             "frame": self.name,
@@ -80,12 +80,12 @@ class FrameArrivals:
 
 
 def mean_and_max_s(values_ns: deque[int]) -> tuple[float, float] | None:
-    """Return mean and maximum in seconds; None of no values."""
+    """Return mean and maximum of values in seconds; None if there are no values."""
     return (sum(values_ns) / len(values_ns) / NS_PER_S, max(values_ns) / NS_PER_S) if values_ns else None
 
 
 class FrameStatistics:
-    """Statistics of all received frames."""
+    """Statistics of all frames in received transforms."""
 
     def __init__(self, window: int = 1000) -> None:
         self._window = window
@@ -124,7 +124,7 @@ class FrameStatistics:
         return sorted({frame.parent for frame in self.frames.values()} - self.frames.keys())
 
     def walk(self) -> Iterator[tuple[str, FrameArrivals | None, tuple[bool, ...]]]:
-        """Yield each frame after its parent: name, statistics, and for each level True for the last child."""
+        """Yield each frame after its parent: name, statistics, and per level True if it is the last child there."""
         children = self.children()
         todo: list[tuple[str, FrameArrivals | None, tuple[bool, ...]]] = [
             (root, None, ()) for root in reversed(self.roots())
@@ -137,11 +137,11 @@ class FrameStatistics:
             todo += [(one.name, one, (*level, one is below[-1])) for one in reversed(below)]
 
     def frames_in_cycles(self) -> list[str]:
-        """Return the sorted names of frames that are not below a root."""
+        """Return the sorted names of frames that are in a cycle, or below a frame in a cycle."""
         return sorted(self.frames.keys() - {name for name, _, _ in self.walk()})
 
     def between(self, target: str, source: str) -> list[FrameArrivals]:
-        """Return the frames on the path between two frames; raises `TransformError` as a lookup does."""
+        """Return the frames on the path between two frames; raises `TransformError` if there is no transform."""
         self.buffer.lookup_transform(target, source)
         paths = [self._path_to_root(target), self._path_to_root(source)]
         shared = {one.name for one in paths[0]} & {one.name for one in paths[1]}
@@ -155,7 +155,7 @@ class FrameStatistics:
         return path
 
     def age_ns(self, target: str, source: str, now_ns: int) -> int | None:
-        """Return the age of the newest transform between two frames; None if it is static or unknown."""
+        """Return the age of the newest transform between two frames at `now_ns`; None if static or unknown."""
         try:
             stamp = self.buffer.lookup_transform(target, source).stamp
         except TransformError:
@@ -164,7 +164,7 @@ class FrameStatistics:
 
 
 def listeners(node: Node, frames: FrameStatistics, then: Callable[[int], None] = lambda arrived_ns: None) -> list[Any]:
-    """Return coroutines that add received messages to the statistics without end; `then` is called after each one."""
+    """Return coroutines that add received transforms to `frames` without end, and call `then` after each message."""
     cls: Any = get_message("tf2_msgs/msg/TFMessage")
 
     async def listen(topic: str, qos: QoSProfile, static: bool) -> None:
@@ -180,7 +180,7 @@ def listeners(node: Node, frames: FrameStatistics, then: Callable[[int], None] =
 
 
 def names_of(node: Node) -> dict[Any, str]:
-    """Return the node name of each publisher of transforms."""
+    """Return the node name of each publisher of transforms, by topic and GID."""
     return {
         (topic, one.endpoint_gid): one.node_text for topic in TOPICS for one in node.get_publishers_info_by_topic(topic)
     }

@@ -1,4 +1,4 @@
-"""``tf monitor``: prints the rates and delays of transforms once a second."""
+"""Command ``tf monitor``: prints the rates and delays of transforms once a second."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ async def _report(
 
 
 def _selected_frames(statistics: FrameStatistics, path: Sequence[str]) -> tuple[list[FrameArrivals], str]:
-    """Return the frames to print, or the reason why there are none."""
+    """Return the frames to print, and the reason if there are none, else ""."""
     from rosidl_py_gen.tf import TransformError
 
     if not path:

@@ -28,7 +28,7 @@ _MOVING, _STATIC, _ROOT = ("#e8f0fe", "#4a7dbd"), ("#eef7ee", "#5c9a63"), ("#fff
 
 
 class _FrameBox:
-    """Frame in the picture; `x` is the middle of its box, `total` the width of its subtree."""
+    """Box of a frame in the picture; `x` is the middle of the box, `total` the width of the subtree of the frame."""
 
     def __init__(self, name: str, frame: FrameArrivals | None, level: int, width: float) -> None:
         self.name, self.frame, self.level, self.width = name, frame, level, width
@@ -42,7 +42,7 @@ class _FrameBox:
 
 
 def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
-    """Write the picture. Raises `CommandError` if it is too large."""
+    """Write a PNG file with the tree of frames. Raises `CommandError` if the picture would be too large."""
     big, small = ImageFont.load_default(_FONT_SIZE), ImageFont.load_default(_SMALL_FONT_SIZE)
     order = _boxes(frames, names, big, small)
     roots = [one for one in order if one.level == 0]
@@ -75,7 +75,7 @@ def write(frames: FrameStatistics, names: dict[Any, str], path: Path) -> None:
 
 
 def _boxes(frames: FrameStatistics, names: dict[Any, str], big: Any, small: Any) -> list[_FrameBox]:
-    """Return the boxes of all frames below a root, parents first."""
+    """Return the boxes of all frames in trees, with their positions, parents first."""
     boxes: dict[str, _FrameBox] = {}
     for name, frame, _ in frames.walk():
         parent = None if frame is None else boxes[frame.parent]

@@ -1,4 +1,4 @@
-"""``tf tree``: the frames of the network or of a recording, as text, Mermaid, JSON and PNG."""
+"""Command ``tf tree``: shows the frames of the network or of a recording, as text, Mermaid, JSON or PNG."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _show(frames: FrameStatistics, names: dict[Any, str], kind: str, output: str
 
 
 def lines(frames: FrameStatistics, names: dict[Any, str]) -> Iterator[tuple[str, str]]:
-    """Yield a line for each frame, and its style of rich."""
+    """Yield a line of text for each frame of the tree, and the style of rich for the line."""
     rows = []
     for name, frame, last in frames.walk():
         marks = "".join("   " if one else "│  " for one in last[:-1])
@@ -104,7 +104,7 @@ def lines(frames: FrameStatistics, names: dict[Any, str]) -> Iterator[tuple[str,
 
 
 def _problems(frames: FrameStatistics) -> Iterator[str]:
-    """Yield warnings about the whole tree."""
+    """Yield warnings about the whole tree: unconnected trees, loops, frames with several publishers."""
     roots = frames.roots()
     if len(roots) > 1:
         yield f"{len(roots)} trees that are not connected: {', '.join(roots[:20])}"
@@ -116,7 +116,7 @@ def _problems(frames: FrameStatistics) -> Iterator[str]:
 
 
 def mermaid(frames: FrameStatistics, names: dict[Any, str]) -> str:
-    """Return a flowchart from top to bottom, with the summary of a frame at the arrow to it."""
+    """Return a Mermaid flowchart of the frames from top to bottom, with the summary of a frame at the arrow to it."""
     every = sorted({*frames.frames, *(frame.parent for frame in frames.frames.values())})
     ids = {name: f"f{number}" for number, name in enumerate(every)}
     out = ["flowchart TD"]
@@ -129,6 +129,6 @@ def mermaid(frames: FrameStatistics, names: dict[Any, str]) -> str:
 
 
 def document(frames: FrameStatistics, names: dict[Any, str]) -> dict[str, Any]:
-    """Return the roots and all other frames for JSON."""
+    """Return the names of roots, and the statistics of all other frames, for JSON."""
     rows = [frame.row(names) for frame in sorted(frames.frames.values(), key=lambda one: one.name)]
     return {"roots": frames.roots(), "frames": rows}

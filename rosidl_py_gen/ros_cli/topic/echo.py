@@ -1,4 +1,4 @@
-"""``topic echo``."""
+"""Command ``topic echo``."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ async def echo(
 
 
 async def _full_name(command_node: CommandNode, topic: str, type_name: str | None, timeout_s: float | None) -> str:
-    """Return the full name of the topic after its publishers had time to be discovered."""
+    """Wait until the topic is found, or with `type_name` only for discovery, and return the full name."""
     from rosidl_py_gen.ros_cli.name_lookup import full_name
 
     if type_name is None:
@@ -159,7 +159,7 @@ async def _full_name(command_node: CommandNode, topic: str, type_name: str | Non
 
 
 class _LostNotes:
-    """Notes about messages that arrived faster than they were printed."""
+    """Notes about messages that were lost, because they arrived faster than they were printed."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._total, self._noted_s, self._now_s = 0, 0.0, now_s
@@ -172,7 +172,7 @@ class _LostNotes:
 
 
 def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[[Message], Any]:
-    """Return a function for the value to print: the message, the value of one path, or a dict of several."""
+    """Return a function for the part of a message to print: all, the value of one path, or values by path."""
     from rosidl_py_gen.base.fieldtype import Arity
     from rosidl_py_gen.ros_cli.message_expressions import compile_path
     from rosidl_py_gen.ros_cli.message_text import array_summary
@@ -195,7 +195,8 @@ def _fields(cls: type[Message], paths: Sequence[str], arrays: bool) -> Callable[
 class _RateLimit:
     """Limit of ``--max-rate``; `max_hz` None means no limit.
 
-    A message may be printed a little early, which delays the next one: of a topic with this rate all are printed.
+    A message may be printed a little early, which delays the next message, so that all messages of a topic with exactly
+    this rate are printed.
     """
 
     def __init__(self, max_hz: float | None, now_s: Callable[[], float]) -> None:
@@ -205,7 +206,7 @@ class _RateLimit:
         self._dropped = 0
 
     def allows(self) -> bool:
-        """Return True if a message may be printed now, else count it as dropped."""
+        """Return True if a message may be printed now; otherwise count the message as dropped."""
         if self._max_hz is None:
             return True
         now = self._now_s()
@@ -216,7 +217,7 @@ class _RateLimit:
         return True
 
     def report_dropped(self) -> None:
-        """Print a note about dropped messages."""
+        """Print a note with the number of dropped messages, if there are any."""
         if self._dropped:
             terminal_output.note(f"dropped {pluralize(self._dropped, 'message')}, as --max-rate is {self._max_hz:g}")
 
@@ -224,7 +225,7 @@ class _RateLimit:
 def _message_printer(
     field: Callable[[Any], Any], condition: Callable[[Any], bool], rate_limit: _RateLimit, show: Callable[[Any], None]
 ) -> Callable[[Any], bool]:
-    """Return a function that prints messages for which the condition is true, and returns that result.
+    """Return a function that prints a message if the condition is true for it, and returns the result of the condition.
 
     A message without a value for the filter or field is skipped; each reason is noted once.
     """

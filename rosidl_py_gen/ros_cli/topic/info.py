@@ -1,4 +1,4 @@
-"""``topic list``, ``find``, ``type`` and ``info``."""
+"""Commands ``topic list``, ``find``, ``type`` and ``info``."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ async def info(command_node: CommandNode, topic: str, timeout_s: float | None, v
 
 
 def _description(endpoint: TopicEndpointInfo) -> list[str]:
-    """Return lines in the form of rclpy's ``TopicEndpointInfo``."""
+    """Return lines about an endpoint in the form of rclpy's ``TopicEndpointInfo``."""
     from rosidl_py_gen.runtime import History
 
     qos = endpoint.qos_profile

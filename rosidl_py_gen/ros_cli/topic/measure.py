@@ -1,4 +1,4 @@
-"""``topic hz``, ``bw`` and ``delay``: statistics of one or several topics, once a second.
+"""Commands ``topic hz``, ``bw`` and ``delay``: statistics of one or several topics, once a second.
 
 The subscriptions are best effort, which is compatible with every publisher, and receive bytes. Messages are decoded
 only for a filter, or for a header that is not their first field. `topic/statistics.py` computes the statistics.
@@ -43,7 +43,7 @@ class _TopicMeter:
     statistics: TopicStatistics
 
     async def run(self) -> None:
-        """Add received messages to the statistics, without end."""
+        """Add received messages to the statistics until cancelled."""
         receive, value, add = self.subscription.receive_with_info, self.value, self.statistics.add
         while True:
             message, info = await receive()
@@ -170,7 +170,7 @@ def _is_narrow() -> bool:
 async def _value_extractor(
     command_node: CommandNode, topic: str, kind: str, paths: Sequence[str], filter_text: str | None
 ) -> tuple[type[Message] | None, _Value]:
-    """Return the class to decode messages with, or None for bytes, and a function for the value of a message."""
+    """Return the class to decode messages with (None: use bytes), and a function for the value that is measured."""
     from rosidl_py_gen.ros_cli import type_resolution
     from rosidl_py_gen.ros_cli.message_expressions import compile_filter
 
@@ -201,8 +201,9 @@ def _stamp(message: Any) -> int:
 
 
 def _first_stamp(data: bytes) -> int | None:
-    """Return the stamp at the beginning of a serialized message; byte 1 contains the byte order."""
+    """Return the stamp in ns at the beginning of a serialized message; None if the message is too short."""
     if len(data) < 12:
         return None
+    # Byte 1 of the encapsulation header contains the byte order.
     sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
     return int(sec) * NS_PER_S + int(nanosec)

@@ -1,4 +1,4 @@
-"""``topic plot``: fields of received messages over time."""
+"""Command ``topic plot``: plots fields of received messages over time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import AdaptiveSubscription
 
 _WINDOW_INTERVAL_S = 0.05
-"""Time between two checks for events of the window, which seems to hang if it is longer."""
+"""Time between two checks for events of the plot window, in seconds; if longer, the window seems to hang."""
 _DRAW_INTERVAL_S = 0.25
 
 
@@ -100,7 +100,7 @@ async def _plot_live(
     out: str | None,
     in_terminal: bool,
 ) -> None:
-    """Receive and draw until the time or number of messages is reached, the window is closed, or Ctrl-C."""
+    """Receive messages and draw the plot until time or number is reached, the window is closed, or Ctrl-C."""
     import asyncio
 
     from rosidl_py_gen.ros_cli.command_node import first_of
@@ -154,7 +154,7 @@ async def _plot_live(
 
 
 def _finish(panels: Sequence[Any], axis: TimeAxis, out: str | None, is_text: bool) -> None:
-    """Write the file, or print the last plot; topics without messages get a note."""
+    """Write the plot to the file `out`, or print the last plot; print a note for each topic without messages."""
     filled = [panel for panel in panels if panel.count]
     for panel in panels:
         if not panel.count:

@@ -1,4 +1,4 @@
-"""``topic pub``: publishes one message repeatedly, or each document of standard input once."""
+"""Command ``topic pub``: publishes one message repeatedly, or each document of standard input once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Publisher
 
 _ACKNOWLEDGE_TIMEOUT_S = 5.0
-"""Maximum time at the end until subscribers have acknowledged all messages."""
+"""Maximum time to wait at the end until subscribers have acknowledged all messages, in seconds."""
 _WAITING_NOTE_INTERVAL_S = 1.0
 _STDIN = "-"
 

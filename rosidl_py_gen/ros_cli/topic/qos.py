@@ -49,11 +49,11 @@ qos_options = options.all_of(
         "--qos-liveliness-lease-duration-seconds", "liveliness_lease_s", type=click.FloatRange(0), metavar="SECONDS"
     ),
 )
-"""Options that are passed as the dict `qos`; its values are None for options that are not used."""
+"""QoS options of topic commands, passed as the dict `qos`; the value of an option that is not used is None."""
 
 
 def requested_profile(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:
-    """Return the profile of the ``--qos-...`` options, based on `default`; None without such options."""
+    """Return the profile that ``--qos-...`` options request, based on `default`; None if no such option is used."""
     from rosidl_py_gen.runtime import Durability, History, Liveliness, QoSProfile, Reliability
     from rosidl_py_gen.runtime import qos as presets
 

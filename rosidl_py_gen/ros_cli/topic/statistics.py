@@ -19,7 +19,7 @@ HEADINGS = {
     "bw": ("bandwidth", "mean", "min", "max", "window"),
     "delay": ("delay", "min", "max", "std_dev", "window"),
 }
-"""Headings of the columns of `report_row` by kind."""
+"""Headings of the columns that `report_row` returns, by kind of statistics."""
 
 
 class TopicStatistics:
@@ -36,7 +36,7 @@ class TopicStatistics:
         self._is_new = False
 
     def add(self, received_ns: int, value: int) -> None:
-        """Add a message; `value` is its size for ``bw``, its stamp for ``delay``."""
+        """Add a message that was received at `received_ns`; `value` is its size for ``bw``, its stamp for ``delay``."""
         if received_ns < self._last_ns:
             self._samples.clear()
             self._last_ns = 0
@@ -74,7 +74,7 @@ class TopicStatistics:
 
 
 def report_text(report: dict[str, Any]) -> str:
-    """Return the text of a report in the form of ros2."""
+    """Return a report as text, in the form that ros2 prints."""
     if "bytes_per_s" in report:
         rate, mean, minimum, maximum, window = report_row(report)
         return f"{rate} from {window} messages\n\tMessage size mean: {mean} min: {minimum} max: {maximum}"
@@ -84,7 +84,7 @@ def report_text(report: dict[str, Any]) -> str:
 
 
 def report_row(report: dict[str, Any]) -> list[str]:
-    """Return the columns of a report; all sizes have one unit."""
+    """Return a report as the columns of a table; all sizes have one unit."""
     first, *values = report.values()
     if "bytes_per_s" not in report:
         minimum, maximum, std_dev, window = values

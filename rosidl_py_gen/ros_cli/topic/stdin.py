@@ -1,4 +1,4 @@
-"""Documents of standard input, each as soon as it is complete.
+"""Reading of documents from standard input, each as soon as it is complete.
 
 A document ends at a line ``---``, as ``topic echo`` prints it, or at the end of a line of JSON, as with ``--json``.
 """
@@ -20,7 +20,7 @@ _MAX_QUEUED_CHUNKS = 16
 
 
 async def documents() -> AsyncGenerator[str, None]:
-    """Yield the texts of all documents that are not empty. Raises `CommandError`."""
+    """Yield the text of each document that is not empty; raises `CommandError` if it is too long or not UTF-8."""
     lines: list[str] = []
     length = 0
     async for line in _lines():
@@ -63,7 +63,7 @@ def _text(line: bytes) -> str:
 
 
 async def _chunks() -> AsyncGenerator[bytes, None]:
-    """Yield chunks of standard input. A daemon thread reads, as a loop cannot watch a file."""
+    """Yield chunks of bytes from standard input, read by a daemon thread, as an event loop cannot watch a file."""
     if sys.stdin is None or sys.stdin.closed:
         raise CommandError("standard input is closed; expected documents of YAML or JSON there")
     loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | OSError](_MAX_QUEUED_CHUNKS)
