@@ -31,7 +31,7 @@ _BINARY = re.compile(f"(STR|VERSION_)?({'|'.join(_COMPARISONS)})|MATCHES|IN_LIST
 
 
 class ConditionWord(NamedTuple):
-    """A word of a condition after its references are replaced; `text` is None if that is not possible."""
+    """Word of a condition with its variable references replaced; `text` is None if a reference has no known value."""
 
     text: str | None
     is_quoted: bool = False
@@ -120,7 +120,7 @@ def _is_defined(item: _Item, lookup: Lookup) -> bool | None:
 
 
 def _truth(word: ConditionWord, lookup: Lookup) -> bool | None:
-    """Return the value of a single word: a constant, or the name of a variable."""
+    """Return the truth value of a single word, which is a constant or the name of a variable; None if undecided."""
     if word.text is None:
         return None
     if _TRUE.fullmatch(word.text):
@@ -136,7 +136,10 @@ def _truth(word: ConditionWord, lookup: Lookup) -> bool | None:
 
 
 def _operand(item: _Item, lookup: Lookup) -> str | None:
-    """Return a text to compare: the value of the variable of this name, or the text; None if either is possible."""
+    """Return an operand of a comparison: the value of the variable with this name, else the word itself.
+
+    Returns None if the build decides between the two.
+    """
     if not isinstance(item, ConditionWord) or item.text is None:
         return None
     value = lookup(item.text)
