@@ -128,7 +128,7 @@ class BagReader:
                 self._add_damaged if skip_damaged else None,
                 ReadingProgress(on_progress),
             )
-            """Files of the bag."""
+            """Paths of the files of the bag."""
             listed = self._metadata.topics if self._metadata is not None else ()
             hashes = {(topic.name, topic.type_name): topic.type_hash for topic in listed if topic.type_hash}
             self._definitions = Definitions(self.path, search_path, typestore, hashes, self._ros_distro)
@@ -140,9 +140,9 @@ class BagReader:
             self.start_ns: int = start_ns
             """Log time of the first message, nanoseconds since 1970; 0 without messages."""
             self.end_ns: int = end_ns
-            """Log time of the last message."""
+            """Log time of the last message, nanoseconds since 1970; 0 without messages."""
             self.has_index: bool = all(file.is_whole for file in self._files)
-            """False after a crash of the recorder: the files are then read completely to find messages."""
+            """True if all files have an index; files without one, as after a crash, are read completely."""
             self.unread_bytes: int = sum(file.unread_bytes for file in self._files)
             """Size of unfinished records at the end of files, as after a crash; each is reported by a `BagWarning`."""
             for file, lost in zip(self.files, (storage.unread_bytes for storage in self._files), strict=True):

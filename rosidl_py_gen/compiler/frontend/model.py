@@ -1,8 +1,8 @@
 """Definitions of interfaces as plain values, and diagnostics about them.
 
 `interface_parser` builds these values, `registry` checks the references. Types of fields have full names
-(``pkg/msg/Name``). The messages that ROS derives from services and actions are included (docs/internals/protocol.md
-1.6).
+(``pkg/msg/Name``). The messages that ROS derives from services and actions are included
+(docs/internals/protocol.md 1.6).
 """
 
 from __future__ import annotations
