@@ -105,7 +105,7 @@ class BagWriter(SplittingWriter):
         return number
 
     def write_table(self, table: Any, topic: str | None = None, msg_type: type[Message] | None = None) -> int:
-        """Write each row as a message: the reverse of `BagReader.table`. Needs the extra ``tables``.
+        """Write each row of a table as a message: the reverse of `BagReader.table`. Needs the extra ``tables``.
 
         Args:
             table: any object with ``__arrow_c_stream__``: a ``pyarrow.Table`` or ``RecordBatchReader``, a data frame of
@@ -118,9 +118,11 @@ class BagWriter(SplittingWriter):
             Number of messages.
 
         Raises:
-            BagError: topic or type is missing, a column is unknown, a value is missing or of another kind; and as
-                `write`.
+            BagError: topic or type is missing, a column is unknown, a value is missing or of another kind, or the bag
+                is
+                closed or cannot be written.
             EncodeError: a value is out of range; names the topic, the time and the field.
+            OSError: the disk is full.
         """
         from rosidl_py_gen.tables.writing import located, messages_of, stream_of, topic_of_schema
 

@@ -485,10 +485,15 @@ class BagReader:
     ) -> Any:
         """Return the messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
 
-        An array of known length becomes a column for each element, such as ``orientation_covariance[0]``.
+        An array of known length becomes a column for each element, such as ``orientation_covariance[0]``. The arguments
+        are
+        those of `to_arrays`.
 
         Raises:
-            ModuleNotFoundError: pandas is not installed. Others as for `to_arrays`.
+            ModuleNotFoundError: pandas is not installed.
+            BagError: a topic or field does not exist, or differs in another definition of the topic; a sequence is too
+                short and there is no `pad`, or `pad` is not of the field's type.
+            DecodeError: a message is damaged; names the topic and the time.
         """
         return to_dataframe(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
 
@@ -511,13 +516,17 @@ class BagReader:
             topic: a name, or one of `channels`, for messages of this definition only.
             columns: paths such as ``"header.stamp"``, which name their columns; None means all fields. Other fields are
                 not decoded.
-            start_ns: as for `messages`, and so are `end_ns` and `on_error`.
+            start_ns: first log time.
+            end_ns: end of the log times, exclusive.
+            on_error: ``"skip"`` skips damaged messages; ``"raise"`` raises an error.
             batch_bytes: size of the messages of a batch, which has at least one message.
 
         Raises:
             ExtraMissingError: pyarrow is not installed.
+            ValueError: `on_error` has another value.
             BagError: a topic or column does not exist, definitions of the topic have different columns, or a time or a
-                column cannot be represented in Arrow; also while reading. Others as for `messages`.
+                column cannot be represented in Arrow; or, while reading, the bag is damaged.
+            DecodeError: a message is damaged; names the topic and the time.
         """
         from rosidl_py_gen.tables.reading import reader
 

@@ -158,7 +158,7 @@ def entries_reason(folder: str | os.PathLike[str], *, accepts_private_group: boo
 
 
 def is_own(found: os.stat_result) -> bool:
-    """Return True if a file or folder belongs to the user, and no group and no other user can write into it."""
+    """Return True if a file with this status belongs to the user, and no group or other user can write into it."""
     is_link = stat.S_ISLNK(found.st_mode)  # the mode of a link has no meaning
     return found.st_uid == os.geteuid() and (is_link or not found.st_mode & _OTHERS)
 

@@ -17,7 +17,7 @@ _SPECIAL = re.compile("[^\n -~]")
 
 
 def printable_lines(text: str) -> str:
-    """Return the text without characters that control a terminal, except line breaks and tabs."""
+    """Return the text with U+FFFD for characters that control a terminal, except line breaks and tabs."""
     lines = text.replace("\r\n", "\n").split("\n")
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in lines)
 

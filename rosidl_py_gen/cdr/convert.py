@@ -27,7 +27,7 @@ _SPECIAL_FLOATS = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf
 
 
 def to_dict(message: Message) -> dict[str, Any]:
-    """Return the message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`.
+    """Return the message as dicts, lists and scalars, which `from_dict` reads; arrays become lists.
 
     Raises:
         EncodeError: a value does not fit its type; names the path.

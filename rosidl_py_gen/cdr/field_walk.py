@@ -42,7 +42,7 @@ M = TypeVar("M", bound=Message)
 
 
 def validate(message: Message) -> None:
-    """Check every value of a message against its type.
+    """Raise `EncodeError` if a value of a message does not fit the type of its field.
 
     Raises:
         EncodeError: the first wrong value in definition order; `path` begins with the message type.

@@ -74,7 +74,7 @@ class TypeInfo:
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """Fields in the order of the definition; empty for an empty message."""
+        """Fields of the message in the order of the definition; empty for an empty message."""
         if self._fields is None:
             self._fields = tuple(_field(*entry) for entry in self._spec)
         return self._fields

@@ -77,7 +77,10 @@ def load(search: SearchPath, wanted: list[str]) -> tuple[InterfaceRegistry, list
 def _read(
     search: SearchPath, wanted: list[str], existing: Iterable[RosName] = ()
 ) -> tuple[InterfaceRegistry, list[RosName]]:
-    """Parse and check a selection, and interfaces that were generated before; the registry has the diagnostics."""
+    """Return the registry and names of wanted interfaces, and of existing ones, parsed and checked.
+
+    `existing` has interfaces that were generated before. The registry has the diagnostics.
+    """
     registry = InterfaceRegistry(search)
     names, problems = select_valid_names(registry, wanted)
     registry.diagnostics.items += problems
@@ -97,7 +100,7 @@ def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Diagnostic]:
 
 
 def _check_modules(registry: InterfaceRegistry, names: list[RosName]) -> None:
-    """Report names that Python cannot import, as they hide other modules, and two interfaces in one module."""
+    """Add diagnostics for package names that Python cannot import or needs, and for two interfaces in one module."""
     files: dict[str, RosName] = {}
     for name in names:
         file = registry.search.file(name)

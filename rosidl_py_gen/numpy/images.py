@@ -140,10 +140,11 @@ def array_to_image(
 
 
 def convert_pixels(array: Any, encoding: str, to: str) -> np.ndarray[Any, Any]:
-    """Return pixels of one encoding converted to another; the same array if nothing changes.
+    """Return pixels converted from one encoding to another; the same array if nothing changes.
 
     Args:
         array: pixels as `image_to_array` returns them.
+        encoding: encoding of the array.
         to: an encoding, as for `image_to_array`.
 
     Raises:

@@ -102,7 +102,7 @@ class Storage(Protocol):
 
     @property
     def unread_bytes(self) -> int:
-        """Size of an unfinished record at the end of the file."""
+        """Size in bytes of an unfinished record at the end of the file."""
         return 0
 
     @property

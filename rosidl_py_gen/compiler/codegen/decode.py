@@ -1,4 +1,4 @@
-"""The decoder of a message as Python source.
+"""Generator of the decoder of a message as Python source.
 
 In generated code, ``raw`` is the data that scalars and strings are read from, ``view`` the data that array views refer
 to, and ``pos`` the offset of the next byte in the data: the plan's position plus the 4 bytes of the header. A position
@@ -56,12 +56,13 @@ def decoder_view(plan: ir.LayoutPlan, api: MessageApi, structs: Structs, classes
 
 @dataclass(slots=True)
 class _DecoderEmitter:
-    """Emits the statements of one decoder.
+    """Emitter of the statements of one decoder.
 
     Attributes:
         header: the next run starts with the encapsulation header.
         is_after_string: the position is ``end + 1``, after the NUL of a string, and ``pos`` is not updated yet.
-        objects, counts: local variables of nested messages and elements by number, and of lengths.
+        objects: local variables of nested messages and elements, by object number.
+        counts: local variables of lengths, by field.
     """
 
     api: MessageApi

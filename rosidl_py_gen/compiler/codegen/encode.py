@@ -1,4 +1,4 @@
-"""The encoder of a message as Python source.
+"""Generator of the encoder of a message as Python source.
 
 A message without loops is one join of packed runs and contents. With loops, the segments are collected in a list. In
 generated code, ``pos`` is the position after the emitted segments, counted from the alignment origin; it is updated

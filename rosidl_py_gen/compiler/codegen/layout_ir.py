@@ -1,4 +1,4 @@
-"""The layout plan of a message: steps in wire order, and what is known of the alignment.
+"""Layout plan of a message: steps in wire order, and what is known of the alignment.
 
 The planner builds the plan, encoder and decoder emit code from it. Objects (the message itself, nested messages, loop
 elements) are numbered; a `Ref` is an attribute of one of them. Object 0 is the message.
@@ -99,7 +99,7 @@ class PackedRun(NamedTuple):
 
 
 class StringContent(NamedTuple):
-    """The characters of a string. The preceding run has the length, the next run or a `StringTerminator` the NUL."""
+    """Characters of a string. The preceding run has the length, the next run or a `StringTerminator` the NUL."""
 
     ref: Ref
     type: FieldType

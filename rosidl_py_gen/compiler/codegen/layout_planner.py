@@ -1,4 +1,4 @@
-"""Plan the wire layout of a message, and decide how code is generated for it: inline or by call.
+"""Planner of the wire layout of a message, which decides how code is generated for nested messages: inline or by call.
 
 The rules of CDR are in `cdr/layout.py`. This module applies them to fields; encoder and decoder emit code for its steps
 and never count bytes. The size of generated code is proportional to the leaves: the fields of a message after nested

@@ -1,4 +1,4 @@
-"""The output folder of the generator.
+"""Changes of the generator's output folder.
 
 Only changed files are written, each through a temporary file, so an interrupted run leaves complete files. Generated
 files without a definition are removed. Files without the header of generated files are never changed.

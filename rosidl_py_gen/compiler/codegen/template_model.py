@@ -1,4 +1,4 @@
-"""Contents of a generated module as values for the template."""
+"""Contents of a generated module, as values for the module template."""
 
 from __future__ import annotations
 

@@ -146,7 +146,10 @@ def select_names(comparison: Comparison, names: Iterable[str]) -> Comparison:
 def compare(
     old: DefinitionSet, new: DefinitionSet, *, old_is_whole: bool = True, new_is_whole: bool = True
 ) -> Comparison:
-    """Compare two sets of definitions; a type that only one has was added or removed if the other set is whole."""
+    """Return the comparison of two sets of definitions.
+
+    A type that only one set has was added or removed if the other set is whole; else it is not compared.
+    """
     only_new = sorted(set(new.interfaces) - set(old.interfaces))
     only_old = sorted(set(old.interfaces) - set(new.interfaces))
     both = sorted(set(old.interfaces) & set(new.interfaces))

@@ -18,7 +18,7 @@ _FALSE = re.compile(r"|0|off|no|false|n|ignore|notfound|.*-notfound", re.IGNOREC
 _NUMBER = re.compile(r"[+-]?\d{1,15}(\.\d{1,15})?")
 _VERSION = re.compile(r"\d{1,9}(\.\d{1,9})*")
 _PLAIN_REGEX = re.compile(r"\^?[\w ,:;=@!~/-]*\$?")
-"""Regular expressions that mean the same to CMake and Python, and take linear time."""
+"""Pattern of the regular expressions that mean the same to CMake and Python, and take linear time."""
 _UNARY = ("EXISTS", "COMMAND", "POLICY", "TARGET", "TEST", "IS_DIRECTORY", "IS_SYMLINK", "IS_ABSOLUTE", "IS_READABLE")
 _COMPARISONS: dict[str, Callable[[int], bool]] = {
     "LESS": lambda order: order < 0,
@@ -62,7 +62,7 @@ def evaluate_condition(words: list[ConditionWord], lookup: Lookup) -> bool | Non
 
 
 def _evaluate_flat(items: list[_Item], lookup: Lookup) -> bool | None:
-    """Evaluate a condition without parentheses: tests, then NOT, then AND and OR."""
+    """Return the value of a condition without parentheses: tests, then NOT, then AND and OR; None if undecided."""
     values: list[bool | str | None] = []  # values with the words NOT, AND and OR between them
     at = 0
     while at < len(items):

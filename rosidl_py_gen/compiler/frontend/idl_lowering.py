@@ -281,7 +281,7 @@ def _constant(const: IdlConst, scope: _IdlSymbolTable, source: SourceText) -> Co
 
 
 def _fit(kind: FieldType, value: Scalar, at: Token) -> Scalar:
-    """Return the value in the Python type of its field; raises `SyntaxProblem` if it does not fit."""
+    """Return a constant or default value in the Python type of its field; raise `SyntaxProblem` if it does not fit."""
     primitive = kind.primitive
     if primitive is None:
         if isinstance(value, str) and (not kind.string_bound or len(value) <= kind.string_bound):

@@ -37,7 +37,7 @@ IMPLIED = {
 DERIVED_TYPES_PACKAGES = ("service_msgs", "unique_identifier_msgs", "builtin_interfaces")
 """Packages with the types that derived messages refer to; type descriptions may lack these types."""
 _Fields = Sequence[tuple[str, FieldType, str]]
-"""Name, type and comment of fields."""
+"""Name, type and comment of each field of a derived message."""
 
 
 class SyntaxProblem(Exception):
