@@ -256,8 +256,7 @@ def checked_decoder(
     """Return `decode` with checks of message lengths for a guessed definition; it raises `WrongDefinitionError`.
 
     With `may_skip`, a message that is too short raises `DecodeError` instead, if an earlier message had a valid length:
-    the
-    message is damaged then.
+    the message is damaged then.
     """
     cls = definition.message_class
     is_fixed = not varying_field(cls)

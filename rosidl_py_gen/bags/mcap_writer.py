@@ -119,8 +119,7 @@ class BagWriter(SplittingWriter):
 
         Raises:
             BagError: topic or type is missing, a column is unknown, a value is missing or of another kind, or the bag
-                is
-                closed or cannot be written.
+                is closed or cannot be written.
             EncodeError: a value is out of range; names the topic, the time and the field.
             OSError: the disk is full.
         """

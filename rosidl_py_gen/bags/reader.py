@@ -181,8 +181,7 @@ class BagReader:
         """Return the class of a topic's messages: of the definition in the bag, else of one with its name and hash.
 
         If the bag has neither definition nor hash, the first definition of that name is used, with one `BagWarning` for
-        the
-        bag.
+        the bag.
 
         Args:
             topic: a name, or one of `channels`.
@@ -486,8 +485,7 @@ class BagReader:
         """Return the messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
 
         An array of known length becomes a column for each element, such as ``orientation_covariance[0]``. The arguments
-        are
-        those of `to_arrays`.
+        are those of `to_arrays`.
 
         Raises:
             ModuleNotFoundError: pandas is not installed.

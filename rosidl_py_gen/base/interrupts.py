@@ -34,8 +34,7 @@ class CommandInterrupts:
 
     Attributes:
         ignores_first: the first signal raises nothing. True while `run` is active, which has its own handler and passes
-            a
-            second signal to this handler; and after the command.
+            a second signal to this handler; and after the command.
     """
 
     def __init__(self) -> None:

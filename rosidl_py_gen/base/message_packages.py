@@ -26,8 +26,7 @@ def download_note(package: str, distro: str) -> str:
     """Return where a well-known package is, and the commands to get and use it; "" for an unknown package.
 
     If the package has no branch for the distribution, the branch of the next older distribution is named, or else of
-    the
-    next newer.
+    the next newer.
     """
     row = package_rows().get(package)
     if row is None:

@@ -58,8 +58,7 @@ class Waiters:
         """Wait until a predicate is true, and return True; return False after the timeout.
 
         The predicate is checked at once and after each `wake`. The timeout is one `call_later` without a task; with a
-        timeout
-        of 0 the loop runs one iteration.
+        timeout of 0 the loop runs one iteration.
         """
         loop = asyncio.get_running_loop()
         is_over = False

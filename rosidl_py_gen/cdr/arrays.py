@@ -157,8 +157,7 @@ def sequence_converter(code: str) -> Callable[[object], Any]:
     """Return the function by which generated code converts the value of a sequence field to a buffer with a `len`.
 
     The function returns an array of the right dtype unchanged. If the array is not contiguous, joining the segments
-    raises
-    TypeError and the slow path copies the array, as a test here would cost more than all others.
+    raises TypeError and the slow path copies the array, as a test here would cost more than all others.
     """
     dtype: np.dtype[Any] | None = None  # set by the first call, as this would import numpy
     ndarray: type[Array] | None = None

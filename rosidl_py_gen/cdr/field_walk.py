@@ -1,8 +1,8 @@
 """Slow paths of generated code: encode and decode a message field by field, by the class's table of fields.
 
 Generated code is flat and does not know at which field it failed. Only after a failure these functions run: `validate`
-names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially
-supported platform of ROS 2 writes. The layout rules are in `layout`.
+names the wrong value, `decode_slow` names the wrong byte and also reads big-endian data, which no officially supported
+platform of ROS 2 writes. The layout rules are in `layout`.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ FeedbackT = TypeVar("FeedbackT")
 
 SERVICE_CLASSES = ("Request", "Response", "Event")
 ACTION_CLASSES = ("Goal", "Result", "Feedback", "FeedbackMessage", "SendGoal", "GetResult")
-"""Nested classes of an action class, by their attributes; the names are also suffixes of the ROS type names."""
+"""Names of the nested classes of an action class, which are also suffixes of the ROS type names."""
 _MAX_REPR_ELEMENTS = 8
 
 

@@ -69,8 +69,7 @@ class StructuredCodec:
         """Return `count` elements of a sequence that follows the offset `pos`, and the offset after the elements.
 
         The elements are a read-only view if possible, and writable if `data` is a bytearray, which the message then
-        owns.
-        Raises `FieldValueError` if the data ends before.
+        owns. Raises `FieldValueError` if the data ends before.
         """
         if not count:
             return self.empty, pos

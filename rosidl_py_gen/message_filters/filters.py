@@ -206,8 +206,7 @@ class MessageFilter:
         """Prepare the use of stamps: check that messages of the inputs have stamps, or set the clock for arrival times.
 
         When time jumps back, `clear` is called: earlier messages never match again. Raises `StampError` if an input's
-        messages
-        have no stamp and `allow_headerless` is False, or without a clock.
+        messages have no stamp and `allow_headerless` is False, or without a clock.
         """
         if allow_headerless:
             self._clock = clock or (self._nodes[0].clock if self._nodes else None)

@@ -308,7 +308,7 @@ ReadStep: TypeAlias = "FixedRun | StringField | NumberSequence | FixedMessageSeq
 
 
 def _element_counts(cursor: BatchCursor, node: ColumnNode) -> Ints:
-    """Return the number of elements of the list at each position; read it for sequences.
+    """Return the number of elements of the list at each position, which sequences store before their elements.
 
     Raises `BatchUnsupportedError` for more elements than remaining bytes, as each element has at least one byte.
     """

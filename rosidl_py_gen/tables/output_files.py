@@ -29,8 +29,7 @@ def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
     """Return the fsspec file system of a local path or URL, and the path in it.
 
     `fresh` makes a file system object that is not shared. Raises `BagError` if the URL is not supported, or the place
-    does
-    not respond.
+    does not respond.
     """
     try:
         import fsspec  # type: ignore[import-untyped]

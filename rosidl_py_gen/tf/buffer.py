@@ -44,8 +44,7 @@ class TransformBuffer:
     """Buffer of the transforms of the last seconds, and of all static transforms.
 
     Methods that do not wait use the transforms that have arrived. Without a running event loop, as in a script, they
-    first
-    insert the received transforms, so a script may also sleep and then look up.
+    first insert the received transforms, so a script may also sleep and then look up.
 
     Example:
         ``buffer = TransformBuffer(node)``, then ``await buffer.wait_for_transform("map", "base_link")``; in a plain

@@ -273,8 +273,7 @@ class FrameTree:
         """Return translation and rotation of the transform from `source` to `target` at a time.
 
         The first walk leads from the source to the root, the second from the target until it reaches the end of the
-        first.
-        Both walks share the part above their common ancestor, so it cancels.
+        first. Both walks share the part above their common ancestor, so it cancels.
         """
         up, down = _TransformChain(source), _TransformChain(target)
         missing: NoDataError | None = None

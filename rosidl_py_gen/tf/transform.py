@@ -122,7 +122,11 @@ class Transform:
         return Transform(self.target, first.source, self.stamp, self.apply(first.translation), np.array(rotation))
 
     def to_message(self, *, cls: type[M] | None = None) -> M:
-        """Return the transform as a ``geometry_msgs/msg/TransformStamped``; `cls` is its class, or None."""
+        """Return the transform as a ``geometry_msgs/msg/TransformStamped``.
+
+        Args:
+            cls: class of the message; None uses `get_message`.
+        """
         message: Any = message_class(cls, "geometry_msgs/msg/TransformStamped")()
         message.header.frame_id, message.child_frame_id = self.target, self.source
         set_stamp(message.header.stamp, self.stamp)

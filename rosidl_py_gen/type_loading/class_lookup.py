@@ -143,8 +143,7 @@ def _text_owner(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
     """Return the interface that a definition text for the type `name` defines, and the format of the text.
 
     Topics of derived types (``X_Event``, ``A_FeedbackMessage``) have either the text of the service or action, or the
-    text
-    of the derived message; the number of separators shows which.
+    text of the derived message; the number of separators shows which.
     """
     from rosidl_py_gen.compiler.frontend.interface_parser import separators
 
@@ -255,8 +254,7 @@ def distribution_definitions(name: str) -> tuple[DistributionDefinition, ...]:
     """Return the different definitions that the bundled distributions have of a type, which may be derived.
 
     The lookup is in a generated table; nothing is compiled. Constants and default values are not compared. The result
-    is
-    empty for a type that is the same in all distributions, or in none.
+    is empty for a type that is the same in all distributions, or in none.
     """
     from rosidl_py_gen.msgs.distribution_hashes import HASHES
 
@@ -361,8 +359,7 @@ def _pregenerated_class(name: RosName, path: tuple[str, ...], choice: Distributi
     """Return the pregenerated class of a bundled type in a wheel: loading takes 10 ms, a compilation 80 ms.
 
     Returns None if another definition precedes the bundled one, if the distribution has another definition, or if a
-    type
-    that it refers to has another class.
+    type that it refers to has another class.
     """
     if path or (not choice.is_explicit and (os.environ.get("AMENT_PREFIX_PATH") or has_installed_ros_packages())):
         return None

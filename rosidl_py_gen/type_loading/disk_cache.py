@@ -4,8 +4,8 @@ Programs run cached code, so a process of this user must have written it. `cache
 cached folder: no other user may be able to change the folder, its path, or the folder of all caches. New folders have
 mode 0700 for any umask. Without owners of files, as on Windows, no code is cached.
 
-A module is used only if all its definitions have the digests that they had when it was stored. A reader of
-descriptions must check the hash.
+A module is used only if all its definitions have the digests that they had when it was stored. A reader of descriptions
+must check the hash.
 """
 
 from __future__ import annotations
@@ -102,8 +102,7 @@ def cached_folder(kind: str, words: Iterable[object]) -> Path:
     """Create the cache folder of mode 0700 for some key words, and return it.
 
     The folder is a temporary folder of this process, with a warning, if other users can change the folder of the
-    caches;
-    and without a warning if caches are disabled. Raises OSError if no folder can be created.
+    caches; and without a warning if caches are disabled. Raises OSError if no folder can be created.
     """
     name = hashlib.sha256(os.fsencode("\n".join(map(str, words)))).hexdigest()[:24]
     home = cache_home()

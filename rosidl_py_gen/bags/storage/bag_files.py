@@ -197,8 +197,7 @@ def _decompress_file(path: Path, folder: Path, max_bytes: int, progress: Reading
 
     Raises:
         BagError: the content is larger than `max_bytes` and than 1000 times the file, larger than half of the free
-            space,
-            or damaged.
+            space, or damaged.
     """
     target = folder / path.name.removesuffix(SUFFIX)
     room = shutil.disk_usage(folder).free // 2

@@ -27,8 +27,7 @@ def check(field: Field, value: Any) -> bool:
     """Check a value before it is assigned to a field; raise AssertionError with rclpy's text if the value is invalid.
 
     Returns True if the value is to be stored unchanged, because it is a scalar or an array of the right type, and False
-    if
-    it must be converted.
+    if it must be converted.
     """
     if field.type.arity is Arity.SCALAR:
         _check_scalar(field, value)

@@ -30,8 +30,7 @@ class DecoderView(NamedTuple):
         uses_view: the statements take array views, so the generated code needs ``view`` in addition to ``raw``.
         checks_header: the first run reads the encapsulation header as well.
         bulk: the message has numeric sequences, which may have megabytes, so a buffer that is not bytes is never
-            copied.
-            ``raw`` may then be a memoryview, from which strings are read a little slower.
+            copied. ``raw`` may then be a memoryview, from which strings are read a little slower.
         structured_arrays: sequences and arrays of fixed-size messages become structured arrays if ``arrays`` is true.
     """
 

@@ -81,8 +81,7 @@ class _EncoderEmitter:
 
     Attributes:
         collect: the generated code appends segments to a list; otherwise the emitter collects the segments'
-            expressions,
-            and the generated code joins them at the end.
+            expressions, and the generated code joins them at the end.
         header: the next run starts with the encapsulation header.
         objects: local variables of nested messages and elements, by object number.
         values: local variables of converted contents, by field.

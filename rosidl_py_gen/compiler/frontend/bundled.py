@@ -45,8 +45,7 @@ def bundled_packages(distro: str) -> dict[str, BundledFiles]:
     """Return the bundled packages of a distribution by name.
 
     Packages that every service or action refers to are included even if the distribution lacks them; `is_absent` is
-    True
-    for their interfaces.
+    True for their interfaces.
     """
     top = interfaces_dir()
     packages = {name: BundledFiles(top / name, None) for name in _package_folders(top)}

@@ -129,10 +129,8 @@ class CMakeScript:
     """Contents of a CMakeLists.txt: the `calls` of commands that define interfaces, installed files, targets and tests.
 
     A call is a command name and arguments. Calls in branches that a build may skip are listed, too. The first argument
-    of a
-    `rosidl_generate_interfaces` call, its target, is not certain in such a branch, or if the target's name is unknown.
-    A
-    call of `add_subdirectory` is listed if that folder has install rules.
+    of a `rosidl_generate_interfaces` call, its target, is not certain in such a branch, or if the target's name is
+    unknown. A call of `add_subdirectory` is listed if that folder has install rules.
     """
 
     def __init__(self, folder: Path, text: str, budget: PackageBudget | None = None) -> None:

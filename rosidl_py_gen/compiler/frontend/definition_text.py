@@ -1,8 +1,8 @@
 """Text of the definition of an interface, for display and for bags.
 
 A definition with the types that it uses has these types below the fields, indented by a tab, as in `ros2 interface
-show`. The text is the text of the file; definitions of .idl files and derived messages are converted to the notation
-of .msg files.
+show`. The text is the text of the file; definitions of .idl files and derived messages are converted to the notation of
+.msg files.
 """
 
 from __future__ import annotations
@@ -40,8 +40,7 @@ def full_text(registry: InterfaceRegistry, top: RosName) -> str:
 
     Definitions of .idl files are converted to the notation of .msg files, the only one that most readers of bags
     support. A definition with names that .msg files do not allow stays IDL below a header; if `top` is such a
-    definition,
-    the whole text is ros2idl text.
+    definition, the whole text is ros2idl text.
     """
     texts = []
     for name in map(split_ros_name, registry.closure(str(top))):

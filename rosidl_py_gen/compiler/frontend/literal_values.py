@@ -173,8 +173,7 @@ def _quoted(text: str, start: int) -> tuple[str, int]:
     """Return the quoted string at `start` and the position after it; raises `LiteralProblem` without closing quote.
 
     Quirks of rosidl: it misses a quote directly after an escaped quote, and from the second escaped quote on measures
-    the
-    length from the last one.
+    the length from the last one.
     """
     quote = text[start]
     position, skipped = start, 0

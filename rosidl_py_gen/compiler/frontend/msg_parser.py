@@ -4,8 +4,8 @@ The language of a field or constant is regular, so a table defines it: the patte
 may follow. Spaces separate type, name and default, so they are tokens, too. Names and values are checked later, where
 an error can state the rule. Rules: docs/internals/protocol.md 1.3.
 
-Quirks of rosidl are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the
-line a constant, blanks before an element are an error.
+Quirks of rosidl are intended: a `#` starts a comment even inside quotes, a `=` anywhere after the type makes the line a
+constant, blanks before an element are an error.
 """
 
 from __future__ import annotations
@@ -108,8 +108,7 @@ def parse_element(text: str, line: int, start: int = 0) -> dict[str, Token]:
     """Return the tokens of the line of a field or constant, by token kind; raises `SyntaxProblem`.
 
     A type with a package has the package as ``type`` and the name as ``member``. A constant has ``equals``, and
-    ``value``
-    unless the value is empty.
+    ``value`` unless the value is empty.
     """
     tokens: dict[str, Token] = {}
     kind, position = "start", start

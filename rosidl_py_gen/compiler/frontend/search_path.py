@@ -176,8 +176,7 @@ def _installed() -> Iterator[Package]:
     """Yield the interface packages that pip installed: wheels with entry points, then ROS packages of the prefix.
 
     ROS packages install into ``share`` of the prefix. Only packages of the ament index are read: ``share`` of a system
-    has
-    thousands of other folders, and ROS 1 packages.
+    has thousands of other folders, and ROS 1 packages.
     """
     names: set[str] = set()
     for package in _installed_by_entry_points():

@@ -109,8 +109,7 @@ def workspace_around(place: Path) -> Workspace | None:
     """Return the workspace around a file or a folder; None for a script outside of packages.
 
     The workspace is the folder ``src`` above the package, else the package and its siblings. A folder outside of
-    packages
-    has the workspace ``src`` inside it, else is one itself.
+    packages has the workspace ``src`` inside it, else is one itself.
     """
     package = package_around(place)
     if package is not None:

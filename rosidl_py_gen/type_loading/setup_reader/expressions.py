@@ -61,7 +61,10 @@ class Expressions(Variables):
         return Unknown(why, self._scoped_names(node, scope))
 
     def _attempt(self, compute: Callable[[], object], used: Iterable[object], what: str) -> object:
-        """Return the result of `compute`; if it raises `UncertainError`, return `Unknown` and touch `used`."""
+        """Return the result of `compute`, or `Unknown` if it raises `UncertainError`.
+
+        The values `used` are then marked as uncertain, too.
+        """
         try:
             return compute()
         except UncertainError as error:
